@@ -453,6 +453,20 @@ class StoreMismatch(ServerRefused):
     fact_meanings = name_facts(found="store", needed="store")
 
 
+class KeyFileMissing(ServerRefused):
+    """The organisation's key, which opens the keys of all recordings, is not where it was."""
+
+    code = "E-KEY-FILE"
+    fact_meanings = name_facts(file="path")
+
+
+class KeyMismatch(ServerRefused):
+    """The organisation's key is not the one that wrapped the keys of the recordings."""
+
+    code = "E-KEY-OTHER"
+    fact_meanings = name_facts(file="path")
+
+
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 
@@ -493,6 +507,14 @@ class StoreDamaged(AppError):
 
     code = "E-STORE-DAMAGED"
     outcome = Outcome(410, 3)
+
+
+class KeyGone(AppError):
+    """The key of a recording is not here: it was erased, or the keys were not restored."""
+
+    code = "E-KEY-GONE"
+    outcome = Outcome(410, 3)
+    fact_meanings = name_facts(id="of the recording")
 
 
 class ResultDamaged(AppError):

@@ -190,13 +190,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     with translate_start_errors(settings):
         check_exposure(settings, has_accounts=open_accounts(settings).exist())
     listener = listen(settings)
-    try:
-        with translate_start_errors(settings):
-            _prepare_database(settings)
-            application = create_app(settings)
-    except BaseException:
-        listener.close()
-        raise
+    application = _prepare(settings, listener)
     scheme = "https" if settings.tls_cert else "http"
     address = f"{scheme}://{_write_place(settings, listener)}/"
     opened = address + _make_way_in(application.state.gate)
@@ -204,16 +198,27 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     pool.start()
     watch = _watch_folder(application, settings)
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
-    if opened != address and not open_browser:
-        logger.info("open it once by %s", opened)
     if open_browser:
         threading.Timer(1.0, webbrowser.open, (opened,)).start()
+    elif opened != address:
+        logger.info("open it once by %s", opened)
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
         if watch is not None:
             watch.stop()
         pool.stop()
+
+
+def _prepare(settings: Settings, listener: socket.socket) -> FastAPI:
+    """Prepare the database, and build the application; the socket is closed where that fails."""
+    try:
+        with translate_start_errors(settings):
+            _prepare_database(settings)
+            return create_app(settings)
+    except BaseException:
+        listener.close()
+        raise
 
 
 def _make_way_in(gate: Gate) -> str:
@@ -261,7 +266,7 @@ def _check_recordings(settings: Settings) -> None:
     """Refuse to start over recordings that the database does not know."""
     storage = open_storage(settings)
     storage.prepare()
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     try:
         check_known(store, storage)
     finally:

@@ -35,6 +35,7 @@ from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
+from app.storage.sealing import SealedStorage
 from app.storage.store import FolderLock, Storage, check_folder, read_or_create_id
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ class Services:
     """The database, the folders and the settings of this server."""
 
     store: JobStore
-    storage: Storage
+    storage: SealedStorage
     settings: Settings
     recordings: RecordingStore
     uploads: UploadStore
@@ -185,14 +186,14 @@ def open_services(settings: Settings) -> Services:
     """Open database and folders."""
     storage = open_storage(settings)
     storage.prepare()
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     try:
         store.check_belongs(storage.identify())
     except BaseException:
         store.close()
         raise
     rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming")
+    incoming = Incoming(settings.data_dir / "incoming", storage.keys)
     inspector = Inspector(settings, settings.data_dir / "inspections")
     results = ResultReader(store, storage)
     incoming.prepare()

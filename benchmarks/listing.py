@@ -17,18 +17,20 @@ from sqlalchemy import insert
 
 from app.api.recording_models import write_cursor
 from app.jobs.database.tables import analyses, recordings
+from app.jobs.queries import label_row
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.labels import Label
 
 ROUNDS = 300
 AT_ONCE = 10_000
 
 
-def fill(url: str, count: int) -> None:
+def fill(settings: Settings, count: int) -> None:
     """Write the rows of so many recordings, each with an analysis that has ended."""
-    store, request = JobStore(url), ReportRequest("shift.gt3x").to_json()
+    store, request = JobStore(settings), ReportRequest("shift.gt3x").to_json()
     for first in range(0, count, AT_ONCE):
         numbers = range(first, min(first + AT_ONCE, count))
         with store.engine.begin() as connection:
@@ -47,15 +49,22 @@ def make_recording(k: int) -> dict[str, object]:
     """Give the row of one recording."""
     told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": tell_moment(k)[:19]}
     stored = {"sha256": f"{k:064x}", "size_bytes": 1_000_000, "file_name": f"{k}.gt3x", "state": "stored"}
-    return {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
+    row = {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
+    return label_row(f"rec_{k:016x}", row)
 
 
 def make_analysis(k: int, request: str) -> dict[str, object]:
     """Give the row of its analysis."""
     ended = {"state": "succeeded" if k % 20 else "failed", "progress": 1.0, "attempts": 1, "beats": 9}
-    known = {"recording_id": f"rec_{k:016x}", "request": request, "way_in": "api", "token": "0" * 16}
+    known = {
+        "recording_id": f"rec_{k:016x}",
+        "request": Label(f"rec_{k:016x}", request),
+        "way_in": "api",
+        "token": "0" * 16,
+    }
     problem = {"problem_code": None if k % 20 else "E-SHORT", "problem_facts": None}
-    return {"id": f"an_{k:016x}", "created_at": tell_moment(k), "batch_id": None, **ended, **known, **problem}
+    row = {"id": f"an_{k:016x}", "created_at": tell_moment(k), "batch_id": None}
+    return row | ended | known | problem
 
 
 def measure(ask: Callable[[], object]) -> tuple[float, float]:
@@ -72,7 +81,7 @@ def main(count: int) -> None:
     """Print a table."""
     with tempfile.TemporaryDirectory() as name:
         settings = Settings(data_dir=Path(name), min_free_bytes=0)
-        fill(settings.database_url, count)
+        fill(settings, count)
         middle = write_cursor((tell_moment(count // 2), "z"))
         pages = {
             "recordings, first page": "/api/v1/recordings?limit=50",

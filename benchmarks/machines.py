@@ -17,7 +17,7 @@ from app.jobs.processes.cluster import install
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.folder import FolderStorage
+from app.storage.open import open_storage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 
@@ -26,7 +26,7 @@ PATIENCE_S, READY_S = 1800.0, 15.0
 
 def queue(settings: Settings, shift: Path, number: int) -> list[str]:
     """Store and queue the same shift several times."""
-    storage, store = FolderStorage(settings.data_dir), JobStore(settings.database_url)
+    storage, store = open_storage(settings), JobStore(settings)
     storage.prepare()
     install(settings.database_url)
     jobs = []
@@ -56,7 +56,7 @@ def wait_for_all(store: JobStore, names: list[str]) -> None:
 
 def measure(settings: Settings, shift: Path, cores: list[int], jobs: int) -> float:
     """Give the analyses per second, from the first that began to the last that ended."""
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     workers = [start_worker(settings, core) for core in cores]
     try:
         time.sleep(READY_S)

@@ -35,7 +35,7 @@ TIMINGS = """performance.getEntriesByType("resource")
 
 
 def fill_library(data: Path) -> None:
-    store = JobStore(Settings(data_dir=data).database_url)
+    store = JobStore(Settings(data_dir=data))
     rows, jobs, told = [], [], []
     for number in range(LIBRARY):
         recording, analysis = f"rec_{secrets.token_hex(8)}", f"an_{secrets.token_hex(8)}"

@@ -16,9 +16,10 @@ from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from app.api.analyses import run_to_end
 from app.api.recordings import forget_samples, purge_recording
 from app.api.side_files import write_side_files
-from app.api.uploads import drop_upload
+from app.api.uploads import drop_upload, forget_unfinished
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold
+from app.jobs.database.seal_rows import seal_rows
 from app.jobs.processes.leader import Leader
 from app.jobs.results import complete_headlines
 from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
@@ -40,6 +41,7 @@ from app.upkeep.recover import (
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 HEADLINES_AT_ONCE = 20
+ROWS_AT_ONCE = 200
 AGE_S = 60.0
 ANCHOR_S = 24 * 3600.0
 RESPONSE_TERM_S = 24 * 3600.0
@@ -85,10 +87,7 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                 continue
             await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
             if may_have_older:
-                completed = await run_to_end(
-                    complete_headlines, services.store, services.results, HEADLINES_AT_ONCE
-                )
-                may_have_older = completed > 0
+                may_have_older = await run_to_end(_complete_older, services) > 0
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
@@ -101,6 +100,12 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             logger.exception("the database does not answer; trying again")
         except (AppError, OSError):
             logger.exception("housekeeping is not done; trying again")
+
+
+def _complete_older(services: Services) -> int:
+    """Complete and seal rows of an earlier release; gives how many."""
+    completed = complete_headlines(services.store, services.results, HEADLINES_AT_ONCE)
+    return completed + seal_rows(services.store.engine, ROWS_AT_ONCE)
 
 
 def reconcile(services: Services) -> None:
@@ -152,8 +157,11 @@ def _finish_dropped(services: Services) -> int:
 
 
 def _drop_temporary(services: Services) -> int:
-    uploads = services.uploads
-    swept = services.incoming.sweep(uploads.find_growing(), uploads.find_known(), INCOMING_S)
+    uploads, swept = services.uploads, 0
+    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
+        recording_id = services.incoming.find_recording_id(upload_id)
+        swept += services.incoming.sweep(upload_id)
+        forget_unfinished(services, recording_id)
     return swept + services.storage.drop_temporary(TEMPORARY_S)
 
 

@@ -232,7 +232,7 @@ def purge_recording(services: Services, recording_id: str) -> None:
 
 def forget_samples(services: Services) -> None:
     """Remove the decoded samples of which no recording is left."""
-    held = services.cache.find_digests()
+    held = services.cache.find_recordings()
     services.cache.forget(held - services.recordings.find_known(held))
 
 

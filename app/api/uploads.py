@@ -8,14 +8,12 @@ with ``settings`` is analysed as soon as its last byte is here, whether or not s
 import base64
 import binascii
 import hashlib
-import os
 import time
 import zlib
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
-from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -44,7 +42,7 @@ from app.jobs.recordings import UploadRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices, find_way_in
 from app.storage.incoming import GrowingFile
-from app.storage.store import borrow_recording
+from app.storage.store import read_recording
 from fusion.errors import EmptyFile
 
 # The bytes of a tus upload: written as they come, counted when they are on the disk.
@@ -121,6 +119,7 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     if not row.is_whole or row.recording_id is not None:
         return row
     try:
+        services.incoming.complete(row.id, row.length_bytes)
         sha256 = services.incoming.hash(row.id, row.length_bytes)
         stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
     except FileNotFoundError:  # a peer was quicker
@@ -129,9 +128,7 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     study, asked = (
         ("", None) if declared is None else (declared.study, _build_declared(services, row, declared))
     )
-    counts = services.uploads.finish(row, stored, asked, way_in, study)
-    if counts != stored.id:
-        services.storage.drop_recording(stored.id)
+    counts = services.uploads.finish(row, stored, asked, way_in, study)  # its bytes say which id it gets
     services.incoming.forget(row.id)
     return replace(row, recording_id=counts)
 
@@ -155,10 +152,20 @@ def drop_upload(services: Services, row: UploadRow) -> None:
     if not services.incoming.acquire(row.id):
         raise LockedUpload
     try:
+        recording_id = services.incoming.find_recording_id(row.id)
         services.uploads.drop(row.id)
         services.incoming.forget(row.id)
+        forget_unfinished(services, recording_id)
     finally:
         services.incoming.release(row.id)
+
+
+def forget_unfinished(services: Services, recording_id: str | None) -> None:
+    """Destroy the key of an upload that has ended, unless its bytes are, or may be, a recording."""
+    if recording_id is None or services.store.may_hold(recording_id):
+        return
+    if not services.storage.holds(recording_id):
+        services.storage.keys.destroy(recording_id)
 
 
 def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
@@ -171,7 +178,7 @@ def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
 
 def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
     digest, expected = _read_checksum(checksum) if checksum else (None, b"")
-    file = GrowingFile(services.incoming.path(row.id), row.offset_bytes)
+    file = services.incoming.open(row.id, row.offset_bytes, row.length_bytes)
     return _Body(services, row, file, digest, expected)
 
 
@@ -313,30 +320,16 @@ def read_preview_bytes(services: Services, row: UploadRow) -> tuple[bytes, bytes
     Where the two meet, all is the head, and the tail is empty.
     """
     if row.recording_id is None:
-        head = _read_head(services.incoming.path(row.id), row.offset_bytes)
+        head = services.incoming.read_first(row.id, min(row.offset_bytes, PREVIEW_BYTES))
         tail = services.incoming.read_tail(row.id)
     else:
-        sha256 = services.store.find_sha256(row.recording_id)
-        with borrow_recording(services.storage, row.recording_id, sha256) as log:
-            head, tail = _read_head(log, row.offset_bytes), _read_tail(log)
+        head = read_recording(services.storage, row.recording_id, 0, min(row.offset_bytes, PREVIEW_BYTES))
+        first_byte = max(0, row.length_bytes - TAIL_BYTES)
+        tail = read_recording(services.storage, row.recording_id, first_byte, TAIL_BYTES)
     unseen_bytes = row.length_bytes - len(head)
     if unseen_bytes and (tail is None or unseen_bytes > len(tail)):
         return head, tail
     return head + (tail or b"")[-unseen_bytes:] if unseen_bytes else head, b""
-
-
-def _read_head(path: Path, offset_bytes: int) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(min(offset_bytes, PREVIEW_BYTES))
-    except FileNotFoundError:
-        return b""
-
-
-def _read_tail(path: Path) -> bytes:
-    with path.open("rb") as file:
-        file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
-        return file.read()
 
 
 # Metadata of the file, in ``Upload-Metadata``.

@@ -186,7 +186,7 @@ def _opened(language: Language, settings: "Settings") -> "Iterator[JobStore]":
 
     with refusals_printed(language, settings):
         set_actor(AT_MACHINE)
-        with closing(JobStore(settings.database_url)) as store:
+        with closing(JobStore(settings)) as store:
             yield store
 
 

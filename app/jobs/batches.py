@@ -17,6 +17,7 @@ from app.jobs.trail import record
 from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
+from app.storage.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class BatchStore(RowStore):
         with self._engine.begin() as connection:
             known = {} if again else _find_known(connection, list(asked))
             wanted = {key: item for key, item in asked.items() if key not in known}
-            row = {"id": batch_id, "name": name, "created_at": format_now()}
+            row = {"id": batch_id, "name": Label(batch_id, name), "created_at": format_now()}
             counts = {"item_count": len(asked), "duplicate_count": len(items) - len(wanted)}
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from sqlalchemy import Connection, Engine, and_, delete, exists, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, batch_items, batches, kept_answers, recordings
 from app.jobs.queries import RowStore
+from app.storage.labels import LABELS, Label
 
 UNFINISHED_TERM_S = 3600.0
 """After this time a request without a response counts as lost: its server has crashed."""
@@ -60,8 +62,8 @@ class ResponseStore(RowStore):
             values = {
                 "fingerprint": kept.fingerprint,
                 "status": kept.status,
-                "headers": json.dumps(kept.headers),
-                "body": kept.body,
+                "headers": Label(LABELS, json.dumps(kept.headers)),
+                "body": find_sealer(self._engine).seal_bytes(kept.body),
             }
             connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(values))
 
@@ -88,7 +90,8 @@ class ResponseStore(RowStore):
         if row is None:
             return None
         headers = tuple((name, value) for name, value in json.loads(row.headers or "[]"))
-        return KeptResponse(row.fingerprint, row.status, headers, row.body or b"")
+        body = find_sealer(self._engine).open_bytes(row.body or b"")
+        return KeptResponse(row.fingerprint, row.status, headers, body)
 
 
 def empty_responses(connection: Connection, ids: Collection[str]) -> None:
@@ -103,7 +106,12 @@ def empty_responses(connection: Connection, ids: Collection[str]) -> None:
     columns = (kept_answers.c.key, kept_answers.c.headers, kept_answers.c.body)
     successes = select(*columns).where(kept_answers.c.status < _FIRST_REFUSAL)
     rows = connection.execute(successes.execution_options(yield_per=_ROWS_AT_ONCE))
-    keys = [row.key for row in rows if not find_ids(row.headers, row.body).isdisjoint(ids)]
+    sealer = find_sealer(connection.engine)
+    keys = [
+        row.key
+        for row in rows
+        if not find_ids(row.headers, sealer.open_bytes(row.body or b"")).isdisjoint(ids)
+    ]
     emptied = {"status": GONE, "headers": "[]", "body": b""}
     for key in keys:
         connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(emptied))
@@ -131,8 +139,10 @@ def _is_gone(connection: Connection, response: KeptResponse) -> bool:
     return False
 
 
-def drop_traces(connection: Connection, ids: Collection[str]) -> None:
+def drop_traces(connection: Connection, ids: Collection[str]) -> tuple[str, ...]:
     """Delete what other tables hold of purged recordings and analyses: kept responses and empty batches.
+
+    Gives the empty batches.
 
     ``ids`` are those of the purged. Runs in the transaction that deletes their rows, after that: a batch is
     empty only then, and a response that is kept at the same time has either been committed or finds the
@@ -143,3 +153,4 @@ def drop_traces(connection: Connection, ids: Collection[str]) -> None:
     if empty:
         connection.execute(delete(batches).where(batches.c.id.in_(empty), no_item))
     empty_responses(connection, {*ids, *empty})
+    return empty

@@ -1,4 +1,6 @@
-"""The library: every recording with its current report, searched, filtered, counted and paged in SQL.
+"""The library: every recording with its current report, filtered, counted and paged in SQL.
+
+Words are searched and sorted by in memory (:mod:`app.jobs.words`).
 
 The current report is that of the newest analysis; where that has none, the newest earlier report remains. A
 batch shows each analysis that it asked for.
@@ -6,11 +8,25 @@ batch shows each analysis that it asked for.
 
 import json
 import secrets
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Engine, Select, and_, case, delete, func, insert, or_, select
+from sqlalchemy import (
+    ColumnElement,
+    Engine,
+    Select,
+    Text,
+    and_,
+    case,
+    delete,
+    func,
+    insert,
+    or_,
+    select,
+    type_coerce,
+)
 
 from app.jobs.database.tables import analyses, answers, recordings, saved_views
 from app.jobs.figures import HeadlineFigures
@@ -26,6 +42,8 @@ from app.jobs.queries import (
     sort_tags,
 )
 from app.jobs.trail import record
+from app.jobs.words import Words, build_places, find_index, sort_key
+from app.storage.labels import LABELS, Label
 from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION
 
@@ -90,13 +108,14 @@ class Library:
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
-        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
+        query = self._order(self._select(wanted, is_walked=wanted == LibraryFilter()), wanted)
         return self._read(query.limit(limit).offset(skip))
 
     def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
         """Give some recordings, the newest first; those in the trash are left out."""
         chosen = recordings.c.id.in_(recording_ids)
-        return self._read(_select(LibraryFilter(batch=batch)).where(chosen).order_by(*_newest_first()))
+        query = self._select(LibraryFilter(batch=batch)).where(chosen)
+        return self._read(query.order_by(*_newest_first()))
 
     def find_took(self) -> tuple[Took, ...]:
         """Say how long the last analyses took, by which the time left of others is judged."""
@@ -111,14 +130,15 @@ class Library:
 
     def find_tags(self) -> tuple[str, ...]:
         """Give every tag, by the alphabet."""
-        query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
+        has_tags = type_coerce(recordings.c.tags, Text) != "[]"
+        query = select(recordings.c.tags).where(recordings.c.state == STORED, has_tags)
         with self._reader.connect() as connection:
-            found = connection.execute(query.distinct()).scalars()
+            found = connection.execute(query).scalars()
             return sort_tags(tag for text in found for tag in read_tags(text))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
         """Count the recordings of each group, among those that text and days let through."""
-        parts = _select(replace(wanted, group="all")).subquery()
+        parts = self._select(replace(wanted, group="all")).subquery()
         older = _is_older(parts.c.method_version)
         columns = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None), case((older, 1), else_=0))
         kinds = select(*columns, func.count()).group_by(*columns)
@@ -137,10 +157,10 @@ class Library:
         """
         if not job.request.subject:
             return ()
-        same = recordings.c.subject == job.request.subject
+        same = self._is_among(lambda words: words.subject == job.request.subject)
         other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))
-        query = _select(LibraryFilter()).where(same, *other).order_by(*_newest_first()).limit(limit)
-        return self._read(query)
+        query = self._select(LibraryFilter()).where(same, *other)
+        return self._read(query.order_by(*_newest_first()).limit(limit))
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         """Find the analyses shown before and after one, in the order of the list."""
@@ -150,15 +170,15 @@ class Library:
         moment, own_id = self._find_place(job, wanted)
         newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > own_id))
         older = or_(place[0] < moment, and_(place[0] == moment, place[1] < own_id))
-        before = _select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
-        after = _select(wanted).where(older).order_by(*_newest_first()).limit(1)
+        before = self._select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
+        after = self._select(wanted).where(older).order_by(*_newest_first()).limit(1)
         with self._reader.connect() as connection:
             first, second = (connection.execute(query).first() for query in (before, after))
         return _read_shown_id(first), _read_shown_id(second)
 
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         with self._reader.connect() as connection:
-            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted))).all()
+            rows = connection.execute(self._order(self._select(wanted), wanted)).all()
         shown = [_read_shown_id(row) for row in rows]
         here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
         if here is None:
@@ -175,6 +195,35 @@ class Library:
         with self._reader.connect() as connection:
             row = connection.execute(newest.order_by(*_newest_first()).limit(1)).one()
         return row.created_at, row.id
+
+    def _select(self, wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
+        """Select what the filter lets through; words are searched in the index."""
+        query = _select(wanted, is_walked=is_walked)
+        if not wanted.text and not wanted.tag:
+            return query
+        text = wanted.text.lower()
+        return query.where(self._is_among(lambda words: _matches(words, text, wanted.tag)))
+
+    def _is_among(self, matches: Callable[[Words], bool]) -> ColumnElement[bool]:
+        places = build_places(self._reader, find_index(self._reader).find(matches))
+        return recordings.c.id.in_(select(places.c.id))
+
+    def _order(self, query: Select[Any], wanted: LibraryFilter) -> Select[Any]:
+        """Order the rows; by words in the order of the index."""
+        names = _WORD_ORDERS.get(wanted.order)
+        if names is None:
+            return query.order_by(*_choose_order(wanted))
+        index = find_index(self._reader)
+        by_words = partial(sort_key, names=names)
+        ids = index.sort(by_words, is_reversed=wanted.is_reversed)
+        if wanted.order == "subject":
+            unnamed = frozenset(index.find(lambda words: not words.subject))
+            ids = (*(name for name in ids if name not in unnamed), *(name for name in ids if name in unnamed))
+        places = build_places(self._reader, ids)
+        ordered = query.join(places, places.c.id == recordings.c.id)
+        side = recordings.c.side.desc() if wanted.is_reversed else recordings.c.side.asc()
+        first = (side.nulls_last(),) if wanted.order == "side" else ()
+        return ordered.order_by(*first, places.c.place, *_newest_first())
 
     def _read(self, query: Select[Any]) -> tuple[Entry, ...]:
         with self._reader.connect() as connection:
@@ -198,22 +247,28 @@ FALLING: Mapping[Order, ColumnElement[Any]] = {
 _RANKS = {"poor": 0, "caution": 1, "good": 2}
 
 
+_WORD_ORDERS: Mapping[str, tuple[str, ...]] = {
+    "name": ("file_name",),
+    "subject": ("subject", "file_name"),
+    "side": ("subject",),
+}
+
+
+def _matches(words: Words, text: str, tag: str) -> bool:
+    is_named = text in words.subject.lower() or text in words.file_name.lower()
+    return is_named and (not tag or tag in words.tags)
+
+
 def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
     """Choose the columns to sort by; what has no value of the first one stands last, whichever way."""
     if wanted.order == "newest":
         oldest_first = (analyses.c.created_at.asc(), analyses.c.id.asc())
         return oldest_first if wanted.is_reversed else _newest_first()
-    name, subject = func.lower(recordings.c.file_name), func.lower(recordings.c.subject)
-    rising: Mapping[str, tuple[ColumnElement[Any], ...]] = {
-        "name": (name,),
-        "subject": (func.nullif(subject, ""), name),
-        "side": (recordings.c.side, subject),
-        "quality": (case(_RANKS, value=answers.c.verdict),),
-    }
-    columns = rising.get(wanted.order) or (FALLING[wanted.order],)
+    is_quality = wanted.order == "quality"
+    column = case(_RANKS, value=answers.c.verdict) if is_quality else FALLING[wanted.order]
     is_falling = (wanted.order in FALLING) != wanted.is_reversed
-    turned = ((column.desc() if is_falling else column.asc()).nulls_last() for column in columns)
-    return *turned, *_newest_first()
+    turned = (column.desc() if is_falling else column.asc()).nulls_last()
+    return turned, *_newest_first()
 
 
 def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
@@ -266,12 +321,6 @@ def _build_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
     report_id = _select_own_report() if wanted.batch else _select_report()
     conditions = [_is_in_group(wanted.group, report_id)] if wanted.group != "all" else []
     day = func.coalesce(answers.c.start, analyses.c.created_at)
-    if wanted.text:
-        text = wanted.text.lower()
-        named = (recordings.c.subject, recordings.c.file_name)
-        conditions.append(or_(*(func.lower(column).contains(text, autoescape=True) for column in named)))
-    if wanted.tag:
-        conditions.append(recordings.c.tags.contains(json.dumps(wanted.tag), autoescape=True))
     if wanted.first_day:
         conditions.append(day >= wanted.first_day)
     if wanted.last_day:
@@ -342,16 +391,19 @@ class SavedViews(RowStore):
 
     def find_all(self) -> tuple[SavedView, ...]:
         """Give every view, by name."""
-        found = self._read_all(select(saved_views).order_by(saved_views.c.name, saved_views.c.id))
-        return tuple(SavedView(*row) for row in found)
+        found = [SavedView(*row) for row in self._read_all(select(saved_views))]
+        return tuple(sorted(found, key=lambda view: (view.name, view.id)))
 
     def add(self, name: str, query: str) -> None:
         """Save a view; one of the same name is replaced."""
-        row = {"id": f"view_{secrets.token_hex(8)}", "name": name, "query": query, "created_at": format_now()}
+        words = {"name": Label(LABELS, name), "query": Label(LABELS, query)}
+        view_id = f"view_{secrets.token_hex(8)}"
+        row = {"id": view_id, "created_at": format_now(), **words}
+        same = [view.id for view in self.find_all() if view.name == name]
         with self._engine.begin() as connection:
-            connection.execute(delete(saved_views).where(saved_views.c.name == name))
+            connection.execute(delete(saved_views).where(saved_views.c.id.in_(same)))
             connection.execute(insert(saved_views).values(row))
-            record(connection, "view.saved", other={"view": row["id"]})
+            record(connection, "view.saved", other={"view": view_id})
         self.write_file()
 
     def drop(self, view_id: str) -> None:
@@ -376,7 +428,11 @@ class SavedViews(RowStore):
         except (ValueError, TypeError):
             return 0
         known = {view.id for view in self.find_all()}
-        rows = [asdict(view) for view in found if view.id not in known]
+        rows = [
+            asdict(view) | {"name": Label(LABELS, view.name), "query": Label(LABELS, view.query)}
+            for view in found
+            if view.id not in known
+        ]
         if rows:
             with self._engine.begin() as connection:
                 connection.execute(insert(saved_views), rows)

@@ -4,7 +4,6 @@ A mapping is kept under the identity of the header (:func:`fusion.readers.identi
 the next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
 """
 
-import json
 from dataclasses import dataclass, replace
 
 from sqlalchemy import ColumnElement, Row, delete, exists, insert, select, update
@@ -17,6 +16,7 @@ from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.trail import record
 from app.jobs.versions import identify_work, renumber
 from app.request import ReportRequest
+from app.storage.labels import LABELS, Label
 
 UNNAMED = "-"
 """A header's identity begins so where no line names the columns: many devices may write such a table."""
@@ -49,7 +49,8 @@ class MappingStore(RowStore):
             mine = column_mappings.c.header == header
             known = connection.execute(select(column_mappings.c.name).where(mine)).scalar()
             connection.execute(delete(column_mappings).where(mine))
-            row = {"header": header, "name": known or name, "profile": profile, "created_at": format_now()}
+            named = {"name": Label(LABELS, known or name), "profile": Label(LABELS, profile)}
+            row = {"header": header, "created_at": format_now(), **named}
             confirmed = int(is_confirmed and not header.startswith(UNNAMED))
             connection.execute(insert(column_mappings).values(row | {"is_confirmed": confirmed}))
             record(connection, "columns.named", other={"header": header})
@@ -89,7 +90,8 @@ class MappingStore(RowStore):
         if values:
             with self._engine.begin() as connection:
                 mine = update(column_mappings).where(column_mappings.c.header == header)
-                if connection.execute(mine.values(values)).rowcount == 1:
+                sealed = {name: Label(LABELS, v) if isinstance(v, str) else v for name, v in values.items()}
+                if connection.execute(mine.values(sealed)).rowcount == 1:
                     record(connection, "columns.changed", other={"header": header})
         return self.get(header)
 
@@ -143,7 +145,8 @@ class MappingStore(RowStore):
                 return None
             job = read_job(row)
             request = replace(job.request, profile=mapping.profile)
-            values = {"request": request.to_json(), "key": identify_work(job.sha256, request)}
+            label = Label(job.recording_id, request.to_json())
+            values = {"request": label, "key": identify_work(job.sha256, request)}
             connection.execute(update(analyses).where(*mine).values(values))
             renumber(connection, analysis_id)
             numbered = connection.execute(select(analyses.c.request).where(*mine)).scalar_one()
@@ -156,8 +159,8 @@ def _waits(header: str) -> ColumnElement[bool]:
     is_last = ~exists().where(
         later.c.recording_id == analyses.c.recording_id, later.c.created_at > analyses.c.created_at
     )
-    names_header = analyses.c.problem_facts.contains(json.dumps({"header": header})[1:-1], autoescape=True)
-    return (analyses.c.state == JobState.FAILED) & analyses.c.replaced_by.is_(None) & names_header & is_last
+    waits = (analyses.c.state == JobState.FAILED) & (analyses.c.awaits == header)
+    return waits & analyses.c.replaced_by.is_(None) & is_last
 
 
 def _read_mapping(row: Row[tuple[str, str, str, str, int]]) -> ColumnMapping:

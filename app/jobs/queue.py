@@ -20,6 +20,7 @@ from app.jobs.trail import Act, find_actor, record
 from app.jobs.versions import identify_work, number_versions
 from app.jobs.webhooks import announce_end
 from app.request import ReportRequest
+from app.storage.labels import Label
 
 WayIn = Literal["web", "api"]
 PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
@@ -38,6 +39,7 @@ def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> Non
         "progress": 0.0,
         "problem_code": None,
         "problem_facts": None,
+        "awaits": None,
         "attempts": analyses.c.attempts + 1,
         "beats": analyses.c.beats + 1,
         "claimer_place": claimer.place,
@@ -117,7 +119,7 @@ def enqueue_all(
         {
             "id": f"an_{secrets.token_hex(8)}",
             "recording_id": recording_id,
-            "request": request.to_json(),
+            "request": Label(recording_id, request.to_json()),
             "key": identify_work(sha256, request),
             "way_in": way_in,
             "state": JobState.QUEUED,

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, StaleVersion
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, recordings, result_files, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.job import JobState
@@ -21,6 +22,7 @@ from app.jobs.queries import (
     format_diary,
     format_now,
     format_tags,
+    label_row,
     read_diary,
     read_tags,
     select_running_s,
@@ -29,7 +31,9 @@ from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
 from app.jobs.studies import join_study
 from app.jobs.trail import Act, record
+from app.jobs.words import Words, build_places, find_index
 from app.request import ReportRequest
+from app.storage.labels import LABELS, Label
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
@@ -93,6 +97,11 @@ class RecordingFilter:
         """Order by start, where the filter bounds it; else by the time of storing."""
         return bool(self.begin or self.end)
 
+    def is_called(self, words: Words) -> bool:
+        """Tell whether a recording bears the subject and the name in people's own system."""
+        has_subject = self.subject in ("", words.subject)
+        return has_subject and self.external_id in ("", words.external_id)
+
     def place(self, row: StoredRow) -> Place:
         """Give the place of a row in the list."""
         return (row.start or "" if self.by_start else row.created_at), row.id
@@ -138,6 +147,9 @@ class RecordingStore(RowStore):
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that the filter lets through, from ``after`` on."""
         query = _select_wanted(wanted)
+        if wanted.subject or wanted.external_id:
+            found = find_index(self._reader).find(wanted.is_called)
+            query = query.where(recordings.c.id.in_(select(build_places(self._reader, found).c.id)))
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
         if after is not None:
             query = query.where(is_after((moment, recordings.c.id), after))
@@ -145,14 +157,14 @@ class RecordingStore(RowStore):
         rows = self._read_all(query.order_by(*newest_first).limit(limit))
         return tuple(_read_recording(row) for row in rows)
 
-    def find_known(self, digests: Collection[str]) -> frozenset[str]:
-        """Give those of some SHA-256 that belong to a recording, in the trash or not."""
-        query = select(recordings.c.sha256).where(recordings.c.sha256.in_(digests)).distinct()
+    def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
+        """Give those of some ids that belong to a recording, in the trash or not."""
+        query = select(recordings.c.id).where(recordings.c.id.in_(recording_ids))
         return self._read_ids(query)
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
         """Give the ids of a subject's recordings of now, in the trash or not."""
-        return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
+        return frozenset(find_index(self._reader).find(lambda words: words.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, unless the row has changed since this version.
@@ -164,7 +176,8 @@ class RecordingStore(RowStore):
         mine = (recordings.c.id == recording_id, recordings.c.version == version)
         change = update(recordings).where(*mine, recordings.c.state == STORED)
         with self._engine.begin() as connection:
-            if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
+            sealed = label_row(recording_id, values)
+            if connection.execute(change.values(version=version + 1, **sealed)).rowcount != 1:
                 raise StaleVersion
             increment_revision(connection, recording_id)
             changed = dict.fromkeys(values, "changed")
@@ -192,14 +205,17 @@ class RecordingStore(RowStore):
                 tags = format_tags({*read_tags(text), *added} - {taken})
                 if tags != text:
                     grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-                    connection.execute(update(recordings).where(*mine).values(tags=tags, **grown))
+                    connection.execute(
+                        update(recordings).where(*mine).values(tags=Label(recording_id, tags), **grown)
+                    )
                     record(connection, "recording.tagged", recording_id)
                     changed += 1
         return changed
 
     def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
         """Store what an inspection found; it follows from the bytes, so that no version guards it."""
-        values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
+        inspection = Label(recording_id, json.dumps(dict(found)))
+        values = {"inspection": inspection, "start": found.get("start")}
         with self._engine.begin() as connection:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
             increment_revision(connection, recording_id)
@@ -280,8 +296,9 @@ class RecordingStore(RowStore):
             connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
             files = (recording_id, *references)
             connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
-            drop_traces(connection, {*gone, *files})
+            emptied = drop_traces(connection, {*gone, *files})
             record(connection, "recording.purged", recording_id)
+        find_sealer(self._engine).destroy(emptied)
         self._empty_log()
 
     def _empty_log(self) -> None:
@@ -371,7 +388,7 @@ def insert_recording(
     )
     row = asdict(stored) | {"state": state, "created_at": format_now()}
     row |= {"duplicate_of": connection.execute(same).scalar_one_or_none(), "since_s": select_running_s()}
-    connection.execute(insert(recordings).values(row | asdict(about)))
+    connection.execute(insert(recordings).values(row | label_row(stored.id, asdict(about))))
     record(connection, "recording.stored", stored.id)
 
 
@@ -382,10 +399,8 @@ def is_after(columns: tuple[Any, Any], place: Place) -> Any:
 
 def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
     query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
-    named = {"subject": wanted.subject, "external_id": wanted.external_id, "sha256": wanted.sha256}
-    for name, value in named.items():
-        if value:
-            query = query.where(recordings.c[name] == value)
+    if wanted.sha256:
+        query = query.where(recordings.c.sha256 == wanted.sha256)
     if wanted.begin:
         query = query.where(recordings.c.start >= wanted.begin)
     return query.where(recordings.c.start < wanted.end) if wanted.end else query
@@ -446,10 +461,9 @@ class UploadStore(RowStore):
             "id": f"up_{secrets.token_hex(14)}",  # the column holds 32 characters; PostgreSQL enforces it
             "length_bytes": length_bytes,
             "offset_bytes": 0,
-            "metadata": metadata,
-            "description": json.dumps(asdict(about)),
             "idle_s": 0.0,
             "created_at": format_now(),
+            **_label_upload(LABELS, about, metadata),
         }
         with self._engine.begin() as connection:
             connection.execute(insert(uploads).values(row))
@@ -489,7 +503,7 @@ class UploadStore(RowStore):
         """Change what is said of an upload; one that is a recording by now stays as it is."""
         mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
+            connection.execute(mine.values(_label_upload(LABELS, about, metadata)))
             record(connection, "upload.described", other={"upload": upload_id})
         return self.get(upload_id)
 
@@ -510,7 +524,8 @@ class UploadStore(RowStore):
         """
         unfinished = (uploads.c.id == row.id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            change = update(uploads).where(*unfinished).values(recording_id=stored.id)
+            sealed = _label_upload(stored.id, row.about, row.metadata)
+            change = update(uploads).where(*unfinished).values(recording_id=stored.id, **sealed)
             if connection.execute(change).rowcount == 1:
                 insert_recording(connection, stored, row.about)
                 record(connection, "upload.stored", stored.id, other={"upload": row.id})
@@ -541,6 +556,11 @@ class UploadStore(RowStore):
             connection.execute(update(uploads).values(idle_s=uploads.c.idle_s + elapsed_s))
             due = select(uploads.c.id).where(uploads.c.idle_s >= term_s)
             return tuple(connection.execute(due).scalars())
+
+
+def _label_upload(owner: str, about: Description, metadata: str) -> dict[str, Label]:
+    """Label what is said of an upload: it belongs to the organisation, then to the recording it became."""
+    return {"description": Label(owner, json.dumps(asdict(about))), "metadata": Label(owner, metadata)}
 
 
 def _is_analysed_elsewhere(connection: Connection, stored: StoredRecording) -> bool:

@@ -8,13 +8,16 @@ closes. Where a side file and the rows differ, the rows count.
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, insert, select, update
 
+from app.errors import KeyGone
 from app.jobs.database.dump import reset_row
+from app.jobs.database.sealed_text import SealedText
 from app.jobs.database.tables import (
     REVISION,
     analyses,
@@ -27,7 +30,10 @@ from app.jobs.database.tables import (
 )
 from app.jobs.job import TRANSITIONS, JobState
 from app.jobs.queries import PURGING
+from app.storage.labels import Label
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
+
+logger = logging.getLogger(__name__)
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releases, batches, batch_items)
@@ -154,7 +160,7 @@ def _update_analyses(
         if state is None:
             continue
         if TRANSITIONS[JobState(state)] and not TRANSITIONS[JobState(row["state"])]:
-            values = {name: value for name, value in row.items() if name in analyses.columns}
+            values = label_side_row(analyses, row)
             connection.execute(update(analyses).where(mine).values(values))
             ended.append(row)
         else:
@@ -169,10 +175,23 @@ def _add_missing(
     for row in rows:
         key = [column == row[column.name] for column in table.primary_key.columns]
         if connection.execute(select(table).where(*key)).first() is None:
-            values = {name: value for name, value in row.items() if name in table.columns}
-            connection.execute(insert(table).values(values))
+            connection.execute(insert(table).values(label_side_row(table, row)))
             added.append(row)
     return added
+
+
+def label_side_row(table: Table, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the columns of a row that this release has, with its words as labels of what it belongs to."""
+    owner = str(row.get("recording_id") or row.get("id") or "")
+    known = {name: value for name, value in row.items() if name in table.columns}
+    return {
+        name: Label(owner, value) if value is not None and _holds_words(table, name) else value
+        for name, value in known.items()
+    }
+
+
+def _holds_words(table: Table, name: str) -> bool:
+    return isinstance(table.c[name].type, SealedText)
 
 
 def mark_side_file_stale(connection: Connection, side: SideFile) -> None:
@@ -229,7 +248,10 @@ class SideWriter:
         if side is None:
             return True
         self._quarantine_newer(recording_id, side)
-        self.storage.write_small(format_side_file_name(recording_id), side.encode())
+        try:
+            self.storage.write_small(format_side_file_name(recording_id), side.encode())
+        except KeyGone:  # nothing of it can be read any more, nor written beside it
+            logger.warning("the key of %s is not here: its side file is not written", recording_id)
         mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
         with self.engine.begin() as connection:
             written = update(recordings).where(*mine).values(side_revision=side.revision)

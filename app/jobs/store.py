@@ -5,11 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from sqlalchemy import Engine, Executable, Select, func, insert, select, update
+from sqlalchemy import Connection, Engine, Executable, Select, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StoreMismatch
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
+from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
 from app.jobs.figures import HeadlineFigures, adopt_description, insert_headline, update_headline
 from app.jobs.job import Claim, Claimer, Job, JobState
@@ -30,12 +31,18 @@ from app.jobs.side_files import increment_revision
 from app.jobs.studies import follow_recording, join_study
 from app.jobs.trail import record
 from app.jobs.versions import identify_work, renumber, select_same
+from app.jobs.words import WordIndex, use_index
 from app.request import ReportRequest
+from app.settings import Settings
+from app.storage.keys import open_keys
+from app.storage.labels import Label, LabelSealer
 from app.storage.store import ResultFile, StoredRecording
 from fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 MOST_SAME = 20
+AWAITED = "header"
+"""The fact of a refusal that names the header whose columns an analysis awaits; an identity, no words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +61,11 @@ class JobStore(RowStore):
     job, the attempt's token. So two workers, or a worker and a person, may act at once: one of them wins.
     """
 
-    def __init__(self, url: str) -> None:
-        engine = open_database(url)
+    def __init__(self, settings: Settings) -> None:
+        engine = open_database(settings.database_url)
+        use_sealer(engine, LabelSealer(open_keys(settings)))
         super().__init__(engine, engine.execution_options(**READ_ONLY))
+        use_index(engine, WordIndex(self._reader))
 
     def close(self) -> None:
         """Close every connection to the database."""
@@ -306,7 +315,8 @@ class JobStore(RowStore):
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job, with the reason."""
         with self._engine.begin() as connection:
-            return change_state(connection, analysis_id, JobState.FAILED, _write_end(code, facts), token)
+            ended = _write_end(connection, analysis_id, code, facts)
+            return change_state(connection, analysis_id, JobState.FAILED, ended, token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
         """Put the job back in the queue; a ``forgiven`` attempt (an orderly stop) counts as no death."""
@@ -325,14 +335,15 @@ class JobStore(RowStore):
             times = 1 + int(connection.execute(mine).scalar() or 0)
             if times < most:
                 return change_state(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
-            ended = _write_end(Interrupted.code, {"times": times})
+            ended = _write_end(connection, analysis_id, Interrupted.code, {"times": times})
             return change_state(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
     def record_delay(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
         """Record what delays an attempt, and how often its job was put back for it."""
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
-        delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
+        label = Label(self.find_recording(analysis_id), facts)
+        delay = {"problem_code": code, "problem_facts": label, "put_backs": put_backs}
         self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
@@ -446,5 +457,13 @@ def _select_files(analysis_id: str) -> Select[Any]:
     return select(*columns).where(result_files.c.analysis_id == analysis_id)
 
 
-def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
-    return {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": format_now()}
+def _write_end(
+    connection: Connection, analysis_id: str, code: str, facts: Mapping[str, Fact]
+) -> dict[str, object]:
+    owner = connection.execute(select(analyses.c.recording_id).where(analyses.c.id == analysis_id)).scalar()
+    return {
+        "problem_code": code,
+        "problem_facts": Label(str(owner), json.dumps(dict(facts))),
+        "awaits": facts.get(AWAITED),
+        "ended_at": format_now(),
+    }

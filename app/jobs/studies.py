@@ -13,6 +13,7 @@ from app.jobs.database.tables import analyses, batch_items, batches
 from app.jobs.queries import format_now
 from app.jobs.side_files import increment_revision_of
 from app.jobs.trail import record
+from app.storage.labels import Label
 
 
 def identify_study(name: str) -> str:
@@ -55,7 +56,13 @@ def follow_recording(connection: Connection, analysis_id: str) -> None:
 def _begin(connection: Connection, study_id: str, name: str) -> None:
     """Write the row of the study unless it is there."""
     make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    row = {"id": study_id, "name": name, "item_count": 0, "created_at": format_now(), "duplicate_count": 0}
+    row = {
+        "id": study_id,
+        "name": Label(study_id, name),
+        "item_count": 0,
+        "created_at": format_now(),
+        "duplicate_count": 0,
+    }
     connection.execute(make_insert(batches).values(row).on_conflict_do_nothing())
 
 

@@ -16,6 +16,7 @@ from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import JobState
 from app.jobs.queries import select_jobs
 from app.request import ReportRequest, compare_settings
+from app.storage.labels import Label
 from app.version import identify_engine
 
 KEYS_PER_QUERY = 500
@@ -77,7 +78,7 @@ def renumber(connection: Connection, analysis_id: str) -> None:
     numbered = asked if asked.reference else _number(histories[row.id], asked)
     if numbered != asked:
         change = update(analyses).where(analyses.c.id == analysis_id)
-        connection.execute(change.values(request=numbered.to_json()))
+        connection.execute(change.values(request=Label(row.id, numbered.to_json())))
 
 
 def _read_histories(

@@ -45,7 +45,8 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
-from app.storage.store import Storage, borrow_recording, borrow_result, check_folder
+from app.storage.sealing import SealedStorage
+from app.storage.store import borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
 LOOK_S = 5.0
@@ -65,7 +66,7 @@ class Bench:
     """
 
     store: JobStore
-    storage: Storage
+    storage: SealedStorage
     settings: Settings
     watch: LeaseWatch
     stopping: threading.Event
@@ -86,7 +87,7 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
         storage = open_storage(settings)
         storage.prepare()
         check_folder(settings.data_dir)
-        store = JobStore(settings.database_url)
+        store = JobStore(settings)
         store.check_belongs(storage.identify())
     watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
@@ -311,7 +312,8 @@ def _report_unless_stopping(
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
     """Give the one road, with the digest that was just verified: the child need not compute it again."""
     digests = () if job.request.joined else (job.sha256,)
-    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, bench.cache))
+    cache = bench.cache.of(bench.storage.find_key(job.recording_id))
+    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
 @contextmanager
@@ -329,7 +331,7 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
-        bench.storage.keep_attempt(job.id, token)
+        bench.storage.keep_attempt(job.id, token, job.recording_id)
         won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):

@@ -8,13 +8,11 @@ No conditional put is used (not every S3 server has it): names are random, and r
 machine holds temporary files only, which may be lost.
 """
 
-import hashlib
 import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,14 +28,11 @@ from app.storage.store import (
     COPY_BYTES,
     Fetched,
     Mark,
-    StoredRecording,
-    VerifiedFiles,
     check_free,
     format_recording_name,
     format_result_name,
     format_side_file_name,
     read_mark,
-    too_large,
     translate_disk_full,
 )
 
@@ -54,38 +49,31 @@ def open_bucket(settings: Settings) -> "BucketStorage":
     return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=RETRIES))
 
 
-class BucketUpload:
-    """Bytes that arrive for a bucket: sent on as they come, in parts, and hashed."""
+class BucketWriter:
+    """Bytes that arrive for a bucket: sent on as they come, in parts."""
 
-    def __init__(self, bucket: S3Store, recording_id: str, max_bytes: int) -> None:
-        self._bucket, self._id, self._max_bytes = bucket, recording_id, max_bytes
-        self._sha256 = hashlib.sha256()
-        self._writer = obstore.open_writer(
-            bucket, format_recording_name(recording_id), buffer_size=PART_BYTES
-        )
-        self.size_bytes = 0
+    def __init__(self, bucket: S3Store, recording_id: str) -> None:
+        self._bucket, self._name = bucket, format_recording_name(recording_id)
+        self._writer = obstore.open_writer(bucket, self._name, buffer_size=PART_BYTES)
+        self._size_bytes = 0
 
     def write(self, chunk: bytes) -> None:
         """Send the next bytes.
 
         Raises
         ------
-        FileTooLarge, StoreAway
+        StoreAway
         """
-        self.size_bytes += len(chunk)
-        if self.size_bytes > self._max_bytes:
-            raise too_large(self.size_bytes, self._max_bytes)
-        self._sha256.update(chunk)
+        self._size_bytes += len(chunk)
         with translate_store_errors():
             self._writer.write(chunk)
 
-    def keep(self) -> StoredRecording:
+    def keep(self) -> None:
         """End the put; from then on every machine can read the recording."""
         with translate_store_errors():
             self._writer.close()
-            if obstore.head(self._bucket, format_recording_name(self._id))["size"] != self.size_bytes:
+            if obstore.head(self._bucket, self._name)["size"] != self._size_bytes:
                 raise StoreAway
-        return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
 
     def discard(self) -> None:
         """Send no more. Parts of an unfinished put are invisible; a rule of the bucket removes them."""
@@ -93,11 +81,10 @@ class BucketUpload:
 
 @dataclass(frozen=True, slots=True)
 class BucketStorage:
-    """A bucket, and a folder of this machine for temporary files; ``Storage`` documents the methods."""
+    """A bucket, and a folder of this machine for temporary files; ``ByteStore`` documents the methods."""
 
     root: Path
     bucket: S3Store
-    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     @property
     def is_local(self) -> bool:
@@ -107,7 +94,6 @@ class BucketStorage:
     def prepare(self) -> None:
         """Create the folders of this machine, and check that the bucket answers."""
         FolderStorage(self.root).prepare()
-        (self.root / "fetched").mkdir(exist_ok=True, mode=0o700)
         with translate_store_errors():
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
@@ -119,19 +105,17 @@ class BucketStorage:
             obstore.put(self.bucket, "store.id", f"bucket-{secrets.token_hex(8)}".encode())
             return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
 
-    def open_upload(self, max_bytes: int) -> BucketUpload:
-        """Start an upload of a recording under a new name."""
-        return BucketUpload(self.bucket, f"rec_{secrets.token_hex(8)}", max_bytes)
+    def open_writer(self, recording_id: str) -> BucketWriter:
+        """Begin a recording under a new name."""
+        return BucketWriter(self.bucket, recording_id)
 
-    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
+    def adopt(self, path: Path, recording_id: str) -> None:
         """Put a file of this machine as a recording; the caller removes the file after the commit."""
-        stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        self.put(path, format_recording_name(stored.id))
-        return stored
+        self.put(path, format_recording_name(recording_id))
 
     def fetch(self, name: str) -> Fetched:
         """Copy an object to this machine, unverified."""
-        into = self.root / "fetched" / secrets.token_hex(8)
+        into = self.root / "opened" / secrets.token_hex(8)
         try:
             mark = self._copy(name, into)
             return Fetched(into, mark, read_mark(into))
@@ -139,10 +123,13 @@ class BucketStorage:
             self.release(into)
             raise
 
-    def find_mark(self, name: str) -> Mark | None:
-        """Give size and ETag of an object; None where there is none."""
+    def read_start(self, name: str, count: int) -> tuple[bytes, Mark] | None:
+        """Give the first bytes of an object, and its size and ETag."""
         with translate_store_errors(), suppress(FileNotFoundError):
-            return _read_mark(obstore.head(self.bucket, name))
+            if not obstore.head(self.bucket, name)["size"]:  # of nothing no range can be asked
+                return b"", (0, "")
+            found = obstore.get(self.bucket, name, options={"range": (0, count)})
+            return bytes(found.bytes()), _read_mark(found.meta)
         return None
 
     def drop_recording(self, recording_id: str) -> None:
@@ -229,12 +216,8 @@ class BucketStorage:
         return FolderStorage(self.root).find_attempts()
 
     def drop_temporary(self, min_age_s: float) -> int:
-        """Remove temporary files and old copies of this machine."""
-        newest_s = time.time() - min_age_s
-        copies = [path for path in (self.root / "fetched").iterdir() if path.stat().st_mtime <= newest_s]
-        for path in copies:
-            path.unlink(missing_ok=True)
-        return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
+        """Remove temporary files of this machine."""
+        return FolderStorage(self.root).drop_temporary(min_age_s)
 
     def _copy(self, name: str, into: Path) -> Mark:
         with translate_store_errors(), translate_disk_full():

@@ -2,10 +2,12 @@
 
 An entry may be removed at any time; a damaged one is replaced from the file.
 
-    folder/<key>.samples    one line of JSON (what the file states), the samples as float32, a CRC-32 of both
+    folder/<name>.samples    sealed with the recording's key: one line of JSON (what the file states), then
+                             the samples as float32
 
-The key is a digest of the file's own digest, of the reading options that a person chose, and of the
-software's revision: a newer reader never gets the samples of an older one.
+The name is a digest of the recording's id, of the file's own digest, of the reading options that a person
+chose, and of the software's revision: a newer reader never gets the samples of an older one. An entry goes
+with its recording, whose key was the only one that opened it.
 """
 
 import hashlib
@@ -14,20 +16,20 @@ import logging
 import os
 import secrets
 import shutil
-import zlib
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.storage.keys import RecordingKey
+from app.storage.sealed import HEAD_BYTES, Sealer, open_stream, read_head
 from fusion.recording import QualityFlag, Recording, Segment, Span
 
-CRC_BYTES = 4
 LONGEST_HEAD_BYTES = 16 << 20
 SPARE_TIMES = 3
 """An entry is kept only where this many times its size is free."""
@@ -46,13 +48,19 @@ class DecodedCache:
 
     folder: Path
     max_bytes: int
+    key: RecordingKey | None = None
+    """The key of the recording that is read or kept; none where only room is made."""
+
+    def of(self, key: RecordingKey) -> Self:
+        """Give the same cache for one recording; its key there is of no use for anything else."""
+        return replace(self, key=RecordingKey(key.id, key.derive(b"", b"samples")))
 
     def find(self, key: str) -> Recording | None:
         """Give the recording, or None where it is not there or not whole."""
         path = self._path(key)
         try:
             with path.open("rb") as file:
-                recording = _read_entry(file)
+                recording = _read_entry(open_stream(file, self._get_key()))
             os.utime(path)  # the entry that was used last is removed last
         except FileNotFoundError:
             return None
@@ -74,27 +82,35 @@ class DecodedCache:
         except OSError:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
-    def find_digests(self) -> frozenset[str]:
-        """Give the SHA-256 of every file whose samples are here."""
-        return frozenset(digest for _, digest in self._read_digests())
+    def find_recordings(self) -> frozenset[str]:
+        """Give the id of every recording whose samples are here; "" for what has none."""
+        return frozenset(recording_id for _, recording_id in self._read_owners())
 
-    def forget(self, digests: Collection[str]) -> None:
-        """Remove the samples of these files, entries that are being written too."""
-        for path, digest in self._read_digests():
-            if digest in digests:
+    def forget(self, recording_ids: Collection[str]) -> None:
+        """Remove the samples of these recordings, entries that are being written too."""
+        for path, recording_id in self._read_owners():
+            if recording_id in recording_ids:
                 path.unlink(missing_ok=True)
 
-    def _read_digests(self) -> Iterator[tuple[Path, str]]:
-        """Give each entry with its file's SHA-256; "" where its head is unreadable."""
+    def _read_owners(self) -> Iterator[tuple[Path, str]]:
+        """Give each entry with the id of its recording; "" where it is not sealed, as in earlier releases."""
         for path in self.folder.glob("*"):
-            with suppress(FileNotFoundError, IsADirectoryError):  # the pairs have a folder of their own here
-                yield path, _read_digest(path)
+            with suppress(FileNotFoundError, IsADirectoryError), path.open("rb") as file:  # pairs: a folder
+                head = read_head(file.read(HEAD_BYTES))
+                yield path, "" if head is None else head.key_id
+
+    def _get_key(self) -> RecordingKey:
+        if self.key is None:
+            raise KeyError
+        return self.key
 
     def _write(self, key: str, recording: Recording) -> None:
         part = self.folder / f"{key}.{secrets.token_hex(4)}.part"
         try:
             with part.open("xb") as file:
-                _write_entry(file, recording)
+                sealer = Sealer(file.write, self._get_key())
+                _write_entry(sealer, recording)
+                sealer.close()
             part.replace(self._path(key))
         finally:
             part.unlink(missing_ok=True)
@@ -110,15 +126,8 @@ class DecodedCache:
             held_bytes -= status.st_size
 
     def _path(self, key: str) -> Path:
-        return self.folder / f"{key}.samples"
-
-
-def _read_digest(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return str(json.loads(file.readline(LONGEST_HEAD_BYTES))["sha256"])
-    except (ValueError, KeyError, TypeError):
-        return ""
+        name = hashlib.sha256(f"{self._get_key().id}\n{key}".encode()).hexdigest()[:40]
+        return self.folder / f"{name}.samples"
 
 
 def _find_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
@@ -127,16 +136,11 @@ def _find_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
             yield path, path.stat()
 
 
-def _write_entry(file: IO[bytes], recording: Recording) -> None:
-    head = json.dumps(_describe(recording)).encode() + b"\n"
-    crc = zlib.crc32(head)
-    file.write(head)
+def _write_entry(file: Sealer, recording: Recording) -> None:
+    file.write(json.dumps(_describe(recording)).encode() + b"\n")
     for segment in recording.segments:
         for samples in (segment.acc_g, segment.gyr_dps):
-            body = np.ascontiguousarray(samples, dtype="<f4").data.cast("B")
-            crc = zlib.crc32(body, crc)
-            file.write(body)
-    file.write(crc.to_bytes(CRC_BYTES, "big"))
+            file.write(np.ascontiguousarray(samples, dtype="<f4").data.cast("B"))
 
 
 def _read_entry(file: IO[bytes]) -> Recording:
@@ -147,24 +151,19 @@ def _read_entry(file: IO[bytes]) -> Recording:
     ValueError, KeyError, TypeError
         The entry is damaged.
     """
-    head = file.readline(LONGEST_HEAD_BYTES)
-    crc = zlib.crc32(head)
-    facts = json.loads(head)
+    facts = json.loads(file.readline(LONGEST_HEAD_BYTES))
     segments = []
     for about in facts.pop("segments"):
         rows = int(about.pop("rows"))
         acc_g, gyr_dps = _read_samples(file, rows), _read_samples(file, rows)
-        crc = zlib.crc32(gyr_dps.data, zlib.crc32(acc_g.data, crc))
         bridged = tuple((first, stop) for first, stop in about.pop("bridged"))
         segments.append(Segment(acc_g=acc_g, gyr_dps=gyr_dps, bridged=bridged, **about))
-    if file.read(CRC_BYTES + 1) != crc.to_bytes(CRC_BYTES, "big"):
-        raise ValueError
     return _build(facts, tuple(segments))
 
 
 def _read_samples(file: IO[bytes], rows: int) -> NDArray[np.float32]:
-    samples = np.fromfile(file, dtype="<f4", count=3 * rows)
-    return samples.reshape(rows, 3).astype(np.float32, copy=False)
+    samples = np.frombuffer(file.read(12 * rows), dtype="<f4")
+    return samples.reshape(rows, 3).astype(np.float32)
 
 
 def _describe(recording: Recording) -> dict[str, Any]:

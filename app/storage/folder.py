@@ -1,6 +1,5 @@
 """Recordings and reports in a folder of this machine."""
 
-import hashlib
 import os
 import re
 import secrets
@@ -8,7 +7,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
@@ -18,14 +17,11 @@ from app.storage.store import (
     UNREADABLE,
     Fetched,
     Mark,
-    StoredRecording,
-    VerifiedFiles,
     check_free,
     read_mark,
     read_or_create_id,
     sync_file,
     sync_folder,
-    too_large,
     translate_disk_full,
 )
 
@@ -33,30 +29,24 @@ TEMPORARY = re.compile(r"((rec_)?[0-9a-f]{16}(\.[0-9a-f]{8})?|restored)\.part")
 """The names of our temporary files in ``uploads``; any other file is left alone."""
 
 
-class FolderUpload:
-    """Bytes that arrive in a folder: hashed as they come, kept or discarded as a whole."""
+class FolderWriter:
+    """Bytes that arrive in a folder: kept or discarded as a whole."""
 
-    def __init__(self, part: Path, kept: Path, max_bytes: int) -> None:
-        self._part, self._kept, self._max_bytes = part, kept, max_bytes
-        self._sha256 = hashlib.sha256()
-        self._file: IO[bytes] = part.open("xb")
-        self.size_bytes = 0
+    def __init__(self, part: Path, kept: Path) -> None:
+        self._part, self._kept = part, kept
+        self._file: IO[bytes] = create_file(part)
 
     def write(self, chunk: bytes) -> None:
         """Write the next bytes.
 
         Raises
         ------
-        FileTooLarge, DiskFull
+        DiskFull
         """
-        self.size_bytes += len(chunk)
-        if self.size_bytes > self._max_bytes:
-            raise too_large(self.size_bytes, self._max_bytes)
-        self._sha256.update(chunk)
         with translate_disk_full():
             self._file.write(chunk)
 
-    def keep(self) -> StoredRecording:
+    def keep(self) -> None:
         """Make the bytes durable under their final name."""
         with translate_disk_full():
             self._file.flush()
@@ -64,7 +54,6 @@ class FolderUpload:
             self._file.close()
             self._part.rename(self._kept)
             sync_folder(self._kept.parent)
-        return StoredRecording(self._kept.name, self._sha256.hexdigest(), self.size_bytes)
 
     def discard(self) -> None:
         """Leave nothing behind; harmless after :meth:`keep`."""
@@ -75,10 +64,9 @@ class FolderUpload:
 
 @dataclass(frozen=True, slots=True)
 class FolderStorage:
-    """A folder of recordings and reports on this machine; ``Storage`` documents the methods."""
+    """A folder of recordings and reports on this machine; ``ByteStore`` documents the methods."""
 
     root: Path
-    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     @property
     def is_local(self) -> bool:
@@ -87,40 +75,42 @@ class FolderStorage:
 
     def prepare(self) -> None:
         """Create missing folders."""
-        for name in ("uploads", "recordings", "analyses"):
+        for name in ("uploads", "recordings", "analyses", "opened"):
             make_folder(self.root / name)
 
     def identify(self) -> str:
         """Give the permanent id of this folder's contents; the first call creates it."""
         return read_or_create_id(self.root / "store.id", "folder")
 
-    def open_upload(self, max_bytes: int) -> FolderUpload:
-        """Start an upload of a recording under a new name."""
-        name = f"rec_{secrets.token_hex(8)}"
+    def open_writer(self, recording_id: str) -> FolderWriter:
+        """Begin a recording under a new name."""
+        part = self.root / "uploads" / f"{recording_id}.part"
         with translate_disk_full():
-            return FolderUpload(self.root / "uploads" / f"{name}.part", self.recording(name), max_bytes)
+            return FolderWriter(part, self.recording(recording_id))
 
     def recording(self, recording_id: str) -> Path:
         """Give the path of a recording."""
         return self.root / "recordings" / recording_id
 
-    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
+    def adopt(self, path: Path, recording_id: str) -> None:
         """Give a durable file of this disk a second name, as a recording; the caller removes the first."""
-        stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        with translate_disk_full():
-            os.link(path, self.recording(stored.id))
-            sync_folder(self.root / "recordings")
-        return stored
+        with translate_disk_full(), suppress(FileExistsError):  # a peer, or a crash, has linked it before
+            os.link(path, self.recording(recording_id))
+        sync_folder(self.root / "recordings")
 
     def fetch(self, name: str) -> Fetched:
-        """Give the file itself, unverified."""
+        """Give the file under a name of its own, which stays when another takes its place."""
+        path = self.root / "opened" / secrets.token_hex(8)
         mark = read_mark(self.root / name)
-        return Fetched(self.root / name, mark, mark)
+        os.link(self.root / name, path, follow_symlinks=True)
+        return Fetched(path, mark, mark)
 
-    def find_mark(self, name: str) -> Mark | None:
-        """Give size, time and inode of a file; None where there is none."""
+    def read_start(self, name: str, count: int) -> tuple[bytes, Mark] | None:
+        """Give the first bytes of a file, and its size, time and inode."""
         try:
-            return read_mark(self.root / name)
+            mark = read_mark(self.root / name)
+            with (self.root / name).open("rb") as file:
+                return file.read(count), mark
         except OSError as error:
             if error.errno not in UNREADABLE:
                 raise
@@ -161,10 +151,17 @@ class FolderStorage:
         return folder
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Do nothing: the attempt has made its files durable, in their final folder."""
+        """Make the files durable, in their final folder."""
+        folder = self.attempt(analysis_id, token)
+        with translate_disk_full():
+            for path in folder.iterdir():
+                sync_file(path)
+            for changed in (folder, folder.parent, folder.parent.parent):
+                sync_folder(changed)
 
     def release(self, path: Path) -> None:
-        """Do nothing: the file is no copy."""
+        """Take the name away."""
+        path.unlink(missing_ok=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of an attempt that does not count."""

@@ -1,10 +1,13 @@
-"""The bytes of resumable uploads (tus): one growing file for each.
+"""The bytes of resumable uploads (tus): one growing file for each, sealed as it grows.
 
-    root/incoming/<upload>
-    root/incoming/<upload>.tail     the file's last bytes, sent ahead to show when the recording ends
+    root/incoming/<upload>          an unfinished sealed file (:mod:`app.storage.sealed`); its head names the
+                                    recording that it will be, whose key exists from the first byte on
+    root/incoming/<upload>.tail     the file's last bytes, sent ahead to show when the recording ends; sealed
+                                    with a key of the upload's own, which goes with them
 
 Nothing here is a recording. The row of the upload states how many of the bytes count: bytes after them were
-written but never acknowledged, and are cut off before more are written.
+written but never acknowledged, and are cut off before more are written. What an earlier release took in clear
+is sealed before more is written.
 """
 
 import hashlib
@@ -14,13 +17,25 @@ import secrets
 import threading
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 from app.errors import TooMany
-from app.storage.store import hash_file, sync_folder, translate_disk_full
+from app.storage.keys import KeyStore
+from app.storage.permissions import create_file
+from app.storage.sealed import (
+    HEAD_BYTES,
+    PIECE_BYTES,
+    Sealer,
+    measure_growing,
+    measure_grown,
+    measure_sealed,
+    read_growing,
+    read_head,
+)
+from app.storage.store import COPY_BYTES, BrokenSeal, sync_file, sync_folder, translate_disk_full
 
 TAIL_SUFFIX = ".tail"
 """The suffix of the file that holds the last bytes, beside the one that holds the first."""
@@ -28,16 +43,13 @@ _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 
 
 class GrowingFile:
-    """The file of one upload, open at its offset."""
+    """The file of one upload, open at its offset; the seal is closed by the last of ``length_bytes``."""
 
-    def __init__(self, path: Path, offset_bytes: int) -> None:
+    def __init__(self, path: Path, keys: KeyStore, offset_bytes: int, length_bytes: int) -> None:
+        self.offset_bytes, self._length_bytes = offset_bytes, length_bytes
         with translate_disk_full():
-            is_new = not path.exists()
-            self._file: IO[bytes] = path.open("r+b" if not is_new else "xb")
-            self._file.truncate(offset_bytes)
-            self._file.seek(offset_bytes)
-        self._folder = path.parent if is_new else None
-        self.offset_bytes = offset_bytes
+            self._file: IO[bytes] = path.open("r+b")
+            self._sealer = None if offset_bytes == length_bytes else _go_on(self._file, keys, offset_bytes)
 
     def write(self, chunk: bytes) -> None:
         """Write the next bytes.
@@ -46,9 +58,13 @@ class GrowingFile:
         ------
         DiskFull
         """
+        if self._sealer is None or not chunk:
+            return
         with translate_disk_full():
-            self._file.write(chunk)
-        self.offset_bytes += len(chunk)
+            self._sealer.write(chunk)
+            self.offset_bytes += len(chunk)
+            if self.offset_bytes == self._length_bytes:
+                self._sealer.close()
 
     def flush(self) -> int:
         """Hand every written byte to the system; gives the offset after them."""
@@ -60,12 +76,23 @@ class GrowingFile:
         """Make every flushed byte durable; more may be written meanwhile."""
         with translate_disk_full():
             os.fsync(self._file.fileno())
-            if self._folder is not None:
-                sync_folder(self._folder)
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _go_on(file: IO[bytes], keys: KeyStore, offset_bytes: int) -> Sealer:
+    """Cut the file behind an offset, and give what seals the bytes from there on."""
+    head = read_head(file.read(HEAD_BYTES))
+    if head is None:
+        raise BrokenSeal
+    sealer = Sealer(file.write, keys.get(head.key_id), head)
+    end = measure_growing(offset_bytes)
+    file.truncate(end)
+    file.seek(end - offset_bytes % PIECE_BYTES)
+    sealer.go_on(offset_bytes, file.read())
+    return sealer
 
 
 @dataclass(slots=True)
@@ -105,6 +132,7 @@ class Incoming:
     """The folder of growing files, and the uploads that have a writer now."""
 
     folder: Path
+    keys: KeyStore
     _busy: set[str] = field(default_factory=set)
     _hashes: dict[str, _Running] = field(default_factory=dict)
     _guard: threading.Lock = field(default_factory=threading.Lock)
@@ -114,15 +142,96 @@ class Incoming:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     def path(self, upload_id: str) -> Path:
-        """Give the path of an upload's bytes."""
+        """Give the path of an upload's sealed bytes."""
         return self.folder / upload_id
+
+    def open(self, upload_id: str, offset_bytes: int, length_bytes: int) -> GrowingFile:
+        """Open the file of an upload at its offset, created where there is none.
+
+        Raises
+        ------
+        DiskFull
+        """
+        path = self.path(upload_id)
+        if not path.exists() or not self._is_sealed(upload_id):
+            self._write_sealed(path, offset_bytes)
+        return GrowingFile(path, self.keys, offset_bytes, length_bytes)
+
+    def complete(self, upload_id: str, length_bytes: int) -> None:
+        """Close the seal of a whole upload, if it is not yet: one that an earlier release took in clear.
+
+        Raises
+        ------
+        FileNotFoundError, DiskFull
+        """
+        path = self.path(upload_id)
+        if path.stat().st_size == measure_sealed(length_bytes) and self._is_sealed(upload_id):
+            return
+        if not self._is_sealed(upload_id):
+            self._write_sealed(path, length_bytes)
+        with translate_disk_full(), path.open("r+b") as file:
+            _go_on(file, self.keys, length_bytes).close()
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _write_sealed(self, path: Path, size_bytes: int) -> None:
+        """Begin a sealed file with the bytes that count of one in clear, if there is one."""
+        key = self.keys.create(f"rec_{secrets.token_hex(8)}")
+        part = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
+        try:
+            with translate_disk_full(), create_file(part) as file:
+                sealer = Sealer(file.write, key)
+                if path.exists():
+                    for piece in _read_plain(path, size_bytes):
+                        sealer.write(piece)
+            with translate_disk_full():
+                sync_file(part)
+                part.replace(path)
+                sync_folder(self.folder)
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _is_sealed(self, upload_id: str) -> bool:
+        with self.path(upload_id).open("rb") as file:
+            return read_head(file.read(HEAD_BYTES)) is not None
+
+    def find_recording_id(self, upload_id: str) -> str | None:
+        """Give the id of the recording that an upload is to be; None before its first byte."""
+        try:
+            with self.path(upload_id).open("rb") as file:
+                head = read_head(file.read(HEAD_BYTES))
+        except FileNotFoundError:
+            return None
+        return None if head is None else head.key_id
 
     def measure(self, upload_id: str) -> int:
         """Give the number of an upload's bytes that are on the disk."""
         try:
-            return self.path(upload_id).stat().st_size
+            size_bytes = self.path(upload_id).stat().st_size
+            return measure_grown(size_bytes) if self._is_sealed(upload_id) else size_bytes
         except FileNotFoundError:
             return 0
+
+    def read_pieces(self, upload_id: str, size_bytes: int) -> Iterator[bytes]:
+        """Give the first ``size_bytes`` of an upload, piece by piece.
+
+        Raises
+        ------
+        FileNotFoundError, BrokenSeal, KeyGone
+        """
+        path = self.path(upload_id)
+        with path.open("rb") as file:
+            head = read_head(file.read(HEAD_BYTES))
+            if head is None:
+                yield from _read_plain(path, size_bytes)
+            else:
+                yield from read_growing(file, self.keys.get(head.key_id), head, size_bytes)
+
+    def read_first(self, upload_id: str, count: int) -> bytes:
+        """Give the first bytes of an upload; none where they cannot be read."""
+        with suppress(FileNotFoundError, BrokenSeal):
+            return b"".join(self.read_pieces(upload_id, count))
+        return b""
 
     def acquire(self, upload_id: str) -> bool:
         """Become the only writer of an upload; False while there is another."""
@@ -154,7 +263,10 @@ class Incoming:
         running = self._hashes.get(upload_id)
         if running is not None and running.offset_bytes == size_bytes:
             return running.sha256.hexdigest()
-        return hash_file(self.path(upload_id))
+        sha256 = hashlib.sha256()
+        for piece in self.read_pieces(upload_id, size_bytes):
+            sha256.update(piece)
+        return sha256.hexdigest()
 
     def keep_tail(self, upload_id: str, tail: bytes) -> None:
         """Keep the last bytes of a file whose upload is under way, whole or not at all.
@@ -166,43 +278,61 @@ class Incoming:
         part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
         try:
             with translate_disk_full():
-                part.write_bytes(tail)
+                sealed = self.keys.create(upload_id).seal(tail, TAIL_SUFFIX)
+                part.write_bytes(sealed)
                 part.replace(self._tail_path(upload_id))
         finally:
             part.unlink(missing_ok=True)
 
     def read_tail(self, upload_id: str) -> bytes | None:
         """Give the last bytes of a file; None where they were not sent ahead."""
-        try:
-            return self._tail_path(upload_id).read_bytes()
-        except FileNotFoundError:
-            return None
+        key = self.keys.find(upload_id)
+        with suppress(FileNotFoundError, BrokenSeal):
+            return None if key is None else key.open(self._tail_path(upload_id).read_bytes(), TAIL_SUFFIX)
+        return None
 
     def forget_tail(self, upload_id: str) -> None:
-        """Remove the last bytes that were sent ahead."""
+        """Destroy the key of the last bytes that were sent ahead, and remove them."""
+        if self._tail_path(upload_id).exists():
+            self.keys.destroy(upload_id)
         self._tail_path(upload_id).unlink(missing_ok=True)
 
     def _tail_path(self, upload_id: str) -> Path:
         return self.folder / f"{upload_id}{TAIL_SUFFIX}"
 
     def forget(self, upload_id: str) -> None:
-        """Remove the bytes of an upload."""
+        """Remove the bytes of an upload; the key is that of the recording, if it is one now."""
         self._hashes.pop(upload_id, None)
         self.path(upload_id).unlink(missing_ok=True)
         self.forget_tail(upload_id)
 
-    def sweep(self, growing: Collection[str], known: Collection[str], min_age_s: float) -> int:
-        """Remove the files of known uploads that have ended, and old ones of unknown uploads.
+    def find_stale(
+        self, growing: Collection[str], known: Collection[str], min_age_s: float
+    ) -> frozenset[str]:
+        """Find the known uploads that have ended, and old unknown ones, of which there are files.
 
-        Any file that is not ours is left alone. Returns how many were removed.
+        Any file that is not ours is left alone.
         """
         newest_s = time.time() - min_age_s
-        stale = [
-            path
+        return frozenset(
+            found[1]
             for path in self.folder.iterdir()
             if (found := _OWN_NAME.fullmatch(path.name)) and found[1] not in growing and path.is_file()
             if found[1] in known or path.stat().st_mtime <= newest_s
-        ]
-        for path in stale:
+        )
+
+    def sweep(self, upload_id: str) -> int:
+        """Remove every file of an upload; gives their number."""
+        self.forget_tail(upload_id)
+        left = [path for path in self.folder.glob(f"{upload_id}*") if _OWN_NAME.fullmatch(path.name)]
+        for path in left:
             path.unlink(missing_ok=True)
-        return len(stale)
+        return len(left)
+
+
+def _read_plain(path: Path, size_bytes: int) -> Iterator[bytes]:
+    """Give the first bytes of a file in clear."""
+    with path.open("rb") as file:
+        while piece := file.read(min(COPY_BYTES, size_bytes)):
+            size_bytes -= len(piece)
+            yield piece

@@ -22,12 +22,14 @@ OUR_FOLDERS = frozenset(
         "incoming",
         "inspections",
         "organisations",
+        "keys",
+        "opened",
         "quarantine",
         "recordings",
         "uploads",
     }
 )
-OUR_FILES = frozenset({"secret", "server.id", "server.lock", "store.id"})
+OUR_FILES = frozenset({"organisation.key", "secret", "server.id", "server.lock", "store.id"})
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

@@ -1,6 +1,7 @@
 """The interface of the two stores, how stored files are verified, and how a file becomes durable.
 
     root/uploads/<recording>.part        bytes still arriving
+    root/opened/<hex>                    copies in clear, as long as somebody reads them
     root/recordings/<recording>          bytes whose arrival was acknowledged
     root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.jobs.side_files`)
     root/quarantine/<name>               unknown entries of the recordings; only people remove them
@@ -39,6 +40,7 @@ from app.errors import (
     FolderReadOnly,
     FolderTaken,
     FolderUnusable,
+    KeyGone,
     ResultDamaged,
     StoreDamaged,
 )
@@ -58,6 +60,11 @@ UNREADABLE = frozenset(
 """The system's error numbers for a file that is missing, is no file, or lies on a broken disk."""
 
 logger = logging.getLogger(__name__)
+
+
+class BrokenSeal(ValueError):
+    """The bytes were altered, or sealed with another key or about something else."""
+
 
 Mark = tuple[int | str, ...]
 """It changes when stored bytes change: size, time and inode of a file, size and ETag of an object."""
@@ -121,7 +128,9 @@ class VerifiedFiles:
 class Upload(Protocol):
     """Bytes that arrive, hashed as they come."""
 
-    size_bytes: int
+    @property
+    def size_bytes(self) -> int:
+        """How many bytes have come."""
 
     def write(self, chunk: bytes) -> None:
         """Write the next bytes. Raises FileTooLarge, DiskFull, StoreAway."""
@@ -134,10 +143,10 @@ class Upload(Protocol):
 
 
 class Storage(Protocol):
-    """The store of recordings and results: a folder, or a bucket with a folder for temporary files.
+    """The store of recordings and results; what it keeps is sealed (:mod:`app.storage.sealing`).
 
-    :meth:`fetch` gives a file on this machine, which the caller releases. It verifies nothing: whatever is
-    shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
+    :meth:`fetch` gives a copy in clear on this machine, which the caller releases. It verifies nothing:
+    whatever is shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
     """
 
     @property
@@ -162,25 +171,37 @@ class Storage(Protocol):
         """Start an upload of a recording under a new name."""
 
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
-        """Store a durable file of this machine as a recording; the caller removes it after the commit."""
+        """Store a durable sealed file of this machine as a recording; the caller removes it later."""
 
     def fetch(self, name: str) -> Fetched:
-        """Give a file by its name in the store, unverified. Raises FileNotFoundError, StoreAway."""
+        """Give a file by its name in the store, in clear, unverified.
+
+        Raises FileNotFoundError, BrokenSeal, KeyGone, StoreAway.
+        """
+
+    def hash(self, name: str) -> tuple[str, Mark]:
+        """Give the SHA-256 of a file's content, and its mark. Raises FileNotFoundError, BrokenSeal."""
+
+    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
+        """Give a part of a file's content. Raises FileNotFoundError, BrokenSeal, KeyGone."""
 
     def find_mark(self, name: str) -> Mark | None:
-        """Give the mark of a file, its size first; None where there is none."""
+        """Give the mark of a file, the size of its content first; None where there is none."""
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording, then its side file; no harm when they are gone."""
+        """Destroy a recording's key, then remove it and its side file; no harm when they are gone."""
 
     def put(self, path: Path, name: str) -> None:
-        """Store a durable file of this machine under a name of the store (``recordings/...``)."""
+        """Store a file of this machine as it is under a name of the store (``recordings/...``)."""
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Create an empty folder on this machine for the files of one attempt."""
 
-    def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Make the attempt's files readable from every machine, before its row states that it counts."""
+    def keep_attempt(self, analysis_id: str, token: str, recording_id: str) -> None:
+        """Seal the attempt's files, and make them durable and readable from every machine.
+
+        This comes before the row states that the attempt counts.
+        """
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of an attempt that does not count."""
@@ -250,6 +271,18 @@ def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterat
     """
     with _borrow(storage, format_recording_name(recording_id), sha256, StoreDamaged()) as path:
         yield path
+
+
+def read_recording(storage: Storage, recording_id: str, first_byte: int, count: int) -> bytes:
+    """Read a part of a recording; its seal proves that part alone.
+
+    Raises
+    ------
+    StoreDamaged, KeyGone
+    """
+    name = format_recording_name(recording_id)
+    with _translate_read_errors(name, StoreDamaged()):
+        return storage.read_part(name, first_byte, count)
 
 
 def is_result_whole(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> bool:
@@ -331,6 +364,9 @@ def _translate_read_errors(name: str, damaged: AppError) -> Iterator[None]:
             raise
         logger.error("%s cannot be read: %s", name, error.strerror or "missing")
         raise damaged from error
+    except BrokenSeal as error:
+        logger.error("%s is damaged: its seal is broken", name)
+        raise damaged from error
 
 
 def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
@@ -338,10 +374,15 @@ def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
     if mark is None or storage.verified.is_known(name, sha256, mark):
         return mark is not None
     try:
-        with _borrow(storage, name, sha256, StoreDamaged()):
-            return True
-    except StoreDamaged:
+        with _translate_read_errors(name, StoreDamaged()):
+            found, mark = storage.hash(name)
+    except (StoreDamaged, KeyGone):
         return False
+    if found != sha256:
+        logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
+        return False
+    storage.verified.remember(name, sha256, mark)
+    return True
 
 
 class FolderLock:
@@ -361,18 +402,10 @@ class FolderLock:
         self._file.close()
 
 
-def seal_folder(folder: Path) -> tuple[ResultFile, ...]:
-    """Make every file of a folder durable; gives name, SHA-256 and size of each."""
-    files = tuple(_seal_file(path) for path in sorted(folder.iterdir()))
-    for changed in (folder, folder.parent, folder.parent.parent):
-        sync_folder(changed)
-    return files
-
-
-def _seal_file(path: Path) -> ResultFile:
-    sha256 = hash_file(path)
-    sync_file(path)
-    return ResultFile(path.name, sha256, path.stat().st_size)
+def describe_files(folder: Path) -> tuple[ResultFile, ...]:
+    """Give name, SHA-256 and size of every file of a folder."""
+    paths = sorted(folder.iterdir())
+    return tuple(ResultFile(path.name, hash_file(path), path.stat().st_size) for path in paths)
 
 
 def hash_file(path: Path) -> str:
@@ -423,6 +456,12 @@ def sync_folder(folder: Path) -> None:
 def format_side_file_name(recording_id: str) -> str:
     """Give the name of a recording's side file in the store."""
     return f"recordings/{recording_id}{SIDE_SUFFIX}"
+
+
+def find_owner(name: str) -> str | None:
+    """Give the recording that a side file, or its copy in quarantine, belongs to; None for another name."""
+    owner = name.rpartition("/")[2].partition(".")[0]
+    return owner if owner.startswith("rec_") else None
 
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:

@@ -141,7 +141,7 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
         still = {file.name for file in find_kept(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
-    with closing(JobStore(settings.database_url)) as store:  # no backup holds a recording without a row
+    with closing(JobStore(settings)) as store:  # no backup holds a recording without a row
         unknown = find_unknown(store, storage).recoverable
     return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
@@ -288,7 +288,7 @@ def restore(settings: Settings, path: Path) -> Copied:
             copied = _restore_files(settings, archive)
             _drop_tables(connection)
             _restore_rows(connection, archive, manifest["revision"])
-        with closing(JobStore(settings.database_url)) as store:
+        with closing(JobStore(settings)) as store:
             catch_up(store, open_storage(settings))
         return copied
     finally:

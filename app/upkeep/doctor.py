@@ -114,7 +114,7 @@ def _examine_store(settings: Settings) -> Examination:
 def _examine_recordings(settings: Settings) -> Examination:
     """Check that every stored recording has a row."""
     try:
-        with closing(JobStore(settings.database_url)) as store:
+        with closing(JobStore(settings)) as store:
             unknown = find_unknown(store, open_storage(settings)).recoverable
     except (AppError, SQLAlchemyError, OSError):
         return Examination("recordings", healthy=True)  # database and store have checks of their own
@@ -198,7 +198,7 @@ def _examine_memory(settings: Settings) -> Examination:
 def _examine_trail(settings: Settings) -> Examination:
     """Prove the chain of the trail, to the head that is written down where there is one."""
     try:
-        with closing(JobStore(settings.database_url)) as store:
+        with closing(JobStore(settings)) as store:
             number, faults = check_chain(store.reader, find_anchors(settings) or ())
     except (AppError, SQLAlchemyError, OSError):
         return Examination("trail", healthy=True)  # the database has a check of its own

@@ -187,7 +187,7 @@ def recover(settings: Settings) -> Recovered:
     lock = FolderLock(settings.data_dir)
     try:
         bring_up_to_date(settings.database_url, settings.data_dir / "backups")
-        with closing(JobStore(settings.database_url)) as store:
+        with closing(JobStore(settings)) as store:
             store.check_belongs(storage.identify())
             recovered = _recover(store, storage)
             record_alone(store.engine, "store.recovered", {"added": recovered.recordings}, AT_MACHINE)

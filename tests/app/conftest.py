@@ -16,7 +16,7 @@ from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import Storage
+from app.storage.sealing import SealedStorage
 from app.upkeep import verify
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
@@ -84,7 +84,7 @@ def settings(tmp_path: Path, database: str, objects: str) -> Settings:
 
 
 @pytest.fixture
-def storage(settings: Settings) -> Storage:
+def storage(settings: Settings) -> SealedStorage:
     """The folder or the bucket, prepared."""
     kept = open_storage(settings)
     kept.prepare()
@@ -94,13 +94,13 @@ def storage(settings: Settings) -> Storage:
 @pytest.fixture
 def store(settings: Settings) -> Iterator[JobStore]:
     """A real database."""
-    opened = JobStore(settings.database_url)
+    opened = JobStore(settings)
     yield opened
     opened.close()
 
 
 @pytest.fixture
-def add_job(store: JobStore, storage: Storage) -> AddJob:
+def add_job(store: JobStore, storage: SealedStorage) -> AddJob:
     """Store a recording and queue its analysis."""
 
     def add(content: bytes = b"recording", file_name: str = "shift.gt3x", subject: str = "") -> Job:

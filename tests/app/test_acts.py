@@ -21,7 +21,7 @@ from app.jobs.studies import identify_study
 from app.main import create_app
 from app.request import Conclusion
 from app.settings import Settings
-from app.storage.store import ResultFile, Storage, seal_folder
+from app.storage.store import ResultFile, Storage, describe_files
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob
 
@@ -249,8 +249,8 @@ def test_what_an_earlier_release_did_not_keep_is_read_from_the_files_of_the_repo
     folder = storage.open_attempt(job.id, str(claimed.token))
     for name, content in (("results.json", results), ("findings.json", findings)):
         (folder / name).write_text(json.dumps(content))
-    files = seal_folder(folder)
-    storage.keep_attempt(job.id, str(claimed.token))
+    files = describe_files(folder)
+    storage.keep_attempt(job.id, str(claimed.token), job.recording_id)
     assert store.finish(job.id, str(claimed.token), files, HeadlineFigures("good", None, 1.0, 1.0))
     with store.engine.begin() as connection:
         connection.execute(update(answers).values(method=None, method_version=None, day=None))

@@ -14,6 +14,7 @@ from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
+from app.storage.labels import Label
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
@@ -327,10 +328,11 @@ def test_an_inspection_is_made_once_and_gives_the_start(client: TestClient, smal
 def test_an_inspection_that_cannot_be_read_is_made_again(
     client: TestClient, store: JobStore, small_gt3x: bytes, damaged: str
 ) -> None:
-    address = f"{URL}/{keep(client, small_gt3x, file_name='shift.gt3x')['id']}"
+    kept = keep(client, small_gt3x, file_name="shift.gt3x")
+    address = f"{URL}/{kept['id']}"
     found = client.get(f"{address}/inspection").json()
 
-    store.run(update(recordings).values(inspection=damaged))
+    store.run(update(recordings).values(inspection=Label(kept["id"], damaged)))
 
     assert client.get(address).status_code == 200
     assert client.get(f"{address}/inspection").json() == found

@@ -14,6 +14,8 @@ from app.main import create_app
 from app.services import find_services
 from app.settings import Settings
 from app.storage.incoming import Incoming
+from app.storage.open import open_storage
+from app.storage.sealing import SealedStorage
 from fusion.simulation import simulate_shift, write_shift
 from tests.app.test_api_uploads import TUS, URL, announce, append, files_of
 
@@ -79,8 +81,8 @@ def test_a_tail_is_no_part_of_the_recording_and_gone_with_the_upload(
     append(client, address, 0, b"0123")
 
     assert kept == [address.rpartition("/")[2] + ".tail"]
-    stored = [path for path in files_of(settings) if path.suffix != ".json"]
-    assert [path.read_bytes() for path in stored] == [b"0123"]
+    (stored,) = [path for path in files_of(settings) if path.suffix != ".json"]
+    assert open_storage(settings).read_part(f"recordings/{stored.name}", 0, 100) == b"0123"
 
 
 def test_a_terminated_upload_leaves_no_tail(client: TestClient, settings: Settings) -> None:
@@ -148,11 +150,12 @@ def test_tails_of_uploads_under_way_outlast_a_restart_and_others_do_not(
     assert kept == [name]
 
 
-def test_a_tail_is_replaced_whole(tmp_path: Path) -> None:
-    incoming = Incoming(tmp_path)
+def test_a_tail_is_replaced_whole(tmp_path: Path, storage: SealedStorage) -> None:
+    incoming = Incoming(tmp_path / "incoming", storage.keys)
+    incoming.prepare()
     incoming.keep_tail("up_1", b"first")
 
     incoming.keep_tail("up_1", b"second")
 
     assert incoming.read_tail("up_1") == b"second"
-    assert [path.name for path in tmp_path.iterdir()] == ["up_1.tail"]
+    assert [path.name for path in incoming.folder.iterdir()] == ["up_1.tail"]

@@ -6,6 +6,7 @@ import hashlib
 import io
 import os
 import secrets
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -23,6 +24,9 @@ from app.jobs.store import JobStore
 from app.services import Services
 from app.settings import Settings
 from app.storage.folder import FolderStorage
+from app.storage.keys import FolderKeys, KeyStore
+from app.storage.sealed import HEAD_BYTES
+from app.storage.sealing import SealedStorage
 from app.storage.store import (
     VERIFIED_TERM_S,
     ResultFile,
@@ -56,7 +60,7 @@ def remove(storage: Any, name: str) -> None:
     if storage.is_local:
         (storage.root / name).unlink()
     else:
-        storage._delete([name])
+        storage.inner._delete([name])
 
 
 def spoil(storage: Storage, name: str, how: str) -> None:
@@ -516,67 +520,83 @@ def clock() -> Hours:
     return Hours()
 
 
+def open_folder(root: Path, clock: Callable[[], float] = time.monotonic) -> SealedStorage:
+    keys = KeyStore(FolderKeys(root / "keys"), root / "organisation.key")
+    return SealedStorage(FolderStorage(root), keys, VerifiedFiles(clock))
+
+
 @pytest.fixture
-def folder(tmp_path: Path, clock: Hours) -> FolderStorage:
+def folder(tmp_path: Path, clock: Hours) -> SealedStorage:
     """A folder with one result, and a clock of the test's own."""
-    kept = FolderStorage(tmp_path / "kept", VerifiedFiles(clock))
+    kept = open_folder(tmp_path / "kept", clock)
     kept.prepare()
     (kept.open_attempt("an_1", "t") / "a.txt").write_bytes(b"whole")
+    kept.keep_attempt("an_1", "t", "rec_1")
     return kept
 
 
-def read(folder: FolderStorage) -> bytes:
+def read(folder: SealedStorage) -> bytes:
     with borrow_result(folder, "an_1", "t", RESULT) as path:
         return path.read_bytes()
 
 
-def rot(folder: FolderStorage) -> None:
+def rot(folder: SealedStorage) -> None:
     """Alter bytes as a disk does: neither size nor time nor inode tells."""
-    path = folder.attempt("an_1", "t") / "a.txt"
+    path = folder.root / "analyses" / "an_1" / "t" / "a.txt"
     status = path.stat()
     with path.open("r+b") as file:
-        file.write(b"W")
+        file.seek(HEAD_BYTES)
+        file.write(bytes(5))
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
-def test_a_verdict_spares_another_reading(folder: FolderStorage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_verdict_spares_another_reading(folder: SealedStorage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
     monkeypatch.setattr("app.storage.store.hash_file", lambda _: pytest.fail("read again"))
 
     assert read(folder) == b"whole"
 
 
-def test_a_verdict_counts_for_an_hour_at_most(folder: FolderStorage, clock: Hours) -> None:
+def test_a_verdict_counts_for_an_hour_at_most(
+    folder: SealedStorage, clock: Hours, monkeypatch: pytest.MonkeyPatch
+) -> None:
     read(folder)
-    rot(folder)
-
     clock.now_s = VERIFIED_TERM_S
+    monkeypatch.setattr("app.storage.store.hash_file", lambda _: "0" * 64)
 
     with pytest.raises(ResultDamaged):
         read(folder)
 
 
-def test_a_verdict_does_not_outlive_the_start(folder: FolderStorage) -> None:
+def test_what_rots_breaks_its_seal_whatever_the_verdict(folder: SealedStorage) -> None:
     read(folder)
     rot(folder)
 
     with pytest.raises(ResultDamaged):
-        read(FolderStorage(folder.root))
+        read(folder)
 
 
-def test_a_verdict_is_of_one_digest(folder: FolderStorage) -> None:
+def test_a_verdict_does_not_outlive_the_start(folder: SealedStorage, monkeypatch: pytest.MonkeyPatch) -> None:
+    read(folder)
+    monkeypatch.setattr("app.storage.store.hash_file", lambda _: "0" * 64)
+
+    with pytest.raises(ResultDamaged):
+        read(open_folder(folder.root))
+
+
+def test_a_verdict_is_of_one_digest(folder: SealedStorage) -> None:
     read(folder)
 
     with pytest.raises(ResultDamaged), borrow_result(folder, "an_1", "t", ResultFile("a.txt", "0" * 64, 5)):
         pass
 
 
-def test_a_file_that_is_altered_while_it_is_read_is_damaged(folder: FolderStorage) -> None:
+def test_a_file_that_is_altered_while_it_is_read_is_damaged(folder: SealedStorage) -> None:
     with pytest.raises(ResultDamaged), borrow_result(folder, "an_1", "t", RESULT) as path:
         path.write_bytes(b"other")
 
 
-def test_a_file_that_is_replaced_by_the_same_bytes_while_it_is_read_is_whole(folder: FolderStorage) -> None:
+def test_a_file_that_is_replaced_by_the_same_bytes_while_it_is_read_is_whole(folder: SealedStorage) -> None:
     with borrow_result(folder, "an_1", "t", RESULT) as path:
         path.unlink()
         path.write_bytes(b"whole")

@@ -183,7 +183,7 @@ def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
     settings.data_dir.mkdir(exist_ok=True)
 
     with ThreadPoolExecutor(4) as pool:
-        stores = list(pool.map(lambda _: JobStore(settings.database_url), range(4)))
+        stores = list(pool.map(lambda _: JobStore(settings), range(4)))
 
     assert [one.find_newest() for one in stores] == [(), (), (), ()]
     for one in stores:

@@ -23,6 +23,7 @@ from app.jobs.processes.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.jobs.worker import reclaim_abandoned, run_next
 from app.settings import Settings
+from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
@@ -449,7 +450,7 @@ def test_a_holder_beats_while_the_store_is_slow(
     job = add_job()
     road = SlowRoad(storage, store, way)
 
-    run_next(replace(bench(stand_ins.write_report, heartbeat_s=0.1), storage=cast("Storage", road)))
+    run_next(replace(bench(stand_ins.write_report, heartbeat_s=0.1), storage=cast("SealedStorage", road)))
 
     assert len(road.beats) == 3
     assert store.get(job.id).state is JobState.SUCCEEDED

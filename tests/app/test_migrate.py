@@ -18,6 +18,7 @@ from app.jobs.database.migrate import configure, migrate, upgrade
 from app.jobs.database.tables import REVISION, metadata
 from app.jobs.store import JobStore
 from app.request import ReportRequest
+from app.settings import Settings
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
@@ -99,7 +100,7 @@ def test_an_earlier_release_s_rows_are_copied_and_kept(engine: Engine, database:
 
     copy = migrate(database, tmp_path / "backups")
 
-    store = JobStore(database)
+    store = JobStore(Settings(data_dir=tmp_path, database_url=database))
     assert store.get("an_1").file_name == "Équipe.gt3x"
     store.close()
     assert copy is not None
@@ -107,7 +108,9 @@ def test_an_earlier_release_s_rows_are_copied_and_kept(engine: Engine, database:
         assert json.loads(archive.read("rows/recordings.jsonl"))["file_name"] == "Équipe.gt3x"
 
 
-def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(engine: Engine, database: str) -> None:
+def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(
+    engine: Engine, database: str, tmp_path: Path
+) -> None:
     asked = ReportRequest("a.gt3x").to_json()
     common = f"'rec_1', '{asked}', 'api', 'queued', 0, 0, 0"
     columns = "id, recording_id, request, way_in, state, progress, attempts, beats, created_at, batch_id"
@@ -120,7 +123,7 @@ def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(engine: Engi
             connection.exec_driver_sql(f"INSERT INTO analyses ({columns}) VALUES ({row})")
         upgrade(connection)
 
-    store = JobStore(database)
+    store = JobStore(Settings(data_dir=tmp_path, database_url=database))
     batches = BatchStore(store.engine, store.reader)
     assert [job.id for job in batches.find_jobs("ba_1")] == ["an_b", "an_a"]
     assert (batches.get("ba_1").item_count, batches.get("ba_1").duplicate_count) == (2, 0)

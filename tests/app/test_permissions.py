@@ -28,7 +28,7 @@ def mode_of(path: Path) -> int:
 
 
 def test_a_new_database_and_its_log_are_made_with_mode_600(settings: Settings) -> None:
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
 
     found = {path.name: mode_of(path) for path in settings.data_dir.iterdir()}
     store.close()

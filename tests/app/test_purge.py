@@ -18,6 +18,7 @@ from app.jobs.webhooks import EVENTS, WebhookStore
 from app.services import Services, find_services
 from app.settings import Settings
 from app.storage.decoded import DecodedCache, hash_entry_key
+from app.storage.open import open_storage
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, do_next, on_both_set_ups
@@ -132,18 +133,17 @@ def test_no_line_of_the_log_holds_one(caplog: pytest.LogCaptureFixture) -> None:
     assert CANARY not in written
 
 
-def keep_samples(settings: Settings, sha256: str) -> Path:
-    """Keep the samples of a file as a worker does; gives the folder."""
-    cache = DecodedCache(settings.data_dir / "cache", 1 << 20)
-    recording = hold((0, 1)).recording
-    object.__setattr__(recording, "sha256", sha256)
-    cache.keep(hash_entry_key(sha256, "", ""), recording)
+def keep_samples(settings: Settings, recording_id: str) -> Path:
+    """Keep the samples of a recording as a worker does; gives the folder."""
+    key = open_storage(settings).find_key(recording_id)
+    cache = DecodedCache(settings.data_dir / "cache", 1 << 20).of(key)
+    cache.keep(hash_entry_key("", "", ""), hold((0, 1)).recording)
     return cache.folder
 
 
 def test_a_purge_removes_the_decoded_samples(client: TestClient, settings: Settings) -> None:
     kept = client.post("/api/v1/recordings", content=b"x").json()
-    folder = keep_samples(settings, kept["sha256"])
+    folder = keep_samples(settings, kept["id"])
     assert len(list(folder.iterdir())) == 1
 
     client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
@@ -154,8 +154,8 @@ def test_a_purge_removes_the_decoded_samples(client: TestClient, settings: Setti
 def test_decoded_samples_of_the_same_bytes_in_another_recording_stay(
     client: TestClient, settings: Settings
 ) -> None:
-    first, _second = (client.post("/api/v1/recordings", content=b"x").json() for _ in range(2))
-    folder = keep_samples(settings, first["sha256"])
+    first, second = (client.post("/api/v1/recordings", content=b"x").json() for _ in range(2))
+    folder = keep_samples(settings, second["id"])
 
     client.delete(f"/api/v1/recordings/{first['id']}", params={"purge": True})
 
@@ -165,7 +165,7 @@ def test_decoded_samples_of_the_same_bytes_in_another_recording_stay(
 def test_samples_that_were_written_after_their_recording_was_purged_go_too(
     services: Services, settings: Settings
 ) -> None:
-    folder = keep_samples(settings, "ab" * 32)
+    folder = keep_samples(settings, "rec_of_nobody")
 
     grow_older(services, 60.0)
 

@@ -8,62 +8,52 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import DiskFull, FileTooLarge, FolderTaken
-from app.storage.folder import FolderStorage, FolderUpload
-from app.storage.store import FolderLock, seal_folder
+from app.errors import DiskFull, FolderTaken
+from app.settings import Settings
+from app.storage.folder import FolderStorage, FolderWriter
+from app.storage.store import FolderLock, describe_files
+
+
+@pytest.fixture
+def storage(settings: Settings) -> FolderStorage:
+    """The folder alone: the bytes that it gets are sealed already."""
+    folder = FolderStorage(settings.data_dir)
+    folder.prepare()
+    return folder
 
 
 def list_files(storage: FolderStorage) -> list[Path]:
     return [path for path in storage.root.rglob("*") if path.is_file()]
 
 
-def test_a_kept_upload_is_one_file_with_the_bytes_that_came(storage: FolderStorage) -> None:
-    upload = storage.open_upload(100)
+def test_kept_bytes_are_one_file_as_they_came(storage: FolderStorage) -> None:
+    writer = storage.open_writer("rec_1")
 
-    upload.write(b"abc")
-    upload.write(b"def")
-    stored = upload.keep()
+    writer.write(b"abc")
+    writer.write(b"def")
+    writer.keep()
 
-    assert list_files(storage) == [storage.recording(stored.id)]
-    assert storage.recording(stored.id).read_bytes() == b"abcdef"
-
-
-def test_the_hash_is_that_of_the_whole_upload(storage: FolderStorage) -> None:
-    upload = storage.open_upload(100)
-
-    upload.write(b"abc")
-    upload.write(b"def")
-
-    assert upload.keep().sha256 == hashlib.sha256(b"abcdef").hexdigest()
+    assert list_files(storage) == [storage.recording("rec_1")]
+    assert storage.recording("rec_1").read_bytes() == b"abcdef"
 
 
-def test_a_discarded_upload_leaves_nothing(storage: FolderStorage) -> None:
-    upload = storage.open_upload(100)
-    upload.write(b"abc")
+def test_discarded_bytes_leave_nothing(storage: FolderStorage) -> None:
+    writer = storage.open_writer("rec_1")
+    writer.write(b"abc")
 
-    upload.discard()
+    writer.discard()
 
     assert list_files(storage) == []
 
 
 def test_discarding_after_keeping_does_no_harm(storage: FolderStorage) -> None:
-    upload = storage.open_upload(100)
-    upload.write(b"abc")
-    stored = upload.keep()
+    writer = storage.open_writer("rec_1")
+    writer.write(b"abc")
+    writer.keep()
 
-    upload.discard()
+    writer.discard()
 
-    assert storage.recording(stored.id).read_bytes() == b"abc"
-
-
-def test_the_last_byte_allowed_is_taken_and_the_next_refused(storage: FolderStorage) -> None:
-    upload = storage.open_upload(6)
-    upload.write(b"abcdef")
-
-    with pytest.raises(FileTooLarge):
-        upload.write(b"g")
-
-    upload.discard()
+    assert storage.recording("rec_1").read_bytes() == b"abc"
 
 
 def test_a_disk_that_is_too_full_is_refused_before_the_first_byte(storage: FolderStorage) -> None:
@@ -80,16 +70,16 @@ def test_a_disk_that_fills_up_while_writing_is_named_as_that(tmp_path: Path) -> 
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full on this system")
-    upload = FolderUpload(tmp_path / "a.part", tmp_path / "a", max_bytes=1 << 30)
-    upload._file.close()
-    upload._file = full.open("wb", buffering=0)
+    writer = FolderWriter(tmp_path / "a.part", tmp_path / "a")
+    writer._file.close()
+    writer._file = full.open("wb", buffering=0)
 
     with pytest.raises(DiskFull) as refusal:
-        upload.write(b"abc")
+        writer.write(b"abc")
 
     assert isinstance(refusal.value.__cause__, OSError)
     assert refusal.value.__cause__.errno == errno.ENOSPC
-    upload.discard()
+    writer.discard()
 
 
 OWN_PART = "rec_0123456789abcdef.part"
@@ -156,12 +146,12 @@ def test_what_is_set_aside_replaces_nothing_in_quarantine(storage: FolderStorage
     assert sorted(kept) == [b"first", b"second"]
 
 
-def test_sealing_a_folder_tells_every_file_with_its_hash(storage: FolderStorage) -> None:
+def test_a_folder_is_described_by_every_file_with_its_hash(storage: FolderStorage) -> None:
     folder = storage.open_attempt("an_1", "t")
     (folder / "b.csv").write_bytes(b"xy")
     (folder / "a.json").write_bytes(b"")
 
-    files = seal_folder(folder)
+    files = describe_files(folder)
 
     assert [(file.name, file.size_bytes) for file in files] == [("a.json", 0), ("b.csv", 2)]
     assert files[1].sha256 == hashlib.sha256(b"xy").hexdigest()

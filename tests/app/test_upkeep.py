@@ -115,7 +115,7 @@ def test_a_restored_backup_holds_every_row_and_every_byte(
 
     assert restored.exit_code == 0, restored.output
     assert acromion("verify").exit_code == 0
-    store = JobStore(new.database_url)
+    store = JobStore(new)
     assert store.get(finished.id) == finished
     store.close()
 
@@ -339,7 +339,7 @@ def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
     assert restored.exit_code == 1
     assert f"MISSING recordings/{finished.recording_id}" in restored.output
     assert f"MISSING recordings/{finished.recording_id}" in acromion("verify").output
-    store = JobStore(new.database_url)
+    store = JobStore(new)
     assert store.get(finished.id) == finished
     store.close()
 
@@ -454,7 +454,7 @@ def test_an_upload_under_way_is_not_restored_for_its_bytes_are_not_in_the_backup
 
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
-    restored = JobStore(Settings(data_dir=tmp_path / "new").database_url)
+    restored = JobStore(Settings(data_dir=tmp_path / "new"))
     assert UploadStore(restored.engine, restored.reader).find_growing() == frozenset()
     restored.close()
 
@@ -547,7 +547,7 @@ def test_an_analysis_that_ran_waits_again_after_a_restore(
 
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
-    restored = JobStore(Settings(data_dir=tmp_path / "new").database_url)
+    restored = JobStore(Settings(data_dir=tmp_path / "new"))
     assert (restored.get(job.id).state, restored.get(job.id).attempts) == (JobState.QUEUED, 0)
     restored.close()
 

@@ -197,7 +197,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
     """I1, I2, I3, I5: all that was acknowledged is there, whole, in a state that may follow the last seen."""
     broken: list[str] = []
     acknowledged = journal.recordings.copy()  # first: what is acknowledged later need not be read
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     jobs = {job.id: job for job in store.find_newest(1_000_000)}
     store.close()
     for analysis_id, (recording_id, sha256) in acknowledged.items():
@@ -216,7 +216,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
 
 def check_settled(settings: Settings, journal: Journal) -> list[str]:
     """I4, I6, I7, I15: undisturbed, every analysis ends well, once, and nothing half-made is left."""
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     try:
         _wait_for_ends(store)
         _retry_set_aside(store, journal)
@@ -269,7 +269,7 @@ def _list_open(store: JobStore) -> list[Job]:
 
 def count_blamed(settings: Settings) -> int:
     """Count the analyses that ended as E-CRASHED: every recording here is sound."""
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     blamed = store.count_problems().get(Crashed.code, 0)
     store.close()
     return blamed

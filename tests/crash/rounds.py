@@ -88,7 +88,7 @@ def _kill_one(site: Site, journal: Journal, dice: random.Random) -> None:
 def _kill_all_at_work(site: Site, journal: Journal, dice: random.Random) -> None:
     """Kill everything at a random instant of an analysis; again, when it had ended just before."""
     while True:
-        store = JobStore(site.settings.database_url)
+        store = JobStore(site.settings)
         wait_for(partial(_is_at_work, site, store), math.inf)
         store.close()
         time.sleep(dice.uniform(0, 0.1))
@@ -105,7 +105,7 @@ def _is_at_work(site: Site, store: JobStore) -> bool:
 
 def _count_cut(settings: Settings, journal: Journal) -> int:
     """Write down which analyses have just lost their worker."""
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     cut = [claim.analysis_id for claim in store.find_claims()]
     store.close()
     journal.cuts.update(cut)

@@ -51,7 +51,7 @@ def storage(settings: Settings) -> Storage:
 
 @pytest.fixture
 def store(settings: Settings) -> Iterator[JobStore]:
-    opened = JobStore(settings.database_url)
+    opened = JobStore(settings)
     install(settings.database_url)
     yield opened
     opened.close()

@@ -15,7 +15,7 @@ from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.folder import FolderStorage
+from app.storage.open import open_storage
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer
 from tests.ways_in.servers import ROOT, is_alive, wait_for
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks up proces
 
 
 def queue_job(settings: Settings) -> tuple[JobStore, str]:
-    storage, store = FolderStorage(settings.data_dir), JobStore(settings.database_url)
+    storage, store = open_storage(settings), JobStore(settings)
     storage.prepare()
     upload = storage.open_upload(100)
     upload.write(b"recording")

@@ -33,7 +33,7 @@ from app.jobs.children.preparing import tell_preparing
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
 from app.storage.known import NOTHING_KNOWN, KnownLogs
-from app.storage.store import ResultFile, seal_folder, translate_disk_full
+from app.storage.store import ResultFile, describe_files, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
@@ -77,7 +77,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """The files are written and durable."""
+    """The files are written; whoever keeps them makes them durable."""
 
     files: tuple[ResultFile, ...]
 
@@ -226,7 +226,7 @@ def _make_files(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
         with translate_disk_full():
             attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
-            return Finished(seal_folder(attempt.out))
+            return Finished(describe_files(attempt.out))
     except (FusionError, AppError) as refusal:
         return Refused(refusal.code, refusal.facts)
     except MemoryError:

@@ -14,8 +14,12 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0008"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+from app.jobs.database.sealed_text import SealedText
 
+REVISION = "0009"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+
+GONE_REQUEST = '{"file_name": ""}'
+"""What is read of a request or a description whose key was destroyed."""
 metadata = MetaData()
 
 # Written by Alembic, whose name it bears; not one of our tables.
@@ -27,19 +31,19 @@ recordings = Table(
     Column("id", String(32), primary_key=True),
     Column("sha256", String(64), nullable=False, index=True),
     Column("size_bytes", BigInteger, nullable=False),
-    Column("file_name", Text, nullable=False),
+    Column("file_name", SealedText(), nullable=False),
     Column("state", String(16), nullable=False),
     Column("created_at", String(32), nullable=False),
-    Column("subject", Text, nullable=False, server_default=""),
+    Column("subject", SealedText(), nullable=False, server_default=""),
     Column("side", String(8)),
-    Column("external_id", Text, nullable=False, server_default=""),
-    Column("note", Text, nullable=False, server_default=""),
+    Column("external_id", SealedText(), nullable=False, server_default=""),
+    Column("note", SealedText(), nullable=False, server_default=""),
     Column("duplicate_of", String(32)),
     Column("version", Integer, nullable=False, server_default="1"),
     Column("start", String(40)),
-    Column("inspection", Text),
-    Column("diary", Text, nullable=False, server_default="[]"),
-    Column("tags", Text, nullable=False, server_default="[]"),
+    Column("inspection", SealedText("null")),
+    Column("diary", SealedText("[]"), nullable=False, server_default="[]"),
+    Column("tags", SealedText("[]"), nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Column("since_s", Float, nullable=False, server_default="0"),
     Column("hold", String(32)),
@@ -47,9 +51,8 @@ recordings = Table(
     Column("revision", Integer, nullable=False, server_default="1"),
     Column("side_revision", Integer, nullable=False, server_default="0"),
     Index("recordings_by_age", "state", "created_at", "id"),
-    Index("recordings_by_subject", "state", "subject", "created_at", "id"),
-    Index("recordings_by_external_id", "state", "external_id", "created_at", "id"),
     Index("recordings_by_start", "state", "start", "id"),
+    Index("recordings_by_revision", "id", "revision"),
 )
 
 analyses = Table(
@@ -57,7 +60,7 @@ analyses = Table(
     metadata,
     Column("id", String(32), primary_key=True),
     Column("recording_id", ForeignKey("recordings.id"), nullable=False),
-    Column("request", Text, nullable=False),
+    Column("request", SealedText(GONE_REQUEST), nullable=False),
     Column("way_in", String(8), nullable=False),
     Column("state", String(16), nullable=False),
     Column("stage", String(16)),
@@ -72,7 +75,8 @@ analyses = Table(
     Column("started_at", String(32)),
     Column("ended_at", String(32)),
     Column("problem_code", String(32)),
-    Column("problem_facts", Text),
+    Column("problem_facts", SealedText("{}")),
+    Column("awaits", String(64)),
     Column("key", String(64)),
     Column("priority", Integer, nullable=False, server_default="1"),
     Column("turn", Integer, nullable=False, server_default="0"),
@@ -87,6 +91,7 @@ analyses = Table(
     Index("analyses_by_age", "created_at", "id"),
     Index("analyses_by_state", "state", "created_at", "id"),
     Index("analyses_by_key", "key"),
+    Index("analyses_by_awaited", "awaits"),
     Index("analyses_by_flow", "batch_id", "state", "turn"),
 )
 
@@ -94,7 +99,7 @@ batches = Table(
     "batches",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("name", Text, nullable=False),
+    Column("name", SealedText(), nullable=False),
     Column("item_count", Integer, nullable=False),
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
@@ -115,7 +120,7 @@ kept_answers = Table(
     Column("key", String(64), primary_key=True),
     Column("fingerprint", String(64), nullable=False),
     Column("status", Integer),
-    Column("headers", Text),
+    Column("headers", SealedText("[]")),
     Column("body", LargeBinary),
     Column("age_s", Float, nullable=False),
     Column("server", String(40), nullable=False, server_default=""),
@@ -148,8 +153,8 @@ uploads = Table(
     Column("id", String(32), primary_key=True),
     Column("length_bytes", BigInteger, nullable=False),
     Column("offset_bytes", BigInteger, nullable=False),
-    Column("metadata", Text, nullable=False),
-    Column("description", Text, nullable=False),
+    Column("metadata", SealedText(), nullable=False),
+    Column("description", SealedText(GONE_REQUEST), nullable=False),
     Column("idle_s", Float, nullable=False),
     Column("recording_id", String(32)),
     Column("created_at", String(32), nullable=False),
@@ -160,8 +165,8 @@ column_mappings = Table(
     "column_mappings",
     metadata,
     Column("header", String(32), primary_key=True),
-    Column("name", Text, nullable=False),
-    Column("profile", Text, nullable=False),
+    Column("name", SealedText(), nullable=False),
+    Column("profile", SealedText(), nullable=False),
     Column("created_at", String(32), nullable=False),
     Column("is_confirmed", Integer, nullable=False, server_default="0"),
 )
@@ -193,8 +198,8 @@ saved_views = Table(
     "saved_views",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("name", Text, nullable=False),
-    Column("query", Text, nullable=False),
+    Column("name", SealedText(), nullable=False),
+    Column("query", SealedText(), nullable=False),
     Column("created_at", String(32), nullable=False),
 )
 

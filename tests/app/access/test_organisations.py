@@ -64,5 +64,6 @@ def test_what_was_there_belongs_to_own(settings: Settings) -> None:
 def test_an_organisations_database_is_its_own(offices: Offices, settings: Settings) -> None:
     offices.find("org_other")
 
-    url = settings.for_organisation("org_other").database_url
-    assert JobStore(url).find_recordings() == frozenset()
+    store = JobStore(settings.for_organisation("org_other"))
+    assert store.find_recordings() == frozenset()
+    store.close()

@@ -1,0 +1,102 @@
+"""Labels: names, subject codes and other words of people, sealed wherever rows hold them.
+
+A label is sealed with the key of what it belongs to: a recording, a study, or the organisation (``LABELS``).
+The sealed text names the key, so that it can be opened wherever it stands, and opens no more once that key is
+destroyed. Words that say nothing (:data:`PLAIN`) stay as they are.
+"""
+
+import base64
+import threading
+from collections import OrderedDict
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from app.storage.keys import KeyStore, RecordingKey
+from app.storage.store import BrokenSeal
+
+LABELS = "labels"
+"""The key of words that belong to the organisation as a whole."""
+PLAIN = frozenset({"", "[]", "{}", "null"})
+MARK = "~1~"
+MOST_KEYS = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """Words on their way into a row, and the id of what they belong to."""
+
+    owner: str
+    text: str = field(repr=False)
+
+
+class LabelSealer:
+    """Seals and opens the labels of one organisation; keys in use are held in memory."""
+
+    def __init__(self, keys: KeyStore) -> None:
+        self.keys = keys
+        self._held: OrderedDict[str, RecordingKey | None] = OrderedDict()
+        self._turn = threading.Lock()
+
+    def seal(self, label: Label) -> str:
+        """Give the text as a row holds it."""
+        if label.text in PLAIN:
+            return label.text
+        key = self._find(label.owner) or self._hold(label.owner, self.keys.create(label.owner))
+        sealed = key.seal(label.text.encode(), LABELS)
+        return f"{MARK}{label.owner}~{base64.b64encode(sealed).decode()}"
+
+    def open(self, stored: str, gone: str) -> str:
+        """Give the words of a stored text; ``gone`` where its key is destroyed or the text damaged.
+
+        A text of an earlier release is given as it is.
+        """
+        if not is_sealed(stored):
+            return stored
+        owner, _, body = stored.removeprefix(MARK).partition("~")
+        key = self._find(owner)
+        try:
+            return gone if key is None else key.open(base64.b64decode(body), LABELS).decode()
+        except (BrokenSeal, ValueError):
+            return gone
+
+    def seal_bytes(self, content: bytes) -> bytes:
+        """Seal bytes that belong to the organisation as a whole."""
+        return self.seal(Label(LABELS, base64.b64encode(content).decode())).encode() if content else b""
+
+    def open_bytes(self, stored: bytes) -> bytes:
+        """Open what :meth:`seal_bytes` gave; bytes of an earlier release are given as they are."""
+        if not stored.startswith(MARK.encode()):
+            return stored
+        return base64.b64decode(self.open(stored.decode(), gone=""))
+
+    def destroy(self, owners: Collection[str]) -> None:
+        """Destroy the keys of studies that are gone; those of recordings are destroyed with their bytes."""
+        with self._turn:
+            self._held.clear()
+        self.keys.destroy(*owners)
+
+    def hold_all(self) -> None:
+        """Read every key at once, before many labels are opened."""
+        if len(self._held) < MOST_KEYS // 2:
+            for owner, key in self.keys.find_all().items():
+                self._hold(owner, key)
+
+    def _find(self, owner: str) -> RecordingKey | None:
+        with self._turn:
+            held = self._held.get(owner)
+        if held is not None:
+            return held
+        found = self.keys.find(owner)
+        return None if found is None else self._hold(owner, found)
+
+    def _hold(self, owner: str, key: RecordingKey) -> RecordingKey:
+        with self._turn:
+            self._held[owner] = key
+            if len(self._held) > MOST_KEYS:
+                self._held.popitem(last=False)
+        return key
+
+
+def is_sealed(stored: str) -> bool:
+    """Tell whether a stored text is sealed."""
+    return stored.startswith(MARK)
