@@ -22,19 +22,18 @@ from app.jobs.trail import (
     TrailFault,
     TrailLine,
     TrailQuestion,
+    acting,
     check_chain,
     find_lines,
     hash_line,
     read_head,
     record,
-    set_actor,
 )
 from app.jobs.worker import Bench
 from app.main import create_app
 from app.report.words.wording import LANGUAGES, load_wording
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import Storage
 from tests.app.access.conftest import House
 from tests.app.conftest import AddJob, do_next
 from tests.crash.program import write_digest
@@ -404,10 +403,9 @@ def test_at_the_machine_the_name_of_a_conclusion_is_typed(client: TestClient, st
     assert again.request.conclusion.name == "Dr Typed"
 
 
-def test_the_command_line_acts_as_the_machine(store: JobStore, add_job: AddJob, storage: Storage) -> None:
-    set_actor("machine")
-    job = add_job()
-    set_actor("system")
+def test_who_acts_is_who_asked(store: JobStore, add_job: AddJob) -> None:
+    with acting("machine"):
+        job = add_job()
 
     assert store.get(job.id).asked_by == "machine"
 

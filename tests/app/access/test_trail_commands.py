@@ -48,8 +48,10 @@ def test_the_command_names_a_line_that_was_altered(
     add_job()
     store.run(update(trail).where(trail.c.seq == 2).values(who="per_x"))
 
-    assert run(settings, "trail", "verify") == (1, run(settings, "trail", "verify")[1])
-    assert "ALTERED line 2" in run(settings, "trail", "verify")[1]
+    code, told = run(settings, "trail", "verify")
+
+    assert code == 1
+    assert "ALTERED line 2" in told
 
 
 def test_the_command_names_an_end_that_was_cut_off(
@@ -101,7 +103,7 @@ def test_a_hold_by_command_is_of_the_machine(settings: Settings, store: JobStore
     assert run(settings, "hold", "begin", job.recording_id)[0] == 0
     assert run(settings, "hold", "end", job.recording_id)[0] == 0
 
-    held = [line for line in find_lines(store.reader, TrailQuestion(who="machine"))]
+    held = list(find_lines(store.reader, TrailQuestion(who="machine")))
     assert [line.act for line in held] == ["recording.let_go", "recording.held"]
 
 

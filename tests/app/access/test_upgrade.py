@@ -45,7 +45,7 @@ def make_earlier_folder(settings: Settings, number: int) -> None:
 
 
 def check_upgrade(settings: Settings, tmp_path: Path, number: int) -> None:
-    """Upgrade a folder, and check that nothing is lost, all is in "own", and the trail begins by saying so."""
+    """Upgrade a folder; check that nothing is lost, all is in "own", and the trail begins by saying so."""
     make_earlier_folder(settings, number)
 
     bring_up_to_date(settings.database_url, tmp_path / "backups")
