@@ -12,6 +12,7 @@ import anyio
 from anyio.to_thread import run_sync
 from fastapi import Depends
 from starlette.datastructures import Headers
+from starlette.exceptions import WebSocketException
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -27,6 +28,8 @@ from app.services import SERVICES, Offices
 SESSION_COOKIE = "acromion_session"
 SUBJECT = "acromion.subject"
 """The key of the subject in the scope of a request."""
+POLICY_VIOLATION = 1008
+"""The code of a socket that is refused (RFC 6455, 7.4.1)."""
 LOOK_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
 
@@ -73,7 +76,7 @@ class Access:
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, refusal: Exception) -> None:
         if scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})
+            await send({"type": "websocket.close", "code": POLICY_VIOLATION})
             return
         await self._respond(Request(scope), refusal)(scope, receive, send)
 
@@ -103,7 +106,18 @@ async def check_permission(connection: HTTPConnection) -> None:
     Raises
     ------
     NotSignedIn, NotPermitted
+    WebSocketException
+        The same for a socket, which is closed before it is accepted.
     """
+    try:
+        _check_route(connection)
+    except AppError as refusal:
+        if connection.scope["type"] != "websocket":
+            raise
+        raise WebSocketException(POLICY_VIOLATION, refusal.code) from refusal
+
+
+def _check_route(connection: HTTPConnection) -> None:
     method = connection.scope.get("method", "WS")
     needed = find_needed(method, connection.scope["route"].path)
     if needed == "public":

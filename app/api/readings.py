@@ -67,7 +67,7 @@ class _Reading:
 
     def find_key(self, who: str, engine: Engine) -> tuple[str, ...]:
         ids = [one for pair in self.read for one in pair]
-        return str(engine.url), who, self.act, *map(str, self.other.values()), *ids
+        return str(id(engine)), who, self.act, *map(str, self.other.values()), *ids
 
 
 class Recorder:

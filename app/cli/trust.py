@@ -182,12 +182,14 @@ def _quote(value: str) -> str:
 def _opened(language: Language, settings: "Settings") -> "Iterator[JobStore]":
     """Open a database for whoever sits at the machine; refusals are printed."""
     from app.jobs.store import JobStore  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE, set_actor  # noqa: PLC0415
+    from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
 
-    with refusals_printed(language, settings):
-        set_actor(AT_MACHINE)
-        with closing(JobStore(settings)) as store:
-            yield store
+    with (
+        refusals_printed(language, settings),
+        acting(AT_MACHINE),
+        closing(JobStore(settings)) as store,
+    ):
+        yield store
 
 
 @contextmanager

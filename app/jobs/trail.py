@@ -9,6 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -100,6 +101,16 @@ _touched: ContextVar[dict[str, str] | None] = ContextVar("touched", default=None
 def set_actor(who: str) -> None:
     """Set who acts in this task, and in the threads it starts."""
     _actor.set(who)
+
+
+@contextmanager
+def acting(who: str) -> Iterator[None]:
+    """Set who acts for a while."""
+    token = _actor.set(who)
+    try:
+        yield
+    finally:
+        _actor.reset(token)
 
 
 def find_actor() -> str:

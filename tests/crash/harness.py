@@ -22,6 +22,7 @@ import httpx2
 from app.errors import Crashed, Interrupted
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
+from app.jobs.trail import TrailQuestion, check_chain, find_lines
 from app.settings import Settings
 from app.upkeep.verify import find_faults, find_kept
 from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
@@ -228,7 +229,30 @@ def check_settled(settings: Settings, journal: Journal) -> list[str]:
     broken = (
         check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
     )
-    return broken + _find_lags(settings)
+    return broken + _find_lags(settings) + check_trail(settings, journal)
+
+
+def check_trail(settings: Settings, journal: Journal) -> list[str]:
+    """Every act that was acknowledged has its line, once; every line is of an act; the chain is whole."""
+    store = JobStore(settings.database_url)
+    try:
+        _, faults = check_chain(store.reader)
+        lines = tuple(find_lines(store.reader, TrailQuestion()))
+        jobs = {job.id: job for job in store.find_newest(1_000_000)}
+    finally:
+        store.close()
+    stored = Counter(line.recording_id for line in lines if line.act == "recording.stored")
+    asked = Counter(line.analysis_id for line in lines if line.act == "analysis.asked")
+    ended = Counter(line.analysis_id for line in lines if line.act == "analysis.succeeded")
+    expected = {
+        "stored": Counter({job.recording_id for job in jobs.values()}),
+        "asked": Counter(jobs.keys()),
+        "succeeded": Counter(one for one, job in jobs.items() if job.state is JobState.SUCCEEDED),
+    }
+    found = {"stored": stored, "asked": asked, "succeeded": ended}
+    broken = [f"T {fault.finding} {fault.first}-{fault.last}" for fault in faults]
+    broken += [f"T lines {name} differ from the rows" for name in expected if found[name] != expected[name]]
+    return broken + [f"T {one} has no line" for one in journal.recordings if asked[one] != 1]
 
 
 def _find_lags(settings: Settings) -> list[str]:

@@ -32,6 +32,14 @@ def test_kills_of_everything_while_analyses_run_blame_no_sound_recording(tmp_pat
     assert result.broken == []
 
 
+@pytest.mark.slow
+def test_after_two_hundred_kills_the_acts_are_the_lines(tmp_path: Path) -> None:
+    result = kill_rounds(tmp_path, rounds=200, seed=3)
+
+    assert result.acknowledged > 200
+    assert result.broken == []
+
+
 @needs_disks
 def test_a_power_cut_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
     result = power_cut(tmp_path, seed=1)

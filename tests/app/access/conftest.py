@@ -12,6 +12,7 @@ from sqlalchemy import update
 from app.access.accounts import LONGEST_S, AccountStore, hash_secret
 from app.access.subjects import ROLES, Permission, Role
 from app.access.tables import tokens
+from app.jobs.trail import TrailQuestion, find_lines
 from app.main import create_app, find_own_services
 from app.services import Services
 from app.settings import Settings
@@ -79,6 +80,8 @@ def house(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[House
         house.add_person(role, role)
     house.add_person("other", *ROLES, organisation=OTHER)
     with TestClient(application):
+        while not any(find_lines(house.services.store.reader, TrailQuestion(act="server.started"))):
+            time.sleep(0.02)
         yield house
 
 

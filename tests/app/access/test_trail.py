@@ -1,0 +1,443 @@
+"""Who did what: a line for each act, in its commit, chained; and what it proves."""
+
+import csv
+import io
+import json
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import anyio
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import delete, insert, text, update
+from sqlalchemy.exc import IntegrityError
+
+from app.jobs.database.tables import facts, trail
+from app.jobs.job import Job
+from app.jobs.store import JobStore
+from app.jobs.trail import (
+    ACTS,
+    Head,
+    TrailFault,
+    TrailLine,
+    TrailQuestion,
+    acting,
+    check_chain,
+    find_lines,
+    hash_line,
+    read_head,
+    record,
+)
+from app.jobs.worker import Bench
+from app.main import create_app
+from app.report.words.wording import LANGUAGES, load_wording
+from app.request import ReportRequest
+from app.settings import Settings
+from tests.app.access.conftest import House
+from tests.app.conftest import AddJob, do_next
+from tests.crash.program import write_digest
+
+both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+UNKNOWN = "an_00000000000000ff"
+
+
+def read(store: JobStore, question: TrailQuestion | None = None) -> list[TrailLine]:
+    """Give lines, the oldest first."""
+    return list(find_lines(store.reader, question or TrailQuestion()))[::-1]
+
+
+def list_acts(store: JobStore) -> list[str]:
+    return [line.act for line in read(store)]
+
+
+def do_one_job(bench: Callable[..., Bench], add_job: AddJob) -> Job:
+    job = add_job()
+    assert do_next(bench(write_digest))
+    return job
+
+
+# A line in the commit of its act.
+
+
+@both
+def test_a_new_database_begins_with_a_line_that_says_so(store: JobStore) -> None:
+    assert [(line.seq, line.act, line.prev) for line in read(store)] == [(1, "trail.began", "")]
+
+
+@both
+def test_storing_and_asking_leave_a_line_each(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+
+    lines = [(line.act, line.recording_id, line.analysis_id) for line in read(store)][1:]
+    assert lines == [
+        ("recording.stored", job.recording_id, ""),
+        ("analysis.asked", job.recording_id, job.id),
+    ]
+
+
+@both
+def test_a_rollback_drops_the_line_with_the_act(store: JobStore) -> None:
+    with pytest.raises(IntegrityError):
+        _break_off(store)
+    with store.engine.begin() as connection:
+        connection.execute(insert(facts).values(name="y", value="1"))
+
+    assert list_acts(store) == ["trail.began"]
+
+
+@both
+def test_a_worker_s_report_is_an_act_of_the_system(
+    store: JobStore, bench: Callable[..., Bench], add_job: AddJob
+) -> None:
+    job = do_one_job(bench, add_job)
+
+    last = read(store)[-1]
+    assert (last.who, last.act, last.analysis_id) == ("system", "analysis.succeeded", job.id)
+
+
+def test_an_act_that_is_not_on_the_list_is_refused(store: JobStore) -> None:
+    with store.engine.begin() as connection, pytest.raises(ValueError, match=r"made\.up"):
+        record(connection, "made.up")  # type: ignore[arg-type]
+
+
+def test_a_line_takes_no_sentence(store: JobStore) -> None:
+    with store.engine.begin() as connection, pytest.raises(ValueError, match="refused"):
+        record(connection, "refused", other={"why": "Jane Doe, born 1970"})
+
+
+def test_no_line_holds_what_was_said_of_a_recording(client: TestClient, store: JobStore) -> None:
+    words = {"file_name": "Zoe.csv", "subject": "CANARY-7", "external_id": "CANARY-8", "note": "CANARY-9"}
+    row = client.post("/api/v1/recordings", params=words, content=b"bytes").json()
+    client.patch(f"/api/v1/recordings/{row['id']}", json={"note": "CANARY-9 again"})
+    client.get(f"/api/v1/recordings/{row['id']}")
+    client.get("/api/v1/recordings", params={"subject": "CANARY-7"})
+
+    written = json.dumps([line.other + line.act for line in read(store)])
+    assert "recording.changed" in written
+    assert "CANARY" not in written
+    assert "Zoe" not in written
+
+
+@both
+def test_lines_of_many_at_once_make_one_chain(store: JobStore, database: str) -> None:
+    def work() -> None:
+        own = JobStore(database)
+        for _ in range(10):
+            with own.engine.begin() as connection:
+                record(connection, "view.saved")
+        own.close()
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert check_chain(store.reader) == (41, ())
+
+
+def test_every_act_has_words_in_both_languages() -> None:
+    for language in LANGUAGES:
+        assert set(load_wording(language, "trail")["act"]) == {act.replace(".", "_") for act in ACTS}
+
+
+# Proof: what was altered, removed or cut off is named.
+
+
+@pytest.fixture
+def ten(store: JobStore) -> JobStore:
+    """A trail of ten lines."""
+    for _ in range(9):
+        with store.engine.begin() as connection:
+            record(connection, "view.saved")
+    return store
+
+
+def change(store: JobStore, statement: object) -> None:
+    """Do what somebody does who writes to the database by hand."""
+    with store.engine.begin() as connection:
+        connection.execute(statement)  # type: ignore[call-overload]
+
+
+@both
+def test_an_untouched_trail_is_whole(ten: JobStore) -> None:
+    assert check_chain(ten.reader) == (10, ())
+
+
+@both
+def test_a_line_that_was_altered_is_named(ten: JobStore) -> None:
+    change(ten, update(trail).where(trail.c.seq == 4).values(who="per_somebodyelse"))
+
+    assert check_chain(ten.reader)[1] == (TrailFault("altered", 4, 4),)
+
+
+@both
+def test_a_line_that_was_removed_is_named(ten: JobStore) -> None:
+    change(ten, delete(trail).where(trail.c.seq.in_((6, 7))))
+
+    assert check_chain(ten.reader)[1] == (TrailFault("removed", 6, 7),)
+
+
+def test_the_first_line_removed_is_named(ten: JobStore) -> None:
+    change(ten, delete(trail).where(trail.c.seq == 1))
+
+    assert check_chain(ten.reader)[1] == (TrailFault("removed", 1, 1),)
+
+
+def test_a_line_written_anew_with_its_hash_is_named(ten: JobStore) -> None:
+    with ten.engine.begin() as connection:
+        row = connection.execute(trail.select().where(trail.c.seq == 4)).one()._asdict()
+        row["who"] = "per_somebodyelse"
+        row["hash"] = hash_line(row)
+        connection.execute(update(trail).where(trail.c.seq == 4).values(row))
+
+    assert check_chain(ten.reader)[1] == (TrailFault("replaced", 4, 5),)
+
+
+@both
+def test_an_end_that_was_cut_off_is_named_by_the_head_written_down(ten: JobStore) -> None:
+    head = read_head(ten.reader)
+    change(ten, delete(trail).where(trail.c.seq > 7))
+
+    assert check_chain(ten.reader)[1] == ()
+    assert check_chain(ten.reader, [head])[1] == (TrailFault("cut", 8, 10),)
+
+
+def test_a_trail_written_anew_from_the_start_differs_from_the_head_written_down(ten: JobStore) -> None:
+    anchor = Head("", 10, "0" * 64)
+
+    assert check_chain(ten.reader, [anchor])[1] == (TrailFault("not_anchored", 10, 10),)
+
+
+# Readings, downloads, refusals.
+
+
+def test_a_report_that_is_read_leaves_one_line_for_its_pieces(
+    house: House, caller: TestClient, settings: Settings
+) -> None:
+    job = _store_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for address in (f"/analyses/{job.id}", f"/analyses/{job.id}", f"/api/v1/analyses/{job.id}"):
+        caller.get(address, headers=clinician)
+
+    lines = _find_by(house, "clinician")
+    assert [(line.act, line.recording_id, line.analysis_id) for line in lines] == [
+        ("report.read", job.recording_id, job.id)
+    ]
+
+
+def test_the_same_report_read_by_another_is_another_line(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    for name in ("clinician", "assistant"):
+        caller.get(f"/analyses/{job.id}", headers=dict(house.log_in(name)))
+
+    readers = [line.who for line in read(house.services.store, TrailQuestion(act="report.read"))]
+    assert readers == [house.people["clinician"], house.people["assistant"]]
+
+
+def test_an_act_by_a_token_names_the_token(house: House, caller: TestClient) -> None:
+    bearer = house.add_token("clinician", "upload")
+    caller.post("/api/v1/analyze", content=b"bytes", headers={"Authorization": f"Bearer {bearer}"})
+
+    stored = read(house.services.store, TrailQuestion(act="recording.stored"))[-1]
+    assert stored.who.startswith("tok_")
+
+
+@pytest.mark.parametrize(
+    ("headers_of", "status", "who"), [("", 401, "nobody"), ("employer", 403, "employer")]
+)
+def test_a_refusal_leaves_a_line_without_the_id(
+    house: House, caller: TestClient, headers_of: str, status: int, who: str
+) -> None:
+    job = _store_job(house)
+    headers = dict(house.log_in(headers_of)) if headers_of else {}
+
+    assert caller.get(f"/api/v1/analyses/{job.id}", headers=headers).status_code == status
+
+    last = read(house.services.store)[-1]
+    assert (last.act, last.who) == ("refused", house.people.get(who, who))
+    assert (last.recording_id, last.analysis_id, job.id in last.other) == ("", "", False)
+
+
+def test_a_foreign_id_leaves_a_line_where_the_asker_is_and_none_where_it_belongs(
+    house: House, caller: TestClient
+) -> None:
+    job = _store_job(house)
+    before = list_acts(house.services.store)
+
+    caller.get(f"/api/v1/analyses/{job.id}", headers=dict(house.log_in("other")))
+
+    line = read(house.find_services("org_other").store)[-1]
+    assert list_acts(house.services.store) == before
+    assert (line.act, json.loads(line.other)["status"], job.id in line.other) == ("refused", 404, False)
+
+
+def test_a_response_does_not_go_out_without_its_line(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    clinician = dict(house.log_in("clinician"))
+    with house.services.store.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE trail RENAME TO trail_away"))
+    refused = caller.get(f"/api/v1/analyses/{job.id}", headers=clinician)
+    with house.services.store.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE trail_away RENAME TO trail"))
+
+    assert refused.status_code >= 500
+    assert "shift.gt3x" not in refused.text
+    assert caller.get(f"/api/v1/analyses/{job.id}", headers=clinician).status_code == 200
+
+
+def test_health_help_and_static_files_have_no_line(house: House, caller: TestClient) -> None:
+    before = list_acts(house.services.store)
+    for address in ("/healthz", "/readyz", "/help", "/api/v1/version"):
+        assert caller.get(address, headers=dict(house.log_in("auditor"))).status_code == 200
+
+    assert list_acts(house.services.store) == before
+
+
+# Questions.
+
+
+def test_who_touched_a_subject_between_two_moments(house: House, caller: TestClient) -> None:
+    job, other = _store_job(house, "W-1"), _store_job(house, "W-2", b"other")
+    for one in (job, other):
+        caller.get(f"/analyses/{one.id}", headers=dict(house.log_in("clinician")))
+    auditor = dict(house.log_in("auditor"))
+
+    asked = {"subject": "W-1", "from": "2020-01-01", "to": "2999-01-01"}
+    found = caller.get("/api/v1/trail", params=asked, headers=auditor).json()["items"]
+    none = caller.get("/api/v1/trail", params=asked | {"to": "2021-01-01"}, headers=auditor).json()["items"]
+
+    assert [line["act"] for line in found] == ["report.read", "analysis.asked", "recording.stored"]
+    assert {line["recording_id"] for line in found} == {job.recording_id}
+    assert none == []
+
+
+def test_what_somebody_did(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    caller.get(f"/analyses/{job.id}", headers=dict(house.log_in("clinician")))
+    clinician = house.people["clinician"]
+    auditor = dict(house.log_in("auditor"))
+
+    found = caller.get("/api/v1/trail", params={"who": clinician}, headers=auditor).json()["items"]
+
+    assert [(line["who"], line["act"]) for line in found] == [(clinician, "report.read")]
+
+
+def test_an_erased_recording_is_asked_for_by_its_id(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    clinician, auditor = dict(house.log_in("clinician")), dict(house.log_in("auditor"))
+    erased = caller.delete(f"/api/v1/recordings/{job.recording_id}?purge=true", headers=clinician)
+    assert erased.status_code == 204
+
+    found = caller.get("/api/v1/trail", params={"recording": job.recording_id}, headers=auditor).json()
+    acts = [line["act"] for line in found["items"]]
+
+    assert acts[:3] == ["recording.purged", "recording.purging", "recording.trashed"]
+
+
+def test_the_lines_are_exported_as_a_table_and_as_json_lines(house: House, caller: TestClient) -> None:
+    auditor = dict(house.log_in("auditor"))
+    table = caller.get("/api/v1/trail/trail.csv", headers=auditor)
+    lines = caller.get("/api/v1/trail/trail.jsonl", headers=auditor)
+
+    rows = list(csv.DictReader(io.StringIO(table.content.decode("utf-8-sig"))))
+    assert rows[-1]["act"] == "trail.began"
+    assert json.loads(lines.text.splitlines()[-1])["act"] == "trail.began"
+    assert list_acts(house.services.store)[-2:] == ["trail.exported", "trail.exported"]
+
+
+@pytest.mark.parametrize(("language", "title"), [("en", "Trail"), ("fr", "Journal")])
+def test_the_page_shows_names_and_no_values(
+    house: House, caller: TestClient, language: str, title: str
+) -> None:
+    job = _store_job(house, "CANARY-7")
+    caller.get(f"/analyses/{job.id}", headers=dict(house.log_in("clinician")))
+
+    page = caller.get(f"/trail?lang={language}", headers=dict(house.log_in("auditor"))).text
+
+    assert f"<h1>{title}</h1>" in page
+    assert "Clinician" in page
+    assert "CANARY" not in page
+
+
+# Who asked, concluded, released.
+
+
+def test_a_version_names_who_asked_for_it(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    asked = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+
+    shown = caller.get(f"/api/v1/analyses/{asked['id']}", headers=clinician).json()
+
+    side = house.services.storage.read_small(f"recordings/{asked['recording_id']}.json")
+    assert shown["asked_by"] == house.people["clinician"]
+    assert house.people["clinician"].encode() in (side or b"")
+
+
+def test_at_the_machine_the_machine_asked(client: TestClient) -> None:
+    assert client.post("/api/v1/analyze", content=b"bytes").json()["asked_by"] == "machine"
+
+
+def test_with_accounts_a_conclusion_bears_the_person_s_name(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    form = {"text": "Fine.", "name": "Somebody Else", "date": "2026-11-24"}
+    clinician = dict(house.log_in("clinician"))
+
+    answer = caller.post(f"/analyses/{job.id}/conclude", data=form, headers=clinician)
+
+    again = house.services.store.get(answer.headers["location"].rpartition("/")[2])
+    assert again.request.conclusion is not None
+    assert again.request.conclusion.name == "Clinician"
+
+
+def test_at_the_machine_the_name_of_a_conclusion_is_typed(client: TestClient, store: JobStore) -> None:
+    job = client.post("/api/v1/analyze", content=b"bytes").json()
+    form = {"text": "Fine.", "name": "Dr Typed", "date": "2026-11-24"}
+
+    answer = client.post(f"/analyses/{job['id']}/conclude", data=form)
+
+    again = store.get(answer.headers["location"].rpartition("/")[2])
+    assert again.request.conclusion is not None
+    assert again.request.conclusion.name == "Dr Typed"
+
+
+def test_who_acts_is_who_asked(store: JobStore, add_job: AddJob) -> None:
+    with acting("machine"):
+        job = add_job()
+
+    assert store.get(job.id).asked_by == "machine"
+
+
+def _break_off(store: JobStore) -> None:
+    """Do an act whose transaction fails."""
+    with store.engine.begin() as connection:
+        record(connection, "webhook.added")
+        connection.execute(insert(facts).values(name="x", value="1"))
+        connection.execute(insert(facts).values(name="x", value="2"))
+
+
+def _store_job(house: House, subject: str = "", content: bytes = b"recording") -> Job:
+    upload = house.services.storage.open_upload(1_000_000)
+    upload.write(content)
+    return house.services.store.add(upload.keep(), ReportRequest("shift.gt3x", subject))
+
+
+def _find_by(house: House, name: str) -> list[TrailLine]:
+    return read(house.services.store, TrailQuestion(who=house.people[name]))
+
+
+def test_the_head_is_written_down_at_start_and_stop(settings: Settings, tmp_path: Path) -> None:
+    anchor = tmp_path / "anchor.jsonl"
+    with TestClient(create_app(settings.model_copy(update={"trail_anchor": str(anchor)}))) as client:
+        client.portal.call(_wait_for, anchor)  # type: ignore[union-attr]
+
+    heads = [json.loads(line) for line in anchor.read_text().splitlines()]
+    assert [head["organisation"] for head in heads] == ["own", "own"]
+    assert heads[0]["seq"] < heads[1]["seq"]
+
+
+async def _wait_for(path: Path) -> None:
+    while not path.exists():
+        await anyio.sleep(0.02)

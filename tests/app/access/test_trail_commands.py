@@ -1,0 +1,139 @@
+"""The trail, terms and holds by command, and what the doctor says."""
+
+import json
+from pathlib import Path
+
+import pytest
+from sqlalchemy import delete, update
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.jobs.database.tables import trail
+from app.jobs.store import JobStore
+from app.jobs.trail import TrailQuestion, find_lines, read_head
+from app.settings import Settings
+from app.upkeep.doctor import examine
+from tests.app.conftest import AddJob
+
+
+def run(settings: Settings, *words: str) -> tuple[int, str]:
+    """Run a command over the folder; gives its exit code and what it prints."""
+    done = CliRunner().invoke(app, [*words, "--data", str(settings.data_dir)])
+    return done.exit_code, done.output
+
+
+@pytest.fixture
+def anchored(settings: Settings, store: JobStore, add_job: AddJob, tmp_path: Path) -> Settings:
+    """A trail whose head is written down."""
+    add_job()
+    head = read_head(store.reader)
+    line = {"organisation": "own", "at": head.at, "seq": head.seq, "hash": head.hash}
+    (tmp_path / "anchor").write_text(json.dumps(line) + "\n")
+    return settings.model_copy(update={"trail_anchor": str(tmp_path / "anchor")})
+
+
+def test_a_whole_trail_is_said_to_be_whole(settings: Settings, store: JobStore, add_job: AddJob) -> None:
+    add_job()
+
+    code, told = run(settings, "trail", "verify")
+
+    assert code == 0
+    assert "3 lines: none altered, none removed." in told
+    assert "ACROMION_TRAIL_ANCHOR" in told
+
+
+def test_the_command_names_a_line_that_was_altered(
+    settings: Settings, store: JobStore, add_job: AddJob
+) -> None:
+    add_job()
+    store.run(update(trail).where(trail.c.seq == 2).values(who="per_x"))
+
+    code, told = run(settings, "trail", "verify")
+
+    assert code == 1
+    assert "ALTERED line 2" in told
+
+
+def test_the_command_names_an_end_that_was_cut_off(
+    anchored: Settings, settings: Settings, store: JobStore
+) -> None:
+    store.run(delete(trail).where(trail.c.seq == 3))
+
+    code, told = run(settings, "trail", "verify", "--anchor", anchored.trail_anchor)
+
+    assert code == 1
+    assert "CUT OFF lines 3 to 3" in told
+
+
+def test_the_doctor_says_that_a_cut_end_cannot_be_seen_without_an_anchor(
+    settings: Settings, store: JobStore
+) -> None:
+    found = {one.name: one.healthy for one in examine(settings)}
+
+    assert found["trail"]
+    assert found["trail_unanchored"]
+    assert "trail_anchor" not in found
+
+
+def test_the_doctor_names_an_end_that_was_cut_off(anchored: Settings, store: JobStore) -> None:
+    store.run(delete(trail).where(trail.c.seq == 3))
+
+    found = {one.name: one for one in examine(anchored)}
+
+    assert not found["trail"].healthy
+    assert (found["trail"].facts["finding"], found["trail_anchor"].healthy) == ("cut", True)
+
+
+def test_the_command_answers_who_touched_a_subject(
+    settings: Settings, store: JobStore, add_job: AddJob
+) -> None:
+    job = add_job(subject="W-1")
+    add_job(b"another", subject="W-2")
+
+    _, told = run(settings, "trail", "show", "--subject", "W-1", "--form", "jsonl")
+
+    lines = [json.loads(line) for line in told.splitlines()]
+    assert [line["act"] for line in lines] == ["analysis.asked", "recording.stored"]
+    assert {line["recording_id"] for line in lines} == {job.recording_id}
+
+
+def test_a_hold_by_command_is_of_the_machine(settings: Settings, store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+
+    assert run(settings, "hold", "begin", job.recording_id)[0] == 0
+    assert run(settings, "hold", "end", job.recording_id)[0] == 0
+
+    held = list(find_lines(store.reader, TrailQuestion(who="machine")))
+    assert [line.act for line in held] == ["recording.let_go", "recording.held"]
+
+
+def test_a_term_is_changed_by_command(settings: Settings, store: JobStore) -> None:
+    assert "Lines of the trail: kept for good" in run(settings, "retention")[1]
+    assert "Lines of the trail: 400 days" in run(settings, "retention", "trail", "400")[1]
+    assert "Lines of the trail: kept for good" in run(settings, "retention", "trail", "never")[1]
+
+
+def test_backup_verify_and_restore_leave_a_line(
+    settings: Settings, store: JobStore, add_job: AddJob, tmp_path: Path
+) -> None:
+    add_job()
+    store.close()
+    run(settings, "verify")
+    run(settings, "backup", str(tmp_path / "copy.zip"))
+    there = settings.model_copy(
+        update={
+            "data_dir": tmp_path / "there",
+            "database_url": f"sqlite:///{tmp_path / 'there' / 'acromion.sqlite3'}",
+        }
+    )
+
+    run(there, "restore", str(tmp_path / "copy.zip"))
+
+    restored = JobStore(there.database_url)
+    lines = [(line.who, line.act) for line in find_lines(restored.reader, TrailQuestion(who="machine"))]
+    restored.close()
+    assert lines == [
+        ("machine", "store.restored"),
+        ("machine", "store.backed_up"),
+        ("machine", "store.verified"),
+    ]
