@@ -12,9 +12,9 @@ def open_accounts(settings: Settings) -> AccountStore:
     return AccountStore(settings)
 
 
-def open_gate(settings: Settings) -> Gate:
+def open_gate(settings: Settings, accounts: AccountStore) -> Gate:
     """Open the gate of a server."""
     if settings.no_secret:
-        return Gate(None, open_accounts(settings))
+        return Gate(None, accounts)
     make_folder(settings.data_dir)
-    return Gate(read_or_create_secret(settings.data_dir), open_accounts(settings))
+    return Gate(read_or_create_secret(settings.data_dir), accounts)

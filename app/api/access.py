@@ -5,8 +5,10 @@ route is known, by a dependency that every route has (:data:`CHECKED`). What las
 ends with the login.
 """
 
+import re
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, cast
+from urllib.parse import unquote
 
 import anyio
 from anyio.to_thread import run_sync
@@ -16,15 +18,14 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from app.access.accounts import TOKEN_PREFIX
 from app.access.gate import Credentials, Gate
-from app.access.routes import find_needed
+from app.access.routes import CONFIRMED, find_needed
 from app.access.subjects import Permission, Subject
-from app.errors import AppError, NotPermitted, NotSignedIn
-from app.services import SERVICES, Offices
+from app.api.callers import SESSION_COOKIE, name_cookie
+from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
+from app.services import SERVICES, SUBJECT, Offices
 
-SESSION_COOKIE = "acromion_session"
-SUBJECT = "acromion.subject"
-"""The key of the subject in the scope of a request."""
 LOOK_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
 
@@ -43,6 +44,7 @@ class Access:
             await self._app(scope, receive, send)
             return
         try:
+            check_address(scope)
             subject = await run_sync(self._gate.find_subject, read_credentials(HTTPConnection(scope)))
             if subject is not None:
                 scope[SUBJECT] = subject
@@ -74,9 +76,26 @@ def _lasts(scope: Scope) -> bool:
     return scope["type"] == "websocket" or str(scope["path"]).endswith("/events")
 
 
+_TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
+
+
+def check_address(scope: Scope) -> None:
+    """Refuse a request whose address holds a token, before anything is looked up.
+
+    Raises
+    ------
+    TokenInAddress
+    """
+    address = f"{scope['path']}?{scope['query_string'].decode('latin-1')}"
+    if _TOKEN.search(unquote(address)):
+        raise TokenInAddress
+
+
 def read_credentials(connection: HTTPConnection) -> Credentials:
     """Read what a request brings; a secret in the address is not looked at."""
-    return Credentials(_read_bearer(connection.headers), connection.cookies.get(SESSION_COOKIE, ""))
+    cookie = connection.cookies.get(name_cookie(connection, SESSION_COOKIE), "")
+    is_attended = "x-unattended" not in connection.headers and not _lasts(connection.scope)
+    return Credentials(_read_bearer(connection.headers), cookie, is_attended)
 
 
 def _read_bearer(headers: Headers) -> str:
@@ -89,7 +108,7 @@ async def check_permission(connection: HTTPConnection) -> None:
 
     Raises
     ------
-    NotSignedIn, NotPermitted
+    NotSignedIn, NotPermitted, NotConfirmed
     """
     method = connection.scope.get("method", "WS")
     needed = find_needed(method, connection.scope["route"].path)
@@ -100,6 +119,24 @@ async def check_permission(connection: HTTPConnection) -> None:
         raise NotSignedIn
     if needed is None or not subject.may(needed):
         raise NotPermitted(permission=str(needed))
+    if (method, connection.scope["route"].path) in CONFIRMED:
+        await run_sync(check_confirmed, connection)
+
+
+def check_confirmed(connection: HTTPConnection) -> None:
+    """Check that a person gave the password a short time ago.
+
+    Raises
+    ------
+    NotConfirmed
+    """
+    if not find_gate(connection).is_confirmed(find_subject(connection)):
+        raise NotConfirmed
+
+
+def find_gate(connection: HTTPConnection) -> Gate:
+    """Give the gate of the application that answers."""
+    return cast("Gate", connection.app.state.gate)
 
 
 CHECKED = [Depends(check_permission)]

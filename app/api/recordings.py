@@ -6,6 +6,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from app.api.access import check_confirmed, check_may, find_subject
 from app.api.analysis_models import (
     PeriodList,
     PeriodView,
@@ -118,13 +119,18 @@ def change_recording(
 @router.delete("/{recording_id}", status_code=204)
 def delete_recording(
     recording_id: str,
+    request: Request,
     services: UsedServices,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
     """Put a recording and all that was made of it into the trash; one that is there stays as it is.
 
-    With ``purge`` it is deleted for good; without, when its time in the trash is over.
+    With ``purge`` it is deleted for good, which needs the permission to erase; without, when its time in the
+    trash is over.
     """
+    if purge:
+        check_may(find_subject(request), "erase")
+        check_confirmed(request)
     services.recordings.trash(recording_id)
     if purge or services.settings.trash_term_s <= 0:
         purge_recording(services, recording_id)

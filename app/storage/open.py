@@ -22,8 +22,8 @@ def open_storage(settings: Settings) -> Storage:
     return storage
 
 
-def load_extra(module: str) -> ModuleType:
-    """Load a module of ours that needs the libraries of the extra ``many``.
+def load_extra(module: str, extra: str = "many") -> ModuleType:
+    """Load a module of ours that needs the libraries of an extra.
 
     Raises
     ------
@@ -32,4 +32,4 @@ def load_extra(module: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise NotInstalled(name=error.name or "") from error
+        raise NotInstalled(name=error.name or "", extra=extra) from error
