@@ -6,8 +6,9 @@ import signal
 import socket
 import ssl
 import threading
+import time
 import webbrowser
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib.util import find_spec
 from ipaddress import ip_address
@@ -149,8 +150,8 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 logger = logging.getLogger(__name__)
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """Build the application of database, folder, API and pages."""
+def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> FastAPI:
+    """Build the application of database, folder, API and pages; logins end by ``clock``."""
     application = FastAPI(
         title="Acromion",
         version=software_version(),
@@ -161,7 +162,7 @@ def create_app(settings: Settings) -> FastAPI:
         lifespan=_live,
     )
     offices = application.state.offices = Offices(open_services(settings), prepare_house)
-    accounts = open_accounts(settings)
+    accounts = open_accounts(settings, clock)
     gate = application.state.gate = open_gate(settings, accounts)
     application.state.logins = Logins(accounts, settings)
     for routes in (*ROUTES, *PAGES):
@@ -202,17 +203,16 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     except BaseException:
         listener.close()
         raise
-    scheme = "https" if settings.tls_cert else "http"
-    address = f"{scheme}://{_write_place(settings, listener)}/"
+    address = _write_address(settings, listener)
     opened = address + _make_way_in(application.state.gate)
     pool = WorkerPool(settings)
     pool.start()
     watch = _watch_folder(application, settings)
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
-    if opened != address and not open_browser:
-        logger.info("open it once by %s", opened)
     if open_browser:
         threading.Timer(1.0, webbrowser.open, (opened,)).start()
+    elif opened != address:
+        logger.info("open it once by %s", opened)
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
@@ -533,6 +533,11 @@ class _Server(uvicorn.Server):
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def _write_address(settings: Settings, listener: socket.socket) -> str:
+    scheme = "https" if settings.tls_cert else "http"
+    return f"{scheme}://{_write_place(settings, listener)}/"
 
 
 def _write_place(settings: Settings, listener: socket.socket) -> str:

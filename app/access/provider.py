@@ -1,8 +1,8 @@
 """Logging in by an identity provider: OpenID Connect, authorization code with PKCE.
 
 Needs the extra ``trust``. Somebody is known by the provider's name and its subject, never by an e-mail
-address. Roles come from a claim of the ID token at every login: whoever has none any more is ended. The access
-token is thrown away.
+address. Roles come from a claim of the ID token at every login: whoever has none any more is ended. The
+access token is thrown away.
 """
 
 import hmac

@@ -15,7 +15,7 @@ from app.access.tables import tickets
 from app.errors import TicketSpent
 
 Purpose = Literal["password", "code", "enrol", "provider"]
-"""``password``: set one's own; ``code``: give the second factor; ``enrol``: set it up; ``provider``: return."""
+"""``password``: set one; ``code``, ``enrol``: give or set up the second factor; ``provider``: return."""
 
 TICKET_BYTES = 32
 

@@ -101,8 +101,8 @@ def backup(
     """
     from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
 
-    settings = _find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = find_settings(data)
+    with print_refusals(lang, settings):
         copied = back_up(settings, file)
     _print_copied(lang, "backup", copied, file=str(file))
 
@@ -118,8 +118,8 @@ def restore(
     """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
 
-    settings = _find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = find_settings(data)
+    with print_refusals(lang, settings):
         copied = put_back(settings, file)
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir))
 
@@ -130,7 +130,7 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with _refusals_printed(lang, _find_settings(data)):
+    with print_refusals(lang, find_settings(data)):
         number, faults = _verify_kept(data) if file is None else _verify_backup(file)
     _print_faults(lang, faults)
     if faults:
@@ -143,8 +143,8 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
 
-    settings = _find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = find_settings(data)
+    with print_refusals(lang, settings):
         done = bring_back(settings)
     for trouble in done.troubles:
         _print_sentence(lang, "recover", trouble.finding, name=trouble.name)
@@ -161,7 +161,7 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it
 
     words, healthy = load_wording(lang, "operations"), True
-    for found in examine(_find_settings(data)):
+    for found in examine(find_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
         _print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
@@ -174,7 +174,7 @@ def _verify_kept(data: Path | None) -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
-    settings = _find_settings(data)
+    settings = find_settings(data)
     check_whole(settings.database_url)
     kept = find_kept(settings)
     return len(kept), tuple(find_faults(settings, kept))
@@ -203,7 +203,8 @@ def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
         _print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
-def _find_settings(data: Path | None) -> "Settings":
+def find_settings(data: Path | None) -> "Settings":
+    """Give the settings of the machine, with the data folder that was named."""
     from app.settings import Settings  # noqa: PLC0415
 
     return Settings() if data is None else Settings(data_dir=data)
@@ -215,7 +216,7 @@ def _print_sentence(language: Language, command: str, sentence: str, /, **facts:
 
 
 @contextmanager
-def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
+def print_refusals(language: Language, settings: "Settings") -> Iterator[None]:
     """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
