@@ -194,7 +194,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_certificate(settings)
     start_logging()
     with translate_start_errors(settings):
-        check_exposure(settings, has_accounts=open_accounts(settings).exist())
+        check_exposure(settings, has_accounts=_have_accounts(settings))
     listener = listen(settings)
     try:
         with translate_start_errors(settings):
@@ -219,6 +219,14 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         if watch is not None:
             watch.stop()
         pool.stop()
+
+
+def _have_accounts(settings: Settings) -> bool:
+    accounts = open_accounts(settings)
+    try:
+        return accounts.exist()
+    finally:
+        accounts.database.close()
 
 
 def _make_way_in(gate: Gate) -> str:
@@ -408,6 +416,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
                     await asyncio.to_thread(services.live.made.close)
     finally:
         offices.close()
+        application.state.logins.accounts.database.close()
 
 
 async def _keep_houses(offices: Offices) -> None:

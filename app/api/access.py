@@ -14,13 +14,15 @@ import anyio
 from anyio.to_thread import run_sync
 from fastapi import Depends
 from starlette.datastructures import Headers
+from starlette.exceptions import WebSocketException
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
+from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.access.accounts import TOKEN_PREFIX
 from app.access.gate import Credentials, Gate
-from app.access.routes import CONFIRMED, find_needed
+from app.access.routes import CONFIRMED, Needed, find_needed
 from app.access.subjects import Permission, Subject
 from app.api.callers import SESSION_COOKIE, name_cookie
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
@@ -104,23 +106,28 @@ def _read_bearer(headers: Headers) -> str:
 
 
 async def check_permission(connection: HTTPConnection) -> None:
-    """Check that the subject may use the route that was found.
+    """Check that the subject may use the route that was found; a WebSocket is closed before it is accepted.
 
     Raises
     ------
     NotSignedIn, NotPermitted, NotConfirmed
     """
-    method = connection.scope.get("method", "WS")
-    needed = find_needed(method, connection.scope["route"].path)
+    method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
+    try:
+        _check_needed(connection, find_needed(method, path))
+    except AppError as refusal:
+        if method != "WS":
+            raise
+        raise WebSocketException(WS_1008_POLICY_VIOLATION) from refusal
+    if (method, path) in CONFIRMED:
+        await run_sync(check_confirmed, connection)
+
+
+def _check_needed(connection: HTTPConnection, needed: Needed | None) -> None:
     if needed == "public":
         return
-    subject = connection.scope.get(SUBJECT)
-    if subject is None:
-        raise NotSignedIn
-    if needed is None or not subject.may(needed):
+    if needed is None or not find_subject(connection).may(needed):
         raise NotPermitted(permission=str(needed))
-    if (method, connection.scope["route"].path) in CONFIRMED:
-        await run_sync(check_confirmed, connection)
 
 
 def check_confirmed(connection: HTTPConnection) -> None:
