@@ -340,6 +340,57 @@ class NotPermitted(NotAllowed):
     fact_meanings = name_facts(permission=TERM)
 
 
+class NotConfirmed(NotAllowed):
+    """Logged in too long ago for what this asks for: the password is asked for again."""
+
+    code = "E-CONFIRM"
+
+
+class LoginRefused(NotAllowed):
+    """The name and what was given with it do not let anybody in; which of the two is not said."""
+
+    code = "E-LOGIN"
+    outcome = Outcome(401, 2)
+
+
+class TooManyTries(NotAllowed):
+    """Too many wrong tries; the next is looked at after a while."""
+
+    code = "E-TRIES"
+    outcome = Outcome(429, 2, retryable=True)
+    fact_meanings = name_facts(wait_s="s")
+
+
+class WeakPassword(NotAllowed):
+    """A password that others try first, or that is too short."""
+
+    code = "E-PASSWORD"
+    outcome = Outcome(422, 2)
+    fact_meanings = name_facts(weak=TERM, least="characters", most="characters")
+
+
+class TicketSpent(NotAllowed):
+    """An address that works once was opened before, or too late."""
+
+    code = "E-LINK"
+    outcome = Outcome(410, 2)
+
+
+class TokenInAddress(NotAllowed):
+    """A token stands in the address, where logs and histories keep it."""
+
+    code = "E-TOKEN-ADDRESS"
+    outcome = Outcome(400, 2)
+
+
+class ProviderRefused(NotAllowed):
+    """The identity provider does not answer, or what it says is not to be believed."""
+
+    code = "E-PROVIDER"
+    outcome = Outcome(401, 2, retryable=True)
+    fact_meanings = name_facts(said=TERM)
+
+
 class ForeignOrigin(NotAllowed):
     """Another web site asks for a change."""
 
@@ -489,10 +540,10 @@ class BackupRefused(ServerRefused):
 
 
 class NotInstalled(ServerRefused):
-    """What many machines need is not installed."""
+    """What a setting needs is not installed."""
 
     code = "E-NOT-INSTALLED"
-    fact_meanings = name_facts(name="of the package")
+    fact_meanings = name_facts(name="of the package", extra="of Acromion")
 
 
 class StoreAway(AppError):

@@ -6,8 +6,9 @@ import signal
 import socket
 import ssl
 import threading
+import time
 import webbrowser
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib.util import find_spec
 from ipaddress import ip_address
@@ -22,6 +23,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app.access.gate import Gate
+from app.access.logins import Logins
 from app.access.opening import open_accounts, open_gate
 from app.api.about import router as about_routes
 from app.api.access import CHECKED, Access
@@ -40,6 +42,7 @@ from app.api.plain_text import PlainText
 from app.api.problems import Refusal, respond_to_refusal, translate_error
 from app.api.recordings import router as recording_routes
 from app.api.side_files import SideFiles
+from app.api.tokens import router as token_routes
 from app.api.trust import router as trust_routes
 from app.api.uploads import router as upload_routes
 from app.api.validations import router as validation_routes
@@ -51,7 +54,9 @@ from app.errors import (
     DatabaseDamaged,
     DiskFull,
     ForeignAddress,
+    NotConfirmed,
     NotHere,
+    NotPermitted,
     NotSignedIn,
     PortTaken,
     RecordedProblem,
@@ -77,6 +82,7 @@ from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
+from app.web.account import router as account_pages
 from app.web.acts import router as act_routes
 from app.web.api_docs import router as docs_routes
 from app.web.batches import router as batch_pages
@@ -84,9 +90,10 @@ from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.live import router as live_page
-from app.web.login import respond_with_login
+from app.web.login import respond_with_confirmation, respond_with_login, respond_with_place
 from app.web.login import router as login_routes
 from app.web.pairs import router as pair_pages
+from app.web.people import router as people_pages
 from app.web.profile import router as profile_pages
 from app.web.recording.analysis import respond_with_page
 from app.web.recording.analysis import router as page_routes
@@ -113,6 +120,7 @@ ROUTES = (
     health_routes,
     live_routes,
     trust_routes,
+    token_routes,
 )
 PAGES = (
     page_routes,
@@ -133,6 +141,8 @@ PAGES = (
     live_page,
     login_routes,
     trust_pages,
+    account_pages,
+    people_pages,
 )
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
@@ -146,8 +156,8 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 logger = logging.getLogger(__name__)
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """Build the application of database, folder, API and pages."""
+def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> FastAPI:
+    """Build the application of database, folder, API and pages; logins end by ``clock``."""
     application = FastAPI(
         title="Acromion",
         version=software_version(),
@@ -158,7 +168,9 @@ def create_app(settings: Settings) -> FastAPI:
         lifespan=_live,
     )
     offices = application.state.offices = Offices(open_services(settings), prepare_house)
-    gate = application.state.gate = open_gate(settings)
+    accounts = open_accounts(settings, clock)
+    gate = application.state.gate = open_gate(settings, accounts)
+    application.state.logins = Logins(accounts, settings)
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
@@ -188,11 +200,10 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_certificate(settings)
     start_logging()
     with translate_start_errors(settings):
-        check_exposure(settings, has_accounts=open_accounts(settings).exist())
+        check_exposure(settings, has_accounts=_have_accounts(settings))
     listener = listen(settings)
     application = _prepare(settings, listener)
-    scheme = "https" if settings.tls_cert else "http"
-    address = f"{scheme}://{_write_place(settings, listener)}/"
+    address = _write_address(settings, listener)
     opened = address + _make_way_in(application.state.gate)
     pool = WorkerPool(settings)
     pool.start()
@@ -219,6 +230,14 @@ def _prepare(settings: Settings, listener: socket.socket) -> FastAPI:
     except BaseException:
         listener.close()
         raise
+
+
+def _have_accounts(settings: Settings) -> bool:
+    accounts = open_accounts(settings)
+    try:
+        return accounts.exist()
+    finally:
+        accounts.database.close()
 
 
 def _make_way_in(gate: Gate) -> str:
@@ -333,8 +352,9 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_find_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
-    if isinstance(refusal, NotSignedIn) and _is_opened_by_person(request, path):
-        return respond_with_login(request)
+    led = _lead_on(request, refusal, path)
+    if led is not None:
+        return led
     outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     is_page = not outside or _is_read_by_person(request, refusal)
     response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
@@ -342,10 +362,28 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     return response
 
 
+def _lead_on(request: Request, refusal: Refusal, path: str) -> Response | None:
+    """Lead a browser on to where it logs in, gives the password again, or may go; None for any other."""
+    is_opened = _is_opened_by_person(request, path)
+    if isinstance(refusal, NotSignedIn) and is_opened:
+        return respond_with_login(request)
+    if isinstance(refusal, NotConfirmed) and _is_sent_by_person(request):
+        return respond_with_confirmation(request)
+    if isinstance(refusal, NotPermitted) and is_opened and path == "/":
+        return respond_with_place(request)
+    return None
+
+
 def _is_opened_by_person(request: Request, path: str) -> bool:
     """Whether a browser opens a page or a file by itself."""
-    is_opened = "text/html" in request.headers.get("accept", "")
-    return request.method in ("GET", "HEAD") and is_opened and not path.startswith("/login")
+    is_read = request.method in ("GET", "HEAD")
+    return is_read and _is_sent_by_person(request) and not path.startswith("/login")
+
+
+def _is_sent_by_person(request: Request) -> bool:
+    """Whether a link or a form asks; a script of a page says that it does."""
+    is_page = request.headers.get("sec-fetch-mode", "navigate") == "navigate"
+    return is_page and "text/html" in request.headers.get("accept", "")
 
 
 def _is_read_by_person(request: Request, refusal: Refusal) -> bool:
@@ -389,6 +427,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
                     await asyncio.to_thread(services.live.made.close)
     finally:
         offices.close()
+        application.state.logins.accounts.database.close()
 
 
 async def _keep_houses(offices: Offices) -> None:
@@ -497,6 +536,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
+        proxy_headers=False,  # app.api.callers reads what a proxy says, only from the one that is set
         access_log=False,
         log_config=None,
     )
@@ -513,6 +553,11 @@ class _Server(uvicorn.Server):
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def _write_address(settings: Settings, listener: socket.socket) -> str:
+    scheme = "https" if settings.tls_cert else "http"
+    return f"{scheme}://{_write_place(settings, listener)}/"
 
 
 def _write_place(settings: Settings, listener: socket.socket) -> str:

@@ -12,6 +12,7 @@ from fastapi import Depends, Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 
+from app.access.subjects import Subject
 from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
 from app.jobs.batches import BatchStore
 from app.jobs.children.inspecting import Inspector
@@ -226,7 +227,8 @@ def open_services(settings: Settings) -> Services:
 
 
 SERVICES = "acromion.services"
-"""The key of the services in the scope of a request."""
+SUBJECT = "acromion.subject"
+"""The keys of the services and of whoever asks in the scope of a request."""
 
 
 class Offices:
@@ -324,7 +326,14 @@ UsedLanguage = Annotated[Language, Depends(choose_language)]
 
 
 def find_way_in(request: Request) -> WayIn:
-    """Tell a person at the page (the browser says so, and the guard has checked it) from a script."""
+    """Tell a drop on the page, which goes first, from what a script sends.
+
+    A person's session is a page; a token is a script. At the machine nobody logs in: there the browser says
+    which it is, and the guard has checked it.
+    """
+    subject: Subject | None = request.scope.get(SUBJECT)
+    if subject is not None and subject.kind != "machine":
+        return "web" if subject.kind == "person" else "api"
     from_page = request.headers.get("origin") or request.headers.get("sec-fetch-site") == "same-origin"
     return "web" if from_page else "api"
 

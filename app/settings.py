@@ -52,6 +52,15 @@ class Settings(BaseSettings):
     proxy
         The address from which a proxy on this computer, which ends TLS, forwards requests: ``127.0.0.1`` or
         ``unix``. What it says of a client's address (the last of ``X-Forwarded-For``) is believed, no login.
+    second_factor
+        ``required``: a password needs an authenticator's code, too; ``offered``: for those who want to.
+    oidc_issuer, oidc_client_id, oidc_client_secret
+        An identity provider by which people log in (OpenID Connect), and what it knows this server by.
+    oidc_claim, oidc_roles
+        The claim of the ID token that says somebody's roles, and its values as ``value=role`` with commas
+        between; without ``oidc_roles`` the values are the names of the roles.
+    oidc_organisation
+        The organisation of those who log in by the provider.
     no_secret
         Whether anybody on this computer may use a server without accounts: a stated choice.
     tls_cert, tls_key
@@ -112,6 +121,13 @@ class Settings(BaseSettings):
     port: int = 8080
     hosts: str = ""
     proxy: str = ""
+    second_factor: Literal["required", "offered"] = "required"
+    oidc_issuer: str = ""
+    oidc_client_id: str = ""
+    oidc_client_secret: str = Field(default="", repr=False)
+    oidc_claim: str = "roles"
+    oidc_roles: str = ""
+    oidc_organisation: str = OWN_ORGANISATION
     no_secret: bool = False
     tls_cert: Path | None = None
     tls_key: Path | None = None
@@ -162,6 +178,6 @@ class Settings(BaseSettings):
         )
 
     def as_environment(self) -> dict[str, str]:
-        """Give every setting that was chosen, as a worker process reads it."""
-        chosen = {name: getattr(self, name) for name in self.model_fields_set}
+        """Give every setting that was chosen, as a worker process reads it, but for how people log in."""
+        chosen = {name: getattr(self, name) for name in self.model_fields_set if not name.startswith("oidc_")}
         return {f"ACROMION_{name.upper()}": str(value) for name, value in chosen.items() if value is not None}

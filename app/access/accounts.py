@@ -1,39 +1,41 @@
-"""The accounts of an installation: organisations, people, their sessions and tokens.
+"""The accounts of an installation: organisations and people, their sessions and tokens."""
 
-DATA/accounts.sqlite3     made with the first account; on PostgreSQL the schema ``accounts``
-"""
-
-import hashlib
 import json
 import secrets
-import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Engine, Row, Select, delete, func, insert, select, update
+from sqlalchemy import Row, Select, delete, func, insert, select, update
+from sqlalchemy.exc import IntegrityError
 
+from app.access.database import AccountDatabase
+from app.access.hashing import hash_secret
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
-from app.access.tables import REVISION, facts, metadata, organisations, people, sessions, tokens
-from app.errors import NotHere
-from app.jobs.database.connect import READ_ONLY, connect, lock_tables, make_schema
+from app.access.tables import known_browsers, organisations, people, sessions, tickets, tokens
+from app.errors import BadParameter, NotHere
 from app.jobs.queries import format_now
 from app.settings import Settings
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
+CONFIRMED_S = 10 * 60.0
+"""So long after a login, or after the password was given again, what cannot be undone is not asked about."""
 LOOK_S = 1.0
-"""How long the existence of accounts, and a session's use, are not looked up or written again."""
+"""How long the existence of accounts is not looked up again."""
+NOTE_S = 30.0
+"""How often the use of a session or token is noted at most."""
 SESSION_BYTES = 32
 TOKEN_PREFIX = "acr_"  # noqa: S105 - the prefix by which scanners know a token
+LOGIN_SIGNS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789.-_+@")
+LONGEST_LOGIN = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """An account. ``ended_at``: since when it may not log in any more."""
+    """An account. ``ended_at``: since when it may not log in any more; ``issuer``: who says that it may."""
 
     id: str
     organisation: str
@@ -42,16 +44,45 @@ class Person:
     roles: frozenset[Role]
     created_at: str
     ended_at: str | None
+    issuer: str | None
+    has_password: bool
+    has_second_factor: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Organisation:
+    """A clinic, an employer, a study."""
+
+    id: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A token as its person sees it; the token itself was shown once."""
+
+    id: str
+    name: str
+    permissions: frozenset[Permission]
+    created_at: str
+    expires_s: float
+    used_at: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """A session as its person sees it."""
+
+    id: str
+    began_s: float
+    used_s: float
 
 
 class AccountStore:
     """Rows of accounts; there is no database before the first account is made."""
 
     def __init__(self, settings: Settings, clock: Callable[[], float] = time.time) -> None:
-        self._url, self._file = _find_place(settings)
-        self._clock = clock
-        self._engine: Engine | None = None
-        self._turn = threading.Lock()
+        self.database, self.clock = AccountDatabase(settings), clock
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:
@@ -59,32 +90,51 @@ class AccountStore:
         now_s = time.monotonic()
         if not self._exist and now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s
-            self._exist = self._is_there() and bool(
-                self._read_value(select(func.count()).select_from(people))
-            )
+            count = select(func.count()).select_from(people)
+            self._exist = self.database.is_there and bool(self.database.read_value(count))
         return self._exist
+
+    # Organisations and people.
 
     def add_organisation(self, organisation: str, name: str) -> None:
         """Add an organisation; one that is there stays as it is."""
         row = {"id": organisation, "name": name, "created_at": format_now()}
-        with self._open().begin() as connection:
+        with self.database.write() as connection:
             known = select(organisations.c.id).where(organisations.c.id == organisation)
             if connection.execute(known).scalar() is None:
                 connection.execute(insert(organisations).values(row))
 
+    def find_organisations(self) -> Sequence[Organisation]:
+        """Give every organisation."""
+        rows = self.database.read_all(select(organisations).order_by(organisations.c.created_at))
+        return [Organisation(row.id, row.name) for row in rows]
+
+    def get_organisation(self, organisation: str) -> Organisation:
+        """Give one organisation.
+
+        Raises
+        ------
+        NotHere
+        """
+        row = self.database.read_one(select(organisations).where(organisations.c.id == organisation))
+        if row is None:
+            raise NotHere(id=organisation)
+        return Organisation(row.id, row.name)
+
     def add_person(self, organisation: str, login: str, name: str, roles: Collection[Role]) -> Person:
-        """Add a person, who cannot log in before a way to is set."""
-        row = {
-            "id": f"per_{secrets.token_hex(8)}",
-            "organisation": organisation,
-            "login": login.strip().lower(),
-            "name": name,
-            "roles": json.dumps(sorted(roles)),
-            "created_at": format_now(),
-        }
-        with self._open().begin() as connection:
-            connection.execute(insert(people).values(row))
-        return self.get_person(str(row["id"]))
+        """Add a person, who cannot log in before a way to is set.
+
+        Raises
+        ------
+        BadParameter
+            A login that has other signs than an e-mail address, or that somebody has.
+        """
+        return self._insert_person(organisation, check_login(login), name, roles, {})
+
+    def add_person_of(self, issuer: str, subject: str, about: Person) -> Person:
+        """Add a person who logs in by a provider: known by its name and the subject's, by nothing else."""
+        of_issuer = {"issuer": issuer, "issuer_subject": subject}
+        return self._insert_person(about.organisation, about.login, about.name, about.roles, of_issuer)
 
     def get_person(self, person_id: str) -> Person:
         """Give one person.
@@ -93,7 +143,7 @@ class AccountStore:
         ------
         NotHere
         """
-        row = self._read_one(select(people).where(people.c.id == person_id))
+        row = self.database.read_one(select(people).where(people.c.id == person_id))
         if row is None:
             raise NotHere(id=person_id)
         return _read_person(row)
@@ -102,7 +152,7 @@ class AccountStore:
         """Give the name of a person, or of a token with its person's; "" where the account is gone."""
         person, token = self.find_person_name(who), ""
         if person and who.startswith("tok_"):
-            token = str(self._read_value(select(tokens.c.name).where(tokens.c.id == who)))
+            token = str(self.database.read_value(select(tokens.c.name).where(tokens.c.id == who)))
         return f"{person} ({token})" if token else person
 
     def find_person_name(self, who: str) -> str:
@@ -112,57 +162,100 @@ class AccountStore:
         person_id: Any = who
         if who.startswith("tok_"):
             person_id = select(tokens.c.person_id).where(tokens.c.id == who).scalar_subquery()
-        return str(self._read_value(select(people.c.name).where(people.c.id == person_id)) or "")
+        return str(self.database.read_value(select(people.c.name).where(people.c.id == person_id)) or "")
+
+    def find_person(self, login: str) -> Person | None:
+        """Find the person of a login name."""
+        row = self.database.read_one(select(people).where(people.c.login == normalise_login(login)))
+        return _read_person(row) if row is not None else None
+
+    def find_person_of(self, issuer: str, subject: str) -> Person | None:
+        """Find the person whom a provider knows as ``subject``."""
+        is_it = (people.c.issuer == issuer, people.c.issuer_subject == subject)
+        row = self.database.read_one(select(people).where(*is_it))
+        return _read_person(row) if row is not None else None
+
+    def find_people(self, organisation: str | None = None) -> Sequence[Person]:
+        """Give the people of one organisation or of all, those who may log in first."""
+        query = select(people).order_by(people.c.ended_at.is_not(None), people.c.login)
+        if organisation is not None:
+            query = query.where(people.c.organisation == organisation)
+        return [_read_person(row) for row in self.database.read_all(query)]
+
+    def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
+        """Give a person other roles; they hold from the next request on."""
+        self._update_person(person_id, roles=json.dumps(sorted(roles)))
+
+    def set_name(self, person_id: str, name: str) -> None:
+        """Give a person another name."""
+        self._update_person(person_id, name=name)
+
+    def end_person(self, person_id: str) -> None:
+        """Let a person log in no more, and end every session, token and open link at once."""
+        with self.database.write() as connection:
+            connection.execute(update(people).where(people.c.id == person_id).values(ended_at=format_now()))
+            for table in (sessions, known_browsers, tickets):
+                connection.execute(delete(table).where(table.c.person_id == person_id))
+            ended = update(tokens).where(tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
+            connection.execute(ended.values(ended_at=format_now()))
+
+    def resume_person(self, person_id: str) -> None:
+        """Let a person log in again; sessions and tokens stay ended."""
+        self._update_person(person_id, ended_at=None)
+
+    # Sessions.
 
     def begin_session(self, person_id: str) -> str:
         """Begin a session; gives the value of its cookie, of which only the digest is kept."""
-        cookie, now_s = secrets.token_urlsafe(SESSION_BYTES), self._clock()
+        cookie, now_s = secrets.token_urlsafe(SESSION_BYTES), self.clock()
         row = {"hash": hash_secret(cookie), "person_id": person_id, "began_s": now_s, "used_s": now_s}
-        with self._open().begin() as connection:
+        with self.database.write() as connection:
+            connection.execute(delete(sessions).where(sessions.c.began_s <= now_s - LONGEST_S))
             connection.execute(insert(sessions).values(row | {"confirmed_s": now_s}))
         return cookie
 
     def end_session(self, cookie: str) -> None:
         """End a session."""
-        with self._open().begin() as connection:
+        with self.database.write() as connection:
             connection.execute(delete(sessions).where(sessions.c.hash == hash_secret(cookie)))
 
-    def end_person(self, person_id: str) -> None:
-        """Let a person log in no more, and end every session and token at once."""
-        with self._open().begin() as connection:
-            connection.execute(update(people).where(people.c.id == person_id).values(ended_at=format_now()))
-            connection.execute(delete(sessions).where(sessions.c.person_id == person_id))
-            ended = update(tokens).where(tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
-            connection.execute(ended.values(ended_at=format_now()))
+    def end_sessions(self, person_id: str, but: str = "") -> None:
+        """End every session of a person but one (of this id)."""
+        with self.database.write() as connection:
+            mine = (sessions.c.person_id == person_id, sessions.c.hash != but)
+            connection.execute(delete(sessions).where(*mine))
 
-    def find_by_session(self, cookie: str) -> Subject | None:
-        """Give who holds a session that goes on, and count that it was used."""
-        digest, now_s = hash_secret(cookie), self._clock()
-        row = self._read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
+    def find_sessions(self, person_id: str) -> Sequence[Session]:
+        """Give the sessions of a person that go on, the newest first."""
+        about = select(sessions).where(sessions.c.person_id == person_id, *_go_on(self.clock()))
+        rows = self.database.read_all(about.order_by(sessions.c.began_s.desc()))
+        return [Session(row.hash, row.began_s, row.used_s) for row in rows]
+
+    def confirm_session(self, session: str) -> None:
+        """Note that the person of a session gave the password again just now."""
+        with self.database.write() as connection:
+            confirmed = update(sessions).where(sessions.c.hash == session)
+            connection.execute(confirmed.values(confirmed_s=self.clock()))
+
+    def is_confirmed(self, subject: Subject) -> bool:
+        """Tell whether the person of a session gave the password a short time ago."""
+        query = select(sessions.c.confirmed_s).where(sessions.c.hash == subject.session)
+        confirmed_s = self.database.read_value(query)
+        return confirmed_s is not None and self.clock() - confirmed_s < CONFIRMED_S
+
+    def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
+        """Give who holds a session that goes on; note that it was used, if somebody did."""
+        digest, now_s = hash_secret(cookie), self.clock()
+        row = self.database.read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
         if row is None:
             return None
-        if now_s - row.used_s >= LOOK_S:
-            with self._open().begin() as connection:
-                used = update(sessions).where(sessions.c.hash == digest)
-                connection.execute(used.values(used_s=now_s))
-        return _read_subject(row, digest)
+        if is_use and now_s - row.used_s >= NOTE_S:
+            with self.database.write() as connection:
+                connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
+        permissions = collect_permissions(_read_roles(row.roles))
+        return Subject("person", row.id, row.name, row.organisation, permissions, digest)
 
-    def find_by_token(self, bearer: str) -> Subject | None:
-        """Give the token, if it is neither revoked nor expired and its person may still log in."""
-        row = self._read_one(_select_tokens(self._clock()).where(tokens.c.hash == hash_secret(bearer)))
-        if row is None:
-            return None
-        held = collect_permissions(_read_roles(row.roles))
-        granted: frozenset[Permission] = frozenset(json.loads(row.permissions))
-        return Subject("token", row.token_id, row.token_name, row.organisation, held & granted, row.token_id)
-
-    def is_alive(self, subject: Subject) -> bool:
-        """Tell whether the subject's session or token still holds; counts as no use of it."""
-        if subject.kind == "token":
-            query: Select[Any] = _select_tokens(self._clock()).where(tokens.c.id == subject.session)
-        else:
-            query = _select_sessions(self._clock()).where(sessions.c.hash == subject.session)
-        return self._read_one(query) is not None
+    # Tokens.
 
     def add_token(
         self, person_id: str, name: str, permissions: Collection[Permission], expires_s: float
@@ -175,66 +268,121 @@ class AccountStore:
             "person_id": person_id,
             "name": name,
             "permissions": json.dumps(sorted(permissions)),
-            "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
+            "created_at": format_now(),
             "expires_s": expires_s,
         }
-        with self._open().begin() as connection:
+        with self.database.write() as connection:
             connection.execute(insert(tokens).values(row))
         return bearer
 
-    def _is_there(self) -> bool:
-        return self._file is None or self._file.exists()
+    def find_tokens(self, person_id: str) -> Sequence[Token]:
+        """Give the tokens of a person that hold, the newest first."""
+        holds = (tokens.c.ended_at.is_(None), tokens.c.expires_s > self.clock())
+        mine = select(tokens).where(tokens.c.person_id == person_id, *holds)
+        rows = self.database.read_all(mine.order_by(tokens.c.created_at.desc(), tokens.c.id))
+        return [_read_token(row) for row in rows]
 
-    def _open(self) -> Engine:
-        """Open the database, and make its tables where there are none."""
-        with self._turn:
-            if self._engine is None:
-                make_schema(self._url)
-                engine = connect(self._url)
-                with engine.begin() as connection:
-                    lock_tables(connection)
-                    metadata.create_all(connection)
-                    if connection.execute(select(facts.c.value)).first() is None:
-                        connection.execute(insert(facts).values(name="revision", value=REVISION))
-                self._engine = engine
-            return self._engine
+    def get_token(self, bearer: str) -> Token:
+        """Give one token.
 
-    def _read_all(self, query: Select[Any]) -> list[Any]:
-        with self._open().execution_options(**READ_ONLY).connect() as connection:
-            return list(connection.execute(query).all())
+        Raises
+        ------
+        NotHere
+        """
+        row = self.database.read_one(select(tokens).where(tokens.c.hash == hash_secret(bearer)))
+        if row is None:
+            raise NotHere
+        return _read_token(row)
 
-    def _read_one(self, query: Select[Any]) -> Any | None:
-        with self._open().execution_options(**READ_ONLY).connect() as connection:
-            return connection.execute(query).one_or_none()
+    def end_token(self, person_id: str, token_id: str) -> None:
+        """Revoke a token of a person.
 
-    def _read_value(self, query: Select[Any]) -> Any:
-        with self._open().execution_options(**READ_ONLY).connect() as connection:
-            return connection.execute(query).scalar()
+        Raises
+        ------
+        NotHere
+        """
+        with self.database.write() as connection:
+            mine = (tokens.c.id == token_id, tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
+            ended = connection.execute(update(tokens).where(*mine).values(ended_at=format_now()))
+        if not ended.rowcount:
+            raise NotHere(id=token_id)
+
+    def find_by_token(self, bearer: str) -> Subject | None:
+        """Give the token, if it is neither revoked nor expired and its person may still log in."""
+        digest = hash_secret(bearer)
+        row = self.database.read_one(_select_tokens(self.clock()).where(tokens.c.hash == digest))
+        if row is None:
+            return None
+        self._note_use(digest, row.used_at)
+        held = collect_permissions(_read_roles(row.roles))
+        granted: frozenset[Permission] = frozenset({"own", *json.loads(row.permissions)})
+        return Subject("token", row.token_id, row.token_name, row.organisation, held & granted, row.token_id)
+
+    def is_alive(self, subject: Subject) -> bool:
+        """Tell whether the subject's session or token still holds; counts as no use of it."""
+        if subject.kind == "token":
+            query: Select[Any] = _select_tokens(self.clock()).where(tokens.c.id == subject.session)
+        else:
+            query = _select_sessions(self.clock()).where(sessions.c.hash == subject.session)
+        return self.database.read_one(query) is not None
+
+    def _note_use(self, digest: str, used_at: str | None) -> None:
+        now_s = self.clock()
+        if used_at is not None and now_s - datetime.fromisoformat(used_at).timestamp() < NOTE_S:
+            return
+        used = datetime.fromtimestamp(now_s, UTC).isoformat(timespec="seconds")
+        with self.database.write() as connection:
+            connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
+
+    def _insert_person(
+        self, organisation: str, login: str, name: str, roles: Collection[Role], more: dict[str, str]
+    ) -> Person:
+        row = {"id": f"per_{secrets.token_hex(8)}", "organisation": organisation, "login": login} | more
+        row |= {"name": name, "roles": json.dumps(sorted(roles)), "created_at": format_now()}
+        try:
+            with self.database.write() as connection:
+                connection.execute(insert(people).values(row))
+        except IntegrityError:
+            raise BadParameter(name="login", value=login, allowed="a free one") from None
+        self._exist = True
+        return self.get_person(row["id"])
+
+    def _update_person(self, person_id: str, **values: object) -> None:
+        with self.database.write() as connection:
+            connection.execute(update(people).where(people.c.id == person_id).values(values))
 
 
-def hash_secret(secret: str) -> str:
-    """Give the digest of a long random secret, as the rows hold it; it needs no salt."""
-    return hashlib.sha256(secret.encode()).hexdigest()
+def normalise_login(login: str) -> str:
+    """Write a login name as it is kept."""
+    return login.strip().lower()
 
 
-def _find_place(settings: Settings) -> tuple[str, Path | None]:
-    if settings.database_url.startswith("sqlite"):
-        file = settings.data_dir / "accounts.sqlite3"
-        return f"sqlite:///{file}", file
-    url = settings.database_url
-    return f"{url}{'&' if '?' in url else '?'}options=-csearch_path%3Daccounts", None
+def check_login(login: str) -> str:
+    """Check a new login name; gives it as it is kept.
+
+    Raises
+    ------
+    BadParameter
+    """
+    name = normalise_login(login)
+    if not name or len(name) > LONGEST_LOGIN or not set(name) <= LOGIN_SIGNS:
+        raise BadParameter(name="login", value=login[:LONGEST_LOGIN], allowed="a-z 0-9 . - _ + @")
+    return name
+
+
+def _go_on(now_s: float) -> tuple[Any, ...]:
+    return (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S)
 
 
 def _select_sessions(now_s: float) -> Select[Any]:
     """Select the sessions that go on, with their people."""
     joined = select(people, sessions.c.used_s).join(sessions, sessions.c.person_id == people.c.id)
-    goes_on = (sessions.c.used_s > now_s - IDLE_S, sessions.c.began_s > now_s - LONGEST_S)
-    return joined.where(*goes_on, people.c.ended_at.is_(None))
+    return joined.where(*_go_on(now_s), people.c.ended_at.is_(None))
 
 
 def _select_tokens(now_s: float) -> Select[Any]:
     named = (tokens.c.id.label("token_id"), tokens.c.name.label("token_name"), tokens.c.permissions)
-    joined = select(people.c.roles, people.c.organisation, *named).join(
+    joined = select(people.c.roles, people.c.organisation, *named, tokens.c.used_at).join(
         people, tokens.c.person_id == people.c.id
     )
     return joined.where(tokens.c.ended_at.is_(None), tokens.c.expires_s > now_s, people.c.ended_at.is_(None))
@@ -244,11 +392,12 @@ def _read_roles(text: str) -> frozenset[Role]:
     return frozenset(role for role in ROLES if role in json.loads(text))
 
 
-def _read_subject(row: Any, session: str) -> Subject:
-    permissions = collect_permissions(_read_roles(row.roles))
-    return Subject("person", row.id, row.name, row.organisation, permissions, session)
-
-
 def _read_person(row: Row[Any]) -> Person:
-    about = (row.id, row.organisation, row.login, row.name)
-    return Person(*about, _read_roles(row.roles), row.created_at, row.ended_at)
+    about = (row.id, row.organisation, row.login, row.name, _read_roles(row.roles))
+    ways = (row.issuer, row.password_hash is not None, row.totp_secret is not None)
+    return Person(*about, row.created_at, row.ended_at, *ways)
+
+
+def _read_token(row: Row[Any]) -> Token:
+    permissions: frozenset[Permission] = frozenset(json.loads(row.permissions))
+    return Token(row.id, row.name, permissions, row.created_at, row.expires_s, row.used_at)

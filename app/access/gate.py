@@ -9,10 +9,14 @@ from app.access.subjects import AT_THE_MACHINE, MACHINE, Subject
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What a request brings: ``Authorization: Bearer`` and the session's cookie, each "" where absent."""
+    """What a request brings: ``Authorization: Bearer`` and the session's cookie, each "" where absent.
+
+    ``is_attended``: false for what a page asks by itself, which keeps no session alive.
+    """
 
     bearer: str
     cookie: str
+    is_attended: bool = True
 
 
 class Accounts(Protocol):
@@ -21,14 +25,17 @@ class Accounts(Protocol):
     def exist(self) -> bool:
         """Tell whether there is any account: from the first one on everybody logs in."""
 
-    def find_by_session(self, cookie: str) -> Subject | None:
-        """Give who holds a session that goes on, and count that it was used."""
+    def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
+        """Give who holds a session that goes on; note that it was used, if somebody did."""
 
     def find_by_token(self, bearer: str) -> Subject | None:
         """Give the token, if it is neither revoked nor expired and its person may still log in."""
 
     def is_alive(self, subject: Subject) -> bool:
         """Tell whether the subject's session or token still holds; counts as no use of it."""
+
+    def is_confirmed(self, subject: Subject) -> bool:
+        """Tell whether the person of a session gave the password a short time ago."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +55,9 @@ class Gate:
         if self.needs_accounts:
             if credentials.bearer:
                 return self.accounts.find_by_token(credentials.bearer)
-            return self.accounts.find_by_session(credentials.cookie) if credentials.cookie else None
+            if not credentials.cookie:
+                return None
+            return self.accounts.find_by_session(credentials.cookie, is_use=credentials.is_attended)
         if self.secret is None or self.secret.matches(credentials.bearer, credentials.cookie):
             return AT_THE_MACHINE
         return None
@@ -58,3 +67,7 @@ class Gate:
         if subject.id == MACHINE:
             return not self.needs_accounts
         return self.accounts.is_alive(subject)
+
+    def is_confirmed(self, subject: Subject) -> bool:
+        """Tell whether what cannot be undone may be done now; of scripts nobody can ask a password again."""
+        return subject.kind != "person" or self.accounts.is_confirmed(subject)

@@ -1,5 +1,8 @@
 """Opens what knows who may come in: the secret of the start, and the accounts."""
 
+import time
+from collections.abc import Callable
+
 from app.access.accounts import AccountStore
 from app.access.gate import Gate
 from app.access.secret import read_or_create_secret
@@ -7,14 +10,14 @@ from app.settings import Settings
 from app.storage.permissions import make_folder
 
 
-def open_accounts(settings: Settings) -> AccountStore:
+def open_accounts(settings: Settings, clock: Callable[[], float] = time.time) -> AccountStore:
     """Open the accounts of an installation; without any there is no file of them."""
-    return AccountStore(settings)
+    return AccountStore(settings, clock)
 
 
-def open_gate(settings: Settings) -> Gate:
+def open_gate(settings: Settings, accounts: AccountStore) -> Gate:
     """Open the gate of a server."""
     if settings.no_secret:
-        return Gate(None, open_accounts(settings))
+        return Gate(None, accounts)
     make_folder(settings.data_dir)
-    return Gate(read_or_create_secret(settings.data_dir), open_accounts(settings))
+    return Gate(read_or_create_secret(settings.data_dir), accounts)

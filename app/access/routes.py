@@ -19,9 +19,30 @@ _ROUTES: Mapping[Needed, str] = {
         GET  /login
         POST /login
         GET  /login/once/{ticket}
+        GET  /login/code
+        POST /login/code
+        GET  /login/enrol
+        POST /login/enrol
+        GET  /login/link/{ticket}
+        POST /login/link/{ticket}
+        GET  /login/provider
+        GET  /login/provider/back
     """,
     "own": """
         POST /logout
+        GET  /confirm
+        POST /confirm
+        GET  /confirm/provider
+        GET  /account
+        POST /account/password
+        POST /account/second-factor
+        POST /account/second-factor/drop
+        POST /account/sessions/end
+        POST /account/tokens
+        POST /account/tokens/{token_id}/revoke
+        GET  /api/v1/tokens
+        POST /api/v1/tokens
+        DELETE /api/v1/tokens/{token_id}
         GET  /api/v1/openapi.json
         GET  /api/v1/docs
         GET  /api/v1/formats
@@ -186,7 +207,14 @@ _ROUTES: Mapping[Needed, str] = {
         GET /aggregate
         GET /api/v1/studies/{study_id}/aggregate.json
     """,
-    "people": "",
+    "people": """
+        GET  /people
+        POST /people
+        POST /people/{person_id}/roles
+        POST /people/{person_id}/link
+        POST /people/{person_id}/end
+        POST /people/{person_id}/resume
+    """,
     "trail": """
         GET /metrics
         GET /trail
@@ -198,14 +226,37 @@ _ROUTES: Mapping[Needed, str] = {
 }
 
 
-def _read_lines() -> Iterator[tuple[tuple[str, str], Needed]]:
-    for needed, lines in _ROUTES.items():
-        for line in filter(None, map(str.split, lines.splitlines())):
-            yield (line[0], line[1]), needed
+_CONFIRMED = """
+    GET  /recordings/{recording_id}/purge
+    POST /recordings/{recording_id}/purge
+    GET  /library/{name}.csv
+    GET  /library/reports.zip
+    POST /library/acts/reports.zip
+    POST /library/acts/{name}.csv
+    GET  /people
+    POST /people
+    POST /people/{person_id}/roles
+    POST /people/{person_id}/link
+    POST /people/{person_id}/end
+    POST /people/{person_id}/resume
+    POST /account/second-factor
+    POST /account/second-factor/drop
+    POST /account/tokens
+    POST /api/v1/tokens
+"""
+"""What a person is asked the password for again: to erase, to take everything out, to let people in."""
 
 
-NEEDED: Mapping[tuple[str, str], Needed] = MappingProxyType(dict(_read_lines()))
+def _read_lines(lines: str) -> Iterator[tuple[str, str]]:
+    for line in filter(None, map(str.split, lines.splitlines())):
+        yield line[0], line[1]
+
+
+NEEDED: Mapping[tuple[str, str], Needed] = MappingProxyType(
+    {route: needed for needed, lines in _ROUTES.items() for route in _read_lines(lines)}
+)
 """By method and path, as the route is declared."""
+CONFIRMED = frozenset(_read_lines(_CONFIRMED))
 
 
 def find_needed(method: str, path: str) -> Needed | None:

@@ -73,12 +73,24 @@ tries = Table(
     Column("blocked_until_s", Float, nullable=False),
 )
 
+# A browser in which a person logged in before; several people may share one.
 known_browsers = Table(
     "known_browsers",
     metadata,
     Column("hash", String(64), primary_key=True),
-    Column("person_id", ForeignKey("people.id"), nullable=False, index=True),
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
     Column("used_s", Float, nullable=False),
+)
+
+# What works once and for a while: an invitation, a forgotten password, the second step of a login.
+tickets = Table(
+    "tickets",
+    metadata,
+    Column("hash", String(64), primary_key=True),
+    Column("purpose", String(16), nullable=False),
+    Column("person_id", ForeignKey("people.id"), index=True),
+    Column("told", Text, nullable=False),
+    Column("expires_s", Float, nullable=False),
 )
 
 facts = Table(

@@ -5,8 +5,10 @@ route is known, by a dependency that every route has (:data:`CHECKED`). What las
 ends with the login.
 """
 
+import re
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, cast
+from urllib.parse import unquote
 
 import anyio
 from anyio.to_thread import run_sync
@@ -15,21 +17,19 @@ from starlette.datastructures import Headers
 from starlette.exceptions import WebSocketException
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
+from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from app.access.accounts import TOKEN_PREFIX
 from app.access.gate import Credentials, Gate
-from app.access.routes import find_needed
+from app.access.routes import CONFIRMED, Needed, find_needed
 from app.access.subjects import Permission, Subject
+from app.api.callers import SESSION_COOKIE, name_cookie
 from app.api.readings import KnownReadings, Recorder
-from app.errors import AppError, NotPermitted, NotSignedIn
+from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.jobs.trail import NOBODY, set_actor
-from app.services import SERVICES, Offices
+from app.services import SERVICES, SUBJECT, Offices
 
-SESSION_COOKIE = "acromion_session"
-SUBJECT = "acromion.subject"
-"""The key of the subject in the scope of a request."""
-POLICY_VIOLATION = 1008
-"""The code of a socket that is refused (RFC 6455, 7.4.1)."""
 LOOK_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
 
@@ -49,6 +49,7 @@ class Access:
             await self._app(scope, receive, send)
             return
         try:
+            check_address(scope)
             subject = await run_sync(self._gate.find_subject, read_credentials(HTTPConnection(scope)))
             if subject is not None:
                 scope[SUBJECT] = subject
@@ -76,7 +77,7 @@ class Access:
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, refusal: Exception) -> None:
         if scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+            await send({"type": "websocket.close", "code": WS_1008_POLICY_VIOLATION})
             return
         await self._respond(Request(scope), refusal)(scope, receive, send)
 
@@ -90,9 +91,26 @@ def _lasts(scope: Scope) -> bool:
     return scope["type"] == "websocket" or str(scope["path"]).endswith("/events")
 
 
+_TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
+
+
+def check_address(scope: Scope) -> None:
+    """Refuse a request whose address holds a token, before anything is looked up.
+
+    Raises
+    ------
+    TokenInAddress
+    """
+    address = f"{scope['path']}?{scope['query_string'].decode('latin-1')}"
+    if _TOKEN.search(unquote(address)):
+        raise TokenInAddress
+
+
 def read_credentials(connection: HTTPConnection) -> Credentials:
     """Read what a request brings; a secret in the address is not looked at."""
-    return Credentials(_read_bearer(connection.headers), connection.cookies.get(SESSION_COOKIE, ""))
+    cookie = connection.cookies.get(name_cookie(connection, SESSION_COOKIE), "")
+    is_attended = "x-unattended" not in connection.headers and not _lasts(connection.scope)
+    return Credentials(_read_bearer(connection.headers), cookie, is_attended)
 
 
 def _read_bearer(headers: Headers) -> str:
@@ -101,32 +119,44 @@ def _read_bearer(headers: Headers) -> str:
 
 
 async def check_permission(connection: HTTPConnection) -> None:
-    """Check that the subject may use the route that was found.
+    """Check that the subject may use the route that was found; a WebSocket is closed before it is accepted.
 
     Raises
     ------
-    NotSignedIn, NotPermitted
-    WebSocketException
-        The same for a socket, which is closed before it is accepted.
+    NotSignedIn, NotPermitted, NotConfirmed
     """
+    method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
     try:
-        _check_route(connection)
+        _check_needed(connection, find_needed(method, path))
     except AppError as refusal:
-        if connection.scope["type"] != "websocket":
+        if method != "WS":
             raise
-        raise WebSocketException(POLICY_VIOLATION, refusal.code) from refusal
+        raise WebSocketException(WS_1008_POLICY_VIOLATION, refusal.code) from refusal
+    if (method, path) in CONFIRMED:
+        await run_sync(check_confirmed, connection)
 
 
-def _check_route(connection: HTTPConnection) -> None:
-    method = connection.scope.get("method", "WS")
-    needed = find_needed(method, connection.scope["route"].path)
+def _check_needed(connection: HTTPConnection, needed: Needed | None) -> None:
     if needed == "public":
         return
-    subject = connection.scope.get(SUBJECT)
-    if subject is None:
-        raise NotSignedIn
-    if needed is None or not subject.may(needed):
+    if needed is None or not find_subject(connection).may(needed):
         raise NotPermitted(permission=str(needed))
+
+
+def check_confirmed(connection: HTTPConnection) -> None:
+    """Check that a person gave the password a short time ago.
+
+    Raises
+    ------
+    NotConfirmed
+    """
+    if not find_gate(connection).is_confirmed(find_subject(connection)):
+        raise NotConfirmed
+
+
+def find_gate(connection: HTTPConnection) -> Gate:
+    """Give the gate of the application that answers."""
+    return cast("Gate", connection.app.state.gate)
 
 
 CHECKED = [Depends(check_permission)]

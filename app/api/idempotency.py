@@ -15,12 +15,13 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.access.subjects import MACHINE, Subject
-from app.api.access import SUBJECT
 from app.errors import AppError, KeyInUse, KeyReused, PurgedSince
 from app.jobs.idempotency import GONE, KeptResponse, ResponseStore
-from app.services import find_services
+from app.services import SUBJECT, find_services
 
 LONGEST_KEY = 255
+SECRET_PATHS = ("/api/v1/tokens", "/account", "/login", "/people")
+"""Responses that hold what is shown once are never kept."""
 PASSING = frozenset({408, 409, 423, 429})
 
 Respond = Callable[[Request, AppError], Response]
@@ -122,6 +123,8 @@ def _find_key(scope: Scope) -> str:
     """
     subject: Subject | None = scope.get(SUBJECT)
     if scope["type"] != "http" or scope["method"] != "POST" or subject is None:
+        return ""
+    if scope["path"].removeprefix(scope.get("root_path", "")).startswith(SECRET_PATHS):
         return ""
     stated = dict(scope["headers"]).get(b"idempotency-key", b"")[:LONGEST_KEY]
     who = "" if subject.id == MACHINE else f"{subject.id} {' '.join(sorted(subject.permissions))} "

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
-from app.api.access import UsedSubject, check_may
+from app.api.access import UsedSubject, check_confirmed, check_may
 from app.api.analysis_models import (
     PeriodList,
     PeriodView,
@@ -119,16 +119,19 @@ def change_recording(
 @router.delete("/{recording_id}", status_code=204)
 def delete_recording(
     recording_id: str,
+    request: Request,
     services: UsedServices,
     subject: UsedSubject,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
     """Put a recording and all that was made of it into the trash; one that is there stays as it is.
 
-    With ``purge`` it is deleted for good; without, when its time in the trash is over.
+    With ``purge`` it is deleted for good, which needs the permission to erase; without, when its time in the
+    trash is over.
     """
     if purge:
         check_may(subject, "erase")
+        check_confirmed(request)
         services.recordings.check_hold(recording_id)
     services.recordings.trash(recording_id)
     if purge or services.settings.trash_term_s <= 0:

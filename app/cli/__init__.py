@@ -8,6 +8,7 @@ import sys
 
 import typer
 
+from app.cli.access import account
 from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
 from app.cli.conformance import conformance
@@ -35,6 +36,7 @@ for command in (
     app.command()(command)
 app.add_typer(trail, name="trail")
 app.add_typer(hold, name="hold")
+app.add_typer(account, name="account")
 
 
 def main() -> None:

@@ -28,8 +28,8 @@ def _open_bytes(settings: Settings) -> ByteStore:
     return bucket
 
 
-def load_extra(module: str) -> ModuleType:
-    """Load a module of ours that needs the libraries of the extra ``many``.
+def load_extra(module: str, extra: str = "many") -> ModuleType:
+    """Load a module of ours that needs the libraries of an extra.
 
     Raises
     ------
@@ -38,4 +38,4 @@ def load_extra(module: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise NotInstalled(name=error.name or "") from error
+        raise NotInstalled(name=error.name or "", extra=extra) from error

@@ -1,9 +1,10 @@
 """Forms of short text fields, as browsers send them (urlencoded); forms with a file take other roads."""
 
 from collections.abc import Mapping
+from typing import Annotated
 from urllib.parse import parse_qsl
 
-from fastapi import Request
+from fastapi import Depends, Request
 
 from app.errors import BadParameter
 
@@ -31,6 +32,9 @@ async def read_form(request: Request) -> Form:
     return form
 
 
+UsedForm = Annotated[Form, Depends(read_form)]
+
+
 async def read_body(request: Request) -> bytes:
     """Read a body of at most 4 MiB.
 
@@ -49,3 +53,8 @@ async def read_body(request: Request) -> bytes:
 def first(form: Form, name: str) -> str:
     """Give the first value of a name, "" where there is none."""
     return form.get(name, [""])[0].strip()
+
+
+def take_secret(form: Form, name: str) -> str:
+    """Give the first value of a name as it was typed, with every space."""
+    return form.get(name, [""])[0]

@@ -21,7 +21,7 @@ from app.errors import NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, fill, is_french, load_wording
-from app.services import LANGUAGE_COOKIE, prefer_language
+from app.services import LANGUAGE_COOKIE, SUBJECT, prefer_language
 
 # Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
 # them for good. plotly's script comes from the installed package: no page loads anything from another host.
@@ -129,6 +129,7 @@ def render_page(
         static=find_base(request) + find_assets(),
         plotly=find_base(request) + find_plotly(),
         language_link=turn_language(request, language),
+        subject=request.scope.get(SUBJECT),
     )
     response = HTMLResponse(body, status, headers={"Content-Language": language})
     if request.query_params.get("lang") == language:

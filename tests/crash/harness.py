@@ -234,7 +234,7 @@ def check_settled(settings: Settings, journal: Journal) -> list[str]:
 
 def check_trail(settings: Settings, journal: Journal) -> list[str]:
     """Every act that was acknowledged has its line, once; every line is of an act; the chain is whole."""
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     try:
         _, faults = check_chain(store.reader)
         lines = tuple(find_lines(store.reader, TrailQuestion()))

@@ -15,6 +15,8 @@ from app.settings import Settings
 CHECK_S = 0.5
 STOP_S = 10.0
 SLOWEST_RESTART_S = 30.0
+_NOT_THEIRS = "ACROMION_OIDC_"
+"""Settings that hold how people log in: a process that reads strangers' files is not told."""
 
 logger = logging.getLogger(__name__)
 
@@ -86,7 +88,8 @@ class WorkerPool:
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
         code = str(Path(__file__).resolve().parents[3])
         path = os.pathsep.join(filter(None, [code, os.environ.get("PYTHONPATH")]))
-        environment = os.environ | self._settings.as_environment() | {"PYTHONPATH": path}
+        passed = {name: value for name, value in os.environ.items() if not name.startswith(_NOT_THEIRS)}
+        environment = passed | self._settings.as_environment() | {"PYTHONPATH": path}
         silence = SilenceCount(round(self._settings.worker_silence_s / CHECK_S))
         if sys.platform == "win32":
             process = subprocess.Popen([*command, *arguments], env=environment, start_new_session=True)  # noqa: S603 - our own program

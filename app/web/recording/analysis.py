@@ -12,6 +12,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import BaseModel
 
 from app.api.access import find_subject, may
+from app.api.callers import find_origin
 from app.api.names import find_names, find_person_name
 from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
@@ -345,7 +346,7 @@ def home(request: Request, services: UsedServices, language: UsedLanguage) -> Re
         "devices": load_device_names(language),
         "has_columns": bool(services.mappings.find_all()),
         "has_batches": bool(services.batches.find_newest(1)),
-        "address": str(request.base_url).rstrip("/"),
+        "address": find_origin(request) + find_base(request),
         "quarantined": str(len(services.quarantine.names) or ""),
     }
     return render_page(request, "home.html", language, values)

@@ -27,7 +27,8 @@ export async function refresh() {
   clearTimeout(timer);
   const turn = (asked += 1);
   try {
-    const answer = await fetch($("rows").dataset.source, { headers: { Accept: "text/html" } });
+    const answer = await fetch($("rows").dataset.source, { headers: { Accept: "text/html", "X-Unattended": "1" } });
+    if (answer.status === 401) return location.reload(); // logged out meanwhile
     if (!answer.ok) throw new Error(String(answer.status));
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
     if (turn > shown) show(fresh);

@@ -33,7 +33,7 @@ function refuse(page) {
 // Whoever has the focus keeps it: only what has changed is replaced.
 async function look() {
   if (!document.querySelector(".squares .is-queued, .squares .is-running")) return;
-  const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
+  const answer = await fetch(location.href, { headers: { Accept: "text/html", "X-Unattended": "1" } }).catch(() => null);
   if (answer?.ok) {
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelectorAll("[data-live]");
     document.querySelectorAll("[data-live]").forEach((old, index) => {

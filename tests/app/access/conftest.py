@@ -1,21 +1,189 @@
-"""Servers that ask who comes: by the secret, or with people of every role in "own" and one of elsewhere."""
+"""Servers that ask who comes: by the secret, people who log in, and a house with people of every role."""
 
+import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import pyotp
 import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
+from httpx2 import Response
 from sqlalchemy import update
 
-from app.access.accounts import LONGEST_S, AccountStore, hash_secret
+from app.access.accounts import LONGEST_S, AccountStore, Person
+from app.access.hashing import hash_secret
+from app.access.logins import Logins
+from app.access.passwords import hash_password
 from app.access.subjects import ROLES, Permission, Role
 from app.access.tables import tokens
 from app.jobs.trail import TrailQuestion, find_lines
 from app.main import create_app, find_own_services
 from app.services import Services
-from app.settings import Settings
+from app.settings import OWN_ORGANISATION, Settings
+
+PASSWORD = "seven green bicycles"
+SECRET = "JBSWY3DPEHPK3PXPJBSWY3DPEHPK3PXP"
+NOON_S = 1_790_000_000.0
+
+
+@dataclass
+class Clock:
+    """A clock that only the test moves."""
+
+    now_s: float = NOON_S
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def wait(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@dataclass
+class Visitor:
+    """A browser, and what it was last shown."""
+
+    client: TestClient
+    codes: list[str] = field(default_factory=list)
+
+    def post(self, path: str, **form: str | list[str]) -> Response:
+        return self.client.post(path, data=form, headers={"accept": "text/html"})
+
+    def get(self, path: str) -> Response:
+        return self.client.get(path, headers={"accept": "text/html"})
+
+    def give_password(self, login: str, password: str = PASSWORD) -> Response:
+        return self.post("/login", login=login, password=password, next="/account")
+
+
+Visit = Callable[[], Visitor]
+AddPerson = Callable[..., Person]
+
+
+def read_ticket(answer: Response) -> str:
+    """Give the hidden ticket of a form."""
+    found = re.search(r'name="ticket" value="([^"]+)"', answer.text)
+    assert found is not None, answer.text
+    return found[1]
+
+
+def make_code(clock: Clock, step: int = 0, secret: str = SECRET) -> str:
+    """Give the code that an authenticator shows, some steps from now."""
+    return pyotp.TOTP(secret).at(int(clock()) + 30 * step)
+
+
+@pytest.fixture
+def settings(settings: Settings) -> Settings:
+    """The settings of the other tests, with the secret."""
+    return settings.model_copy(update={"no_secret": False})
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def accounts(settings: Settings, clock: Clock) -> Iterator[AccountStore]:
+    """The accounts of the installation, without anybody."""
+    opened = AccountStore(settings, clock)
+    yield opened
+    opened.database.close()
+
+
+@pytest.fixture
+def logins(accounts: AccountStore, settings: Settings) -> Logins:
+    return Logins(accounts, settings)
+
+
+@pytest.fixture(scope="session")
+def password_hash() -> str:
+    """The hash of everybody's password, computed once."""
+    return hash_password(PASSWORD)
+
+
+@pytest.fixture
+def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> AddPerson:
+    """Add a person with a password and an authenticator."""
+
+    def add(
+        login: str = "clara",
+        *roles: Role,
+        organisation: str = OWN_ORGANISATION,
+        has_second_factor: bool = True,
+    ) -> Person:
+        accounts.add_organisation(organisation, organisation)
+        person = accounts.add_person(organisation, login, login.title(), roles or ("clinician",))
+        logins.credentials.set_password(person.id, password_hash)
+        if has_second_factor:
+            logins.credentials.set_second_factor(person.id, SECRET, 0, ())
+        return accounts.get_person(person.id)
+
+    return add
+
+
+@contextmanager
+def open_server(settings: Settings, clock: Clock, address: str = "192.0.2.1") -> Iterator[Visit]:
+    """Open browsers, which all have one address, at one server."""
+    application = create_app(settings, clock)
+    opened: list[TestClient] = []
+    scheme = "https" if settings.proxy else "http"
+
+    def open_browser() -> Visitor:
+        browser = TestClient(
+            application,
+            base_url=f"{scheme}://localhost:8080",
+            raise_server_exceptions=False,
+            follow_redirects=False,
+            client=(address, 50000),
+        )
+        opened.append(browser)
+        return Visitor(browser)
+
+    with open_browser().client:
+        yield open_browser
+    for browser in opened:
+        browser.close()
+
+
+@pytest.fixture
+def visit(settings: Settings, clock: Clock) -> Iterator[Visit]:
+    """Open browsers at a server."""
+    with open_server(settings, clock) as opened:
+        yield opened
+
+
+@pytest.fixture
+def visit_behind_proxy(settings: Settings, clock: Clock) -> Iterator[Visit]:
+    """Open browsers at a server behind a proxy that ends TLS."""
+    with open_server(settings.model_copy(update={"proxy": "127.0.0.1"}), clock, "127.0.0.1") as opened:
+        yield opened
+
+
+@pytest.fixture
+def guarded(visit: Visit) -> TestClient:
+    """The application, called by somebody who brings nothing."""
+    return visit().client
+
+
+@pytest.fixture
+def enter(visit: Visit, clock: Clock) -> Callable[[str], Visitor]:
+    """Log somebody in in a browser of his own, with both steps."""
+
+    def log_in(login: str = "clara") -> Visitor:
+        visitor = visit()
+        asked = visitor.give_password(login)
+        answer = visitor.post(
+            "/login/code", ticket=read_ticket(asked), code=make_code(clock), next="/account"
+        )
+        assert answer.status_code == 303, answer.text
+        return visitor
+
+    return log_in
+
 
 BASE = "http://localhost:8080"
 OTHER = "org_other"
@@ -62,7 +230,7 @@ class House:
     def revoke(self, bearer: str) -> None:
         """Revoke a token."""
         ended = update(tokens).where(tokens.c.hash == hash_secret(bearer)).values(ended_at="2026-01-01")
-        with self.accounts._open().begin() as connection:
+        with self.accounts.database.write() as connection:
             connection.execute(ended)
 
 
@@ -89,19 +257,3 @@ def house(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[House
 def caller(house: House) -> TestClient:
     """A client that brings nothing by itself."""
     return TestClient(house.application, BASE, raise_server_exceptions=False, follow_redirects=False)
-
-
-@pytest.fixture
-def settings(settings: Settings) -> Settings:
-    """The settings of the other tests, with the secret."""
-    return settings.model_copy(update={"no_secret": False})
-
-
-@pytest.fixture
-def guarded(settings: Settings) -> Iterator[TestClient]:
-    """The application, called by somebody who brings nothing."""
-    application = create_app(settings)
-    with TestClient(
-        application, base_url="http://localhost:8080", raise_server_exceptions=False, follow_redirects=False
-    ) as caller:
-        yield caller

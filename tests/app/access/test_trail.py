@@ -120,9 +120,9 @@ def test_no_line_holds_what_was_said_of_a_recording(client: TestClient, store: J
 
 
 @both
-def test_lines_of_many_at_once_make_one_chain(store: JobStore, database: str) -> None:
+def test_lines_of_many_at_once_make_one_chain(store: JobStore, settings: Settings) -> None:
     def work() -> None:
-        own = JobStore(database)
+        own = JobStore(settings)
         for _ in range(10):
             with own.engine.begin() as connection:
                 record(connection, "view.saved")

@@ -129,7 +129,7 @@ def test_backup_verify_and_restore_leave_a_line(
 
     run(there, "restore", str(tmp_path / "copy.zip"))
 
-    restored = JobStore(there.database_url)
+    restored = JobStore(there)
     lines = [(line.who, line.act) for line in find_lines(restored.reader, TrailQuestion(who="machine"))]
     restored.close()
     assert lines == [

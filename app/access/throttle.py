@@ -1,0 +1,120 @@
+"""Delays after wrong logins: by account, by address, and for a browser that logged in before by itself.
+
+A try counts before it is looked at, so that many at once get no more than many in a row. Who knows a password
+gets his try back. A stranger's tries delay the account and his address, never a browser that is known.
+"""
+
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from ipaddress import ip_address, ip_network
+from math import ceil
+
+from sqlalchemy import Connection, delete, insert, select, update
+
+from app.access.database import AccountDatabase
+from app.access.hashing import hash_secret
+from app.access.tables import tries
+from app.errors import TooManyTries
+
+FORGET_S = 3600.0
+"""So long after the last wrong try nothing is held against anybody."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Whose tries are counted: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``."""
+
+    key: str
+    free: int
+    longest_s: float
+
+    def find_delay_s(self, failures: int) -> float:
+        """Give how long the next try has to wait."""
+        return min(self.longest_s, 2.0 ** (failures - self.free)) if failures >= self.free else 0.0
+
+
+class Throttle:
+    """Rows of tries."""
+
+    def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
+        self._database, self._clock = database, clock
+
+    def take(self, budgets: Collection[Budget]) -> None:
+        """Count a try, or refuse it before anything is computed.
+
+        Raises
+        ------
+        TooManyTries
+        """
+        now_s = self._clock()
+        with self._database.write() as connection:
+            connection.execute(delete(tries).where(tries.c.blocked_until_s < now_s - FORGET_S))
+            counts = [_read(connection, budget) for budget in budgets]
+            wait_s = max(until_s for _, until_s in counts) - now_s
+            if wait_s <= 0:
+                for budget, (failures, _) in zip(budgets, counts, strict=True):
+                    until_s = now_s + budget.find_delay_s(failures + 1)
+                    _write(connection, budget, failures + 1, until_s)
+        if wait_s > 0:
+            raise TooManyTries(wait_s=ceil(wait_s))
+
+    def give_back(self, budgets: Collection[Budget]) -> None:
+        """Take back a try that was right; what was wrong before stays counted."""
+        with self._database.write() as connection:
+            for budget in budgets:
+                failures, _ = _read(connection, budget)
+                _write(connection, budget, max(failures - 1, 0), self._clock())
+
+    def clear(self, budgets: Collection[Budget]) -> None:
+        """Hold nothing against whoever has logged in; against the address only one try less.
+
+        Somebody with an account of his own must not clear his address by it.
+        """
+        self.give_back([budget for budget in budgets if budget.key.startswith(_ADDRESS)])
+        own = [budget.key for budget in budgets if not budget.key.startswith(_ADDRESS)]
+        with self._database.write() as connection:
+            connection.execute(delete(tries).where(tries.c.key.in_(own)))
+
+
+_ADDRESS = "address:"
+
+
+def limit_account(login: str) -> Budget:
+    """Count tries of one name, whether or not there is such a person; what was typed is not kept."""
+    return Budget(f"account:{hash_secret(login)}", 5, 300.0)
+
+
+def limit_code(person_id: str) -> Budget:
+    """Count tries of a person's second factor: the right password does not clear them."""
+    return Budget(f"code:{person_id}", 5, 300.0)
+
+
+def limit_address(address: str) -> Budget:
+    """Count tries from one address; of IPv6 one network, as a household has."""
+    return Budget(f"{_ADDRESS}{_find_network(address)}", 10, 900.0)
+
+
+def limit_browser(browser: str) -> Budget:
+    """Count tries of a browser that logged in before."""
+    return Budget(f"browser:{hash_secret(browser)}", 10, 900.0)
+
+
+def _find_network(address: str) -> str:
+    try:
+        known = ip_address(address)
+    except ValueError:
+        return address[:40]
+    return str(known) if known.version == 4 else str(ip_network((known, 64), strict=False))
+
+
+def _read(connection: Connection, budget: Budget) -> tuple[int, float]:
+    row = connection.execute(select(tries).where(tries.c.key == budget.key)).one_or_none()
+    return (row.failures, row.blocked_until_s) if row is not None else (0, 0.0)
+
+
+def _write(connection: Connection, budget: Budget, failures: int, until_s: float) -> None:
+    values = {"failures": failures, "blocked_until_s": until_s}
+    changed = connection.execute(update(tries).where(tries.c.key == budget.key).values(values))
+    if not changed.rowcount:
+        connection.execute(insert(tries).values(key=budget.key, **values))

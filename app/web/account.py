@@ -1,0 +1,128 @@
+"""The page of one's own account: password, second factor, sessions and tokens."""
+
+from datetime import UTC, datetime
+from typing import Any, cast
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import RedirectResponse
+
+from app.access.subjects import Permission, Role, Subject, collect_permissions
+from app.access.tokens import DAYS, MOST_DAYS, make_token
+from app.api.callers import find_caller, find_logins, find_settings
+from app.api.tokens import UsedPerson
+from app.errors import AppError, BadParameter, LoginRefused, NotPermitted, TooManyTries, WeakPassword
+from app.report.words.wording import Language, load_wording
+from app.services import UsedLanguage
+from app.web.forms import UsedForm, first, take_secret
+from app.web.login import render_enrolment, render_with_problem
+from app.web.rendering import find_base
+
+router = APIRouter(include_in_schema=False)
+TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
+
+
+@router.get("/account")
+def show_account(request: Request, person: UsedPerson, language: UsedLanguage) -> Response:
+    """Show one's own account."""
+    return _render(request, person, language)
+
+
+@router.post("/account/password")
+def change_password(request: Request, form: UsedForm, person: UsedPerson, language: UsedLanguage) -> Response:
+    """Set another password; every other session ends."""
+    proof, password = take_secret(form, "proof"), take_secret(form, "password")
+    try:
+        find_logins(request).change_password(person, proof, password, find_caller(request))
+    except (LoginRefused, TooManyTries, WeakPassword) as refusal:
+        return _render(request, person, language, refusal=refusal)
+    return _render(request, person, language, done="password")
+
+
+@router.post("/account/second-factor")
+def set_up_second_factor(request: Request, person: UsedPerson, language: UsedLanguage) -> Response:
+    """Begin to set up an authenticator; the one before holds until a code of the new one was given."""
+    ticket = find_logins(request).begin_enrolment(person.id)
+    return render_enrolment(request, language, ticket, "/account")
+
+
+@router.post("/account/second-factor/drop")
+def drop_second_factor(request: Request, person: UsedPerson) -> Response:
+    """Turn the second factor off, where it is not required."""
+    if find_settings(request).second_factor == "required":
+        raise NotPermitted(permission="own")
+    find_logins(request).drop_second_factor(person.id)
+    return _lead_back(request)
+
+
+@router.post("/account/sessions/end")
+def end_other_sessions(request: Request, person: UsedPerson) -> Response:
+    """End every session but this one."""
+    find_logins(request).accounts.end_sessions(person.id, person.session)
+    return _lead_back(request)
+
+
+@router.post("/account/tokens")
+def add_token(request: Request, form: UsedForm, person: UsedPerson, language: UsedLanguage) -> Response:
+    """Make a token, and show it once."""
+    chosen = cast("list[Permission]", form.get("permission", []))
+    days, name = first(form, "days"), first(form, "name")
+    try:
+        _, bearer = make_token(
+            find_logins(request).accounts, person, name, chosen, int(days) if days.isdecimal() else 0
+        )
+    except (BadParameter, NotPermitted) as refusal:
+        return _render(request, person, language, refusal=refusal)
+    return _render(request, person, language, bearer=bearer)
+
+
+@router.post("/account/tokens/{token_id}/revoke")
+def revoke_token(token_id: str, request: Request, person: UsedPerson) -> Response:
+    """Revoke a token."""
+    find_logins(request).accounts.end_token(person.id, token_id)
+    return _lead_back(request)
+
+
+def list_roles(roles: frozenset[Role], language: Language) -> str:
+    """Write somebody's roles."""
+    names = load_wording(language, "access")["role"]
+    return ", ".join(str(names[role]) for role in names if role in roles)
+
+
+def format_moment(moment_s: float) -> str:
+    """Write a moment (UTC)."""
+    return datetime.fromtimestamp(moment_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _render(
+    request: Request,
+    subject: Subject,
+    language: Language,
+    *,
+    refusal: AppError | None = None,
+    **shown: str,
+) -> Response:
+    """``shown``: what was ``done``, or the ``bearer`` to be shown once."""
+    logins = find_logins(request)
+    accounts, person = logins.accounts, logins.accounts.get_person(subject.id)
+    values: dict[str, Any] = {"done": "", "bearer": ""} | shown
+    values |= {
+        "person": person,
+        "organisation": accounts.get_organisation(person.organisation).name,
+        "roles": list_roles(person.roles, language),
+        "codes_left": logins.credentials.count_recovery_codes(person.id),
+        "is_required": find_settings(request).second_factor == "required",
+        "sessions": [
+            (format_moment(held.began_s), format_moment(held.used_s), held.id == subject.session)
+            for held in accounts.find_sessions(person.id)
+        ],
+        "tokens": [(token, format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
+        "permissions": [name for name in sorted(collect_permissions(person.roles)) if name != "own"],
+        "names": load_wording(language)["fact"]["permission"],
+        "terms": TERMS_DAYS,
+        "usual_days": DAYS,
+    }
+    return render_with_problem(request, "access/account.html", language, values, refusal)
+
+
+def _lead_back(request: Request) -> Response:
+    return RedirectResponse(f"{find_base(request)}/account", status_code=303)

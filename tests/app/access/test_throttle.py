@@ -1,0 +1,270 @@
+"""Guessing is slow, and nobody's guesses lock anybody else out."""
+
+from collections.abc import Callable
+
+import pytest
+
+from app.access import passwords
+from app.access.logins import Caller, Logins
+from app.access.throttle import Budget, Throttle, limit_address
+from app.errors import LoginRefused, TooManyTries
+from app.settings import Settings
+from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+
+STRANGER = Caller("203.0.113.9", "")
+
+
+@pytest.fixture
+def hashes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Every password that was hashed for a comparison, in order; the real function does it."""
+    seen: list[str] = []
+    real = passwords.verify_password
+
+    def verify(kept: str | None, password: str) -> bool:
+        seen.append(password)
+        return real(kept, password)
+
+    monkeypatch.setattr(passwords, "verify_password", verify)
+    return seen
+
+
+def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = STRANGER) -> str:
+    """Try once; gives the code of the refusal."""
+    try:
+        logins.give_password(login, password, caller)
+    except (LoginRefused, TooManyTries) as refusal:
+        return refusal.code
+    return "in"
+
+
+def test_a_thousand_guesses_from_one_address_cost_at_most_twenty_hashes(
+    logins: Logins, add_person: AddPerson, hashes: list[str], clock: Clock
+) -> None:
+    add_person()
+
+    for number in range(1000):
+        guess(logins, f"person{number}", f"guess {number}")
+        clock.wait(0.5)
+
+    assert len(hashes) <= 20
+
+
+def test_a_thousand_guesses_of_one_name_from_many_addresses_cost_at_most_twenty_hashes(
+    logins: Logins, add_person: AddPerson, hashes: list[str], clock: Clock
+) -> None:
+    add_person()
+
+    for number in range(1000):
+        guess(logins, "clara", f"guess {number}", Caller(f"198.51.{number // 250}.{number % 250}", ""))
+        clock.wait(0.5)
+
+    assert len(hashes) <= 20
+
+
+def test_a_known_browser_gets_in_while_strangers_guess(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    known = Caller("192.0.2.1", logins.enter(person.id, Caller("192.0.2.1", "")).browser)
+    for _ in range(50):
+        guess(logins, "clara")
+
+    assert guess(logins, "clara", PASSWORD, Caller("192.0.2.2", "")) == "E-TRIES"
+    assert guess(logins, "clara", PASSWORD, known) == "in"
+
+
+def test_a_known_browser_gets_in_from_an_address_that_guesses(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    browser = logins.enter(person.id, STRANGER).browser
+    for number in range(50):
+        guess(logins, f"person{number}")
+
+    assert guess(logins, "clara", PASSWORD, Caller(STRANGER.address, browser)) == "in"
+
+
+def test_a_known_browser_has_no_budget_for_other_people(logins: Logins, add_person: AddPerson) -> None:
+    browser = logins.enter(add_person().id, STRANGER).browser
+    add_person("dora")
+
+    tried = [guess(logins, "dora", caller=Caller(STRANGER.address, browser)) for _ in range(6)]
+
+    assert tried == ["E-LOGIN"] * 5 + ["E-TRIES"]
+
+
+def test_a_known_browser_may_not_guess_without_end(
+    logins: Logins, add_person: AddPerson, hashes: list[str]
+) -> None:
+    browser = logins.enter(add_person().id, STRANGER).browser
+
+    for _ in range(100):
+        guess(logins, "clara", caller=Caller(STRANGER.address, browser))
+
+    assert len(hashes) <= 20
+
+
+def test_the_name_of_a_known_browser_changes_with_each_login(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    first = logins.enter(person.id, STRANGER).browser
+
+    second = logins.enter(person.id, Caller(STRANGER.address, first)).browser
+
+    assert logins.credentials.knows_browser(second, person.id)
+    assert not logins.credentials.knows_browser(first, person.id)
+
+
+def test_people_who_share_a_browser_are_each_known_in_it(logins: Logins, add_person: AddPerson) -> None:
+    clara, dora = add_person(), add_person("dora")
+    first = logins.enter(clara.id, STRANGER).browser
+
+    shared = logins.enter(dora.id, Caller(STRANGER.address, first)).browser
+
+    assert logins.credentials.knows_browser(shared, clara.id)
+    assert logins.credentials.knows_browser(shared, dora.id)
+
+
+def test_an_account_of_ones_own_does_not_clear_the_address(
+    logins: Logins, add_person: AddPerson, hashes: list[str]
+) -> None:
+    add_person("mallory", has_second_factor=False)
+    for number in range(200):
+        guess(logins, f"person{number}")
+        if number % 5 == 0:
+            guess(logins, "mallory", PASSWORD)
+
+    assert len(hashes) <= 20
+
+
+def test_the_right_password_does_not_clear_wrong_codes(
+    logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+    refused = []
+    for number in range(7):
+        caller = Caller(f"198.51.100.{number}", "")
+        step = logins.give_password("clara", PASSWORD, caller)
+        try:
+            logins.give_code(step.ticket, "000000", caller)
+        except (LoginRefused, TooManyTries) as refusal:
+            refused.append(refusal.code)
+
+    assert refused == ["E-LOGIN"] * 5 + ["E-TRIES"] * 2
+
+
+def test_delays_double_up_to_the_longest() -> None:
+    budget = Budget("address:x", 10, 900.0)
+
+    assert [budget.find_delay_s(failures) for failures in (9, 10, 11, 12, 19, 20, 40)] == [
+        0.0,
+        1.0,
+        2.0,
+        4.0,
+        512.0,
+        900.0,
+        900.0,
+    ]
+
+
+def test_many_tries_at_once_are_counted_one_by_one(logins: Logins) -> None:
+    budget = limit_address("203.0.113.1")
+
+    taken = 0
+    for _ in range(30):  # none of them has been looked at yet
+        try:
+            logins.throttle.take([budget])
+            taken += 1
+        except TooManyTries:
+            pass
+
+    assert taken == 10
+
+
+def test_an_hour_of_silence_is_forgiven(logins: Logins, clock: Clock) -> None:
+    budget = limit_address("203.0.113.1")
+    for _ in range(10):
+        logins.throttle.take([budget])
+
+    clock.wait(3700)
+
+    for _ in range(10):
+        logins.throttle.take([budget])
+
+
+def test_addresses_of_one_network_of_ipv6_share_a_budget() -> None:
+    assert limit_address("2001:db8::1").key == limit_address("2001:db8::ffff:2").key
+    assert limit_address("2001:db8::1").key != limit_address("2001:db8:0:1::1").key
+
+
+def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -> None:
+    guess(logins, "my password by mistake")
+
+    kept = (settings.data_dir / "accounts.sqlite3").read_bytes()
+    kept += (settings.data_dir / "accounts.sqlite3-wal").read_bytes()
+    assert b"my password" not in kept
+
+
+def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
+    add_person()
+    visitor = visit()
+    for _ in range(5):
+        visitor.give_password("clara", "wrong wrong wrong")
+
+    answer = visitor.give_password("clara", "wrong wrong wrong")
+
+    assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
+
+
+def test_the_last_address_of_a_named_proxy_counts(
+    settings: Settings, add_person: AddPerson, visit_behind_proxy: Visit
+) -> None:
+    add_person()
+    visitor = visit_behind_proxy()
+
+    answers = [send_forwarded(visitor, f"10.0.0.{number}, 203.0.113.9", number) for number in range(11)]
+
+    assert [answer for answer in answers if answer != 401] == [429]
+
+
+def test_what_a_stranger_says_of_its_address_is_not_believed(add_person: AddPerson, visit: Visit) -> None:
+    add_person()
+    visitor = visit()
+
+    answers = [send_forwarded(visitor, f"203.0.113.{number}", number) for number in range(11)]
+
+    assert [answer for answer in answers if answer != 401] == [429]
+
+
+def send_forwarded(visitor: Visitor, forwarded: str, number: int) -> int:
+    form = {"login": f"person{number}", "password": "wrong wrong wrong"}
+    answer = visitor.client.post("/login", data=form, headers={"x-forwarded-for": forwarded})
+    return answer.status_code
+
+
+def test_confirming_is_throttled_too(
+    add_person: AddPerson, enter: Callable[..., Visitor], hashes: list[str]
+) -> None:
+    add_person()
+    visitor = enter()
+
+    for _ in range(100):
+        visitor.post("/confirm", proof="wrong wrong wrong", next="/")
+
+    assert len(hashes) <= 21
+
+
+def test_codes_from_one_ticket_are_throttled(add_person: AddPerson, visit: Visit, clock: Clock) -> None:
+    add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    answers = [
+        visitor.post("/login/code", ticket=ticket, code="000000", next="/").status_code for _ in range(6)
+    ]
+    late = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    assert answers == [401] * 5 + [429]
+    assert late.status_code == 429
+
+
+def test_throttling_starts_without_rows(logins: Logins) -> None:
+    throttle: Throttle = logins.throttle
+
+    throttle.give_back([limit_address("203.0.113.1")])
+    throttle.take([limit_address("203.0.113.1")])

@@ -1,0 +1,239 @@
+"""Logging in, one's account and the page of people, as a person uses them."""
+
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import cast
+
+import pyotp
+import pytest
+from playwright.sync_api import Browser, Page, ViewportSize, expect
+
+from app.access.accounts import AccountStore
+from app.access.logins import Logins
+from app.access.passwords import hash_password
+from app.access.subjects import Role
+from app.settings import Settings
+from tests.pages.conftest import keep_picture, open_page
+from tests.pages.test_everyone import LOOKS, Look, list_barriers
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+PASSWORD = "seven green bicycles"
+PEOPLE = {"maria": ("Maria Roy", "manager"), "clara": ("Clara Léger", "clinician", "manager")}
+SECRET = "JBSWY3DPEHPK3PXPJBSWY3DPEHPK3PXP"
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("access") / "data"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def logins(data: Path) -> Iterator[Logins]:
+    """The accounts: Maria manages people, Clara is a clinician and manages them, too."""
+    settings = Settings(data_dir=data)
+    accounts = AccountStore(settings)
+    accounts.add_organisation("own", "Riverside clinic")
+    opened = Logins(accounts, settings)
+    kept = hash_password(PASSWORD)
+    for login, (name, *roles) in PEOPLE.items():
+        person = accounts.add_person("own", login, name, cast("list[Role]", roles))
+        opened.credentials.set_password(person.id, kept)
+    yield opened
+    accounts.database.close()
+
+
+@pytest.fixture(scope="module")
+def clinic(data: Path, logins: Logins) -> Iterator[RunningServer]:
+    """A server that people log in to."""
+    running = RunningServer(data, data.parent / "log", workers=0, ACROMION_NO_SECRET="0")
+    yield running
+    running.stop()
+
+
+@pytest.fixture(autouse=True)
+def unused_codes(logins: Logins) -> None:
+    """Everybody has an authenticator, of which no code was used; the person of Maria sets hers up anew."""
+    for login in ("maria", "clara"):
+        person = logins.accounts.find_person(login)
+        assert person is not None
+        codes = [f"aaaa-bbbb-cccc-dddd-eeee-fff{n}" for n in range(2, 8)]
+        logins.credentials.set_second_factor(person.id, SECRET, 0, codes)
+
+
+def log_in(page: Page, clinic: RunningServer, login: str = "clara", language: str = "en") -> None:
+    """Give both steps, in English or French."""
+    page.goto(f"{clinic.address}login?lang={language}")
+    page.locator("input[name=login]").fill(login)
+    page.locator("input[name=password]").fill(PASSWORD)
+    page.locator("main button").click()
+    page.locator("input[name=code]").fill(pyotp.TOTP(SECRET).at(int(time.time())))
+    page.locator("main button").click()
+    expect(page.locator(".signed-in")).to_be_visible()
+
+
+def test_a_stranger_is_led_to_the_login_and_then_to_where_he_wanted(
+    page: Page, clinic: RunningServer
+) -> None:
+    page.goto(f"{clinic.address}trash?lang=en")
+    expect(page).to_have_url(re.compile(r"/login\?next=%2Ftrash"))
+
+    page.get_by_label("Login name").fill("clara")
+    page.get_by_label("Password").fill(PASSWORD)
+    page.get_by_role("button", name="Enter").click()
+    page.get_by_label("Code").fill(pyotp.TOTP(SECRET).at(int(time.time())))
+    page.get_by_role("button", name="Enter").click()
+
+    expect(page).to_have_url(re.compile(r"/trash"))
+    expect(page.get_by_role("link", name="Clara Léger")).to_be_visible()
+
+
+def test_a_password_can_be_pasted(page: Page, clinic: RunningServer) -> None:
+    page.goto(f"{clinic.address}login?lang=en")
+    page.evaluate(
+        """text => { const field = document.querySelector("input[name=password]"); field.focus();
+        document.execCommand("insertText", false, text); }""",
+        PASSWORD,
+    )
+
+    expect(page.get_by_label("Password")).to_have_value(PASSWORD)
+
+
+def test_a_wrong_password_is_told_above_the_form(page: Page, clinic: RunningServer) -> None:
+    page.goto(f"{clinic.address}login?lang=en")
+    page.get_by_label("Login name").fill("nobody")
+    page.get_by_label("Password").fill("nine blue bicycles")
+    page.get_by_role("button", name="Enter").click()
+
+    expect(page.get_by_role("alert")).to_contain_text("That does not let you in")
+
+
+def test_who_has_no_authenticator_sets_one_up_on_the_way_in(
+    page: Page, clinic: RunningServer, logins: Logins
+) -> None:
+    person = logins.accounts.find_person("maria")
+    assert person is not None
+    logins.drop_second_factor(person.id)
+    page.goto(f"{clinic.address}login?lang=en")
+    page.get_by_label("Login name").fill("maria")
+    page.get_by_label("Password").fill(PASSWORD)
+    page.get_by_role("button", name="Enter").click()
+
+    drawn = page.locator("img.qr")
+    expect(drawn).to_be_visible()
+    assert drawn.evaluate("image => image.complete && image.naturalWidth > 0")
+    keep_picture(page, "access-enrol-en")
+    secret = page.locator("code.secret").inner_text()
+    page.get_by_label("The six digits").fill(pyotp.TOTP(secret).at(int(time.time())))
+    page.get_by_role("button", name="Turn on").click()
+    expect(page.get_by_role("heading", name="Keep these codes")).to_be_visible()
+    keep_picture(page, "access-codes-en")
+    assert page.locator(".plain-codes li").count() == 10
+    page.get_by_role("link", name="I have kept them").click()
+
+    expect(page.get_by_role("heading", name="People")).to_be_visible()
+
+
+def test_a_person_is_invited_chooses_a_password_and_is_ended(
+    page: Page, browser: Browser, clinic: RunningServer
+) -> None:
+    log_in(page, clinic, "maria")
+    page.goto(f"{clinic.address}people?lang=en")
+    page.get_by_label("Name", exact=True).fill("Dora Tremblay")
+    page.get_by_label("Login name").fill("dora")
+    page.locator("form[action$='/people'] input[value=clinician]").check()
+    page.get_by_role("button", name="Make an address").click()
+    link = page.locator("code.secret").inner_text()
+    keep_picture(page, "access-invited-en")
+
+    with open_page(browser) as other:
+        other.goto(link)
+        other.get_by_label("New password").fill("five yellow umbrellas")
+        other.get_by_role("button", name="Save").click()
+        expect(other.get_by_role("heading", name="Log in")).to_be_visible()
+        page.get_by_role("button", name="End access: Dora Tremblay").click()
+        other.get_by_label("Login name").fill("dora")
+        other.get_by_label("Password").fill("five yellow umbrellas")
+        other.get_by_role("button", name="Enter").click()
+        expect(other.get_by_role("alert")).to_be_visible()
+
+    expect(page.get_by_role("button", name="Let in again: Dora Tremblay")).to_be_visible()
+
+
+def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) -> None:
+    log_in(page, clinic)
+    page.goto(f"{clinic.address}account?lang=en")
+    page.get_by_label("What it is for").fill("nightly")
+    page.get_by_label("upload recordings").check()
+    page.get_by_role("button", name="Make a token").click()
+    expect(page.locator("code.secret")).to_have_text(re.compile(r"^acr_[\w-]{43}$"))
+    keep_picture(page, "access-token-en")
+
+    page.goto(f"{clinic.address}account")
+
+    expect(page.locator("code.secret")).to_have_count(0)
+    expect(page.get_by_role("button", name="Revoke: nightly")).to_be_visible()
+
+
+def test_logging_out_leads_to_the_login_and_nothing_opens_any_more(page: Page, clinic: RunningServer) -> None:
+    log_in(page, clinic)
+
+    page.get_by_role("button", name="Log out").click()
+    page.goto(clinic.address)
+
+    expect(page).to_have_url(re.compile("/login"))
+
+
+def test_the_list_leads_to_the_login_when_the_session_has_ended(
+    page: Page, clinic: RunningServer, logins: Logins
+) -> None:
+    log_in(page, clinic)
+    page.goto(clinic.address)
+    person = logins.accounts.find_person("clara")
+    assert person is not None
+
+    logins.accounts.end_sessions(person.id)
+
+    expect(page).to_have_url(re.compile("/login"))
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
+    browser: Browser, clinic: RunningServer, logins: Logins, look: Look
+) -> None:
+    viewport: ViewportSize = {"width": look.width, "height": 800}
+    context = browser.new_context(viewport=viewport, color_scheme=look.scheme, reduced_motion="reduce")
+    page = context.new_page()
+    found: dict[str, list[str]] = {}
+    person = logins.accounts.find_person("clara")
+    assert person is not None
+
+    def look_at(name: str) -> None:
+        keep_picture(page, f"access-{name}-{look.language}-{look.scheme}-{look.width}")
+        found[name] = list_barriers(page, look)
+        if page.evaluate("document.documentElement.scrollWidth") > look.width:
+            found[name].append("wider than the screen")
+
+    page.goto(f"{clinic.address}login?lang={look.language}")
+    look_at("login")
+    page.locator("input[name=login]").fill("clara")
+    page.locator("input[name=password]").fill("wrong wrong wrong")
+    page.locator("main button").click()
+    look_at("wrong")
+    page.goto(f"{clinic.address}login/link/{logins.make_link(person.id, 60)}")
+    look_at("new-password")
+    log_in(page, clinic, language=look.language)
+    for name in ("account", "people", "confirm"):
+        page.goto(f"{clinic.address}{name}")
+        look_at(name)
+    page.goto(f"{clinic.address}account")
+    page.locator("form[action$='/account/second-factor'] button").click()
+    look_at("enrol")
+
+    context.close()
+    assert {name: problems for name, problems in found.items() if problems} == {}
