@@ -76,10 +76,10 @@ def find_licence(name: str) -> str:
         stated = metadata(name)
     except PackageNotFoundError:
         return _ELSEWHERE.get(name, UNKNOWN)
-    if expression := stated.get("License-Expression"):
-        return expression
+    if "License-Expression" in stated:
+        return stated["License-Expression"]
     classes = [text.rpartition(" :: ")[2] for text in stated.get_all("Classifier") or [] if "License" in text]
-    said = [text for text in (stated.get("License"), *classes) if text]
+    said = [stated["License"], *classes] if "License" in stated else classes
     known = [_SPDX.get(text, text) for text in said]
     return next((licence for licence in known if licence in ACCEPTED), ", ".join(classes) or UNKNOWN)
 
