@@ -46,8 +46,8 @@ _SPDX = {
     "PSFL": "PSF-2.0",
     "Python Software Foundation License": "PSF-2.0",
 }
-_ELSEWHERE = {"colorama": "BSD-3-Clause"}
-"""Packages of other systems, which cannot be asked here."""
+_READ_BY_HAND = {"colorama": "BSD-3-Clause", "pyrage": "MIT"}
+"""Of a package that only other systems install, and of one that states its licence in a file alone."""
 
 
 class Package(NamedTuple):
@@ -75,13 +75,14 @@ def find_licence(name: str) -> str:
     try:
         stated = metadata(name)
     except PackageNotFoundError:
-        return _ELSEWHERE.get(name, UNKNOWN)
+        return _READ_BY_HAND.get(name, UNKNOWN)
     if "License-Expression" in stated:
         return stated["License-Expression"]
     classes = [text.rpartition(" :: ")[2] for text in stated.get_all("Classifier") or [] if "License" in text]
     said = [stated["License"], *classes] if "License" in stated else classes
     known = [_SPDX.get(text, text) for text in said]
-    return next((licence for licence in known if licence in ACCEPTED), ", ".join(classes) or UNKNOWN)
+    unclear = ", ".join(classes) or _READ_BY_HAND.get(name, UNKNOWN)
+    return next((licence for licence in known if licence in ACCEPTED), unclear)
 
 
 def add_licences(document: dict[str, object], packages: dict[str, Package]) -> None:

@@ -81,8 +81,8 @@ def test_every_file_that_a_service_is_given_is_there_or_said_to_be_made(path: Pa
 
 def list_files(service: dict[str, Any]) -> list[str]:
     mounted = (volume.partition(":")[0] for volume in service.get("volumes", ()))
-    return [name.removeprefix("./") for name in mounted if name.startswith("./")] + service.get(
-        "env_file", []
+    return [name.removeprefix("./") for name in mounted if name.startswith("./")] + list(
+        service.get("env_file", ())
     )
 
 
@@ -214,12 +214,17 @@ def test_the_unit_has_limits(name: str) -> None:
     assert read_unit()["Service"][name]
 
 
-def test_the_proxy_overwrites_what_a_caller_says_of_its_address_and_logs_no_query() -> None:
+def test_the_proxy_overwrites_what_a_caller_says_of_its_address() -> None:
+    assert "proxy_set_header X-Forwarded-For $remote_addr;" in (DOCKER / "nginx.conf").read_text()
+
+
+def test_the_proxy_logs_no_query_and_no_address_that_logs_somebody_in() -> None:
     text = (DOCKER / "nginx.conf").read_text()
 
-    (lines,) = re.findall(r"log_format acromion '([^']*)'", text)
-    assert "proxy_set_header X-Forwarded-For $remote_addr;" in text
-    assert not {"$request", "$request_uri", "$args"} & set(re.findall(r"\$\w+", lines))
+    (line,) = re.findall(r"log_format acromion '([^']*)'", text)
+    assert not {"$request", "$request_uri", "$args", "$uri"} & set(re.findall(r"\$\w+", line))
+    (ways,) = re.findall(r"~\^/login/\(\?<acromion_way>(\S+)\)/", text)
+    assert ways == "link|once"
 
 
 def test_the_image_installs_the_versions_that_are_tested() -> None:
