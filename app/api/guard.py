@@ -89,7 +89,7 @@ REPORT_POLICY = (
     "frame-ancestors 'none'; sandbox"
 )
 
-SECURITY_HEADERS: Mapping[str, str] = {
+SECURITY_HEADERS: dict[str, str] = {
     "Content-Security-Policy": PAGE_POLICY,
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",  # without it browsers send forms from "null", and we refuse those
@@ -97,6 +97,9 @@ SECURITY_HEADERS: Mapping[str, str] = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+
+TRANSPORT_SECURITY = "max-age=31536000; includeSubDomains"
+"""Asked of browsers: for a year no request without TLS to this name and those below it."""
 
 Respond = Callable[[Request, AppError], Response]
 
@@ -113,6 +116,9 @@ class Guard:
         host_names: frozenset[str] = frozenset(),
     ) -> None:
         self._app, self._respond, self._host_names = app, respond, LOOPBACK_NAMES | host_names
+        # a server that others reach has a name, and TLS; this computer's own names are not ours to bind
+        bound = {"Strict-Transport-Security": TRANSPORT_SECURITY} if host_names else {}
+        self._headers = SECURITY_HEADERS | bound
         self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -123,7 +129,7 @@ class Guard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        request, sealed = Request(scope), _add_security_headers(send)
+        request, sealed = Request(scope), _add_headers(send, self._headers)
         try:
             check_caller(request.method, request.headers, self._host_names)
         except AppError as refusal:
@@ -179,13 +185,13 @@ def _read_host_name(host: str) -> str:
         return ""
 
 
-def _add_security_headers(send: Send) -> Send:
-    """Add the security headers that the route has not set itself."""
+def _add_headers(send: Send, added: Mapping[str, str]) -> Send:
+    """Add the headers that the route has not set itself."""
 
     async def sealed(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
-            for name, value in SECURITY_HEADERS.items():
+            for name, value in added.items():
                 headers.setdefault(name, value)
         await send(message)
 

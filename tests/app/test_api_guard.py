@@ -13,7 +13,7 @@ from app.api.guard import _BodyWatch, takes_file
 from app.api.problems import respond_to_refusal
 from app.errors import FileTooLarge, ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
-from app.main import check_exposure
+from app.main import check_exposure, create_app
 from app.settings import Settings
 
 CHANGES = ("/api/v1/analyze", "/api/v1/analyses/an_1/cancel", "/analyses/an_1/cancel")
@@ -61,6 +61,52 @@ def test_every_answer_carries_the_security_headers(client: TestClient, path: str
     assert headers["x-content-type-options"] == "nosniff"
     assert headers["referrer-policy"] == "same-origin"
     assert headers["cache-control"] == "no-store"
+
+
+def test_a_server_with_a_name_binds_browsers_to_tls_for_a_year(settings: Settings) -> None:
+    named = settings.model_copy(update={"hosts": "clinic.example"})
+    with TestClient(create_app(named), base_url="https://clinic.example") as caller:
+        answers = [
+            caller.get("/healthz"),
+            caller.get("/nowhere"),
+            caller.get("/healthz", headers={"host": "x"}),
+        ]
+
+    bound = {answer.headers["strict-transport-security"] for answer in answers}
+    assert bound == {"max-age=31536000; includeSubDomains"}
+
+
+def test_without_a_name_no_browser_is_bound(client: TestClient) -> None:
+    assert "strict-transport-security" not in client.get("/healthz").headers
+
+
+@pytest.mark.parametrize("path", ["/", "/api/v1/version", "/healthz"])
+def test_a_request_is_never_echoed(client: TestClient, path: str) -> None:
+    assert client.request("TRACE", path).status_code == 405
+
+
+def test_no_other_site_may_read_an_answer(client: TestClient) -> None:
+    answer = client.get("/api/v1/version", headers={"origin": "https://evil.example"})
+
+    assert [name for name in answer.headers if name.startswith("access-control-")] == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../../../../etc/passwd",
+        "/static/%2e%2e/%2e%2e/app/settings.py",
+        "/static/..%2f..%2fapp%2fsettings.py",
+        "/vendor/..%2f..%2fpyproject.toml",
+        "/static/.git/config",
+        "/.git/config",
+        "/static/",
+    ],
+)
+def test_no_path_leads_to_a_file_that_is_not_the_pages_or_to_a_list_of_them(
+    client: TestClient, path: str
+) -> None:
+    assert client.get(path).status_code in (404, 405)
 
 
 @pytest.fixture

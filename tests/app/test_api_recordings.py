@@ -344,3 +344,13 @@ def test_an_inspection_of_something_else_says_what_it_is(client: TestClient) -> 
     answer = client.get(f"{URL}/{kept['id']}/inspection")
 
     assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
+
+
+@pytest.mark.parametrize("field", ["id", "sha256", "size_bytes", "organisation", "duplicate_of", "who"])
+def test_what_is_not_a_persons_to_say_cannot_be_set(client: TestClient, field: str) -> None:
+    address = client.post("/api/v1/recordings", content=b"x").json()["links"]["self"]
+
+    answer = client.patch(address, json={"subject": "S1", field: "y"})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+    assert client.get(address).json()["subject"] == ""

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import httpx2
 import pytest
+from fastapi import FastAPI
 from typer.testing import CliRunner
 from websockets.sync.client import connect
 
 from app.cli import app
+from app.main import configure_server
+from app.settings import Settings
 from tests.ways_in.servers import RunningServer
 
 
@@ -52,6 +55,30 @@ def test_pages_and_sockets_are_served_over_tls(certificate: tuple[Path, Path], t
     assert server.address.startswith("https://127.0.0.1:")
     assert answer.status_code == 200
     assert heard["code"] == "E-NOT-FOUND"
+
+
+@pytest.fixture
+def offered(certificate: tuple[Path, Path], tmp_path: Path) -> ssl.SSLContext:
+    """What the server offers to those who come by TLS."""
+    cert, key = certificate
+    settings = Settings(data_dir=tmp_path / "data", tls_cert=cert, tls_key=key)
+    config = configure_server(FastAPI(), settings)
+    config.load()
+    assert config.ssl is not None
+    return config.ssl
+
+
+def test_nothing_older_than_tls_1_2_is_spoken(offered: ssl.SSLContext) -> None:
+    assert offered.minimum_version >= ssl.TLSVersion.TLSv1_2
+
+
+def test_every_cipher_keeps_what_was_said_secret_and_whole(offered: ssl.SSLContext) -> None:
+    names = {cipher["name"] for cipher in offered.get_ciphers()}
+
+    old = {name for name in names if not name.startswith("TLS_")}
+    assert names > old > set()
+    assert all(name.startswith("ECDHE-") for name in old)
+    assert all("GCM" in name or "CHACHA20" in name for name in names)
 
 
 def test_a_certificate_without_its_key_is_refused(certificate: tuple[Path, Path], tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Without accounts: only who has the secret of the start comes in."""
 
+import logging
 import stat
 from typing import cast
 
@@ -139,3 +140,20 @@ def test_each_organisation_has_its_own_recordings(guarded: TestClient) -> None:
     other = offices.find("org_other")
 
     assert (len(offices.own.store.find_newest()), len(other.store.find_newest())) == (1, 0)
+
+
+def test_no_secret_of_a_request_reaches_the_log(
+    guarded: TestClient, settings: Settings, caplog: pytest.LogCaptureFixture
+) -> None:
+    secret = (settings.data_dir / "secret").read_text()
+    caplog.set_level(logging.DEBUG)
+
+    with_it = guarded.get("/api/v1/version", headers={"Authorization": f"Bearer {secret}"})
+    guarded.get("/api/v1/version", headers={"Authorization": "Bearer acr_CANARY-1"})
+    guarded.get("/api/v1/version", headers={"Cookie": "acromion_session=CANARY-2"})
+    guarded.get("/api/v1/version?token=CANARY-3")
+    guarded.post("/login", data={"secret": "CANARY-4", "password": "CANARY-5"})
+
+    lines = [record.getMessage() for record in caplog.records if not record.name.startswith("httpx")]
+    assert with_it.status_code == 200
+    assert not [line for line in lines if "CANARY" in line or secret in line]

@@ -1,0 +1,111 @@
+"""The licences of what the image installs: ``python -m benchmarks.third_party LIST.cdx.json``.
+
+Adds to a CycloneDX list, made from the lock of the image, the licence that each installed package states, and
+exits 1 with the names of those that may not be shipped. ``.ci/run`` makes the list.
+"""
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, metadata
+from pathlib import Path
+from typing import NamedTuple
+
+LOCK = Path(__file__).resolve().parents[1] / "docker" / "requirements.lock"
+UNKNOWN = "unknown"
+
+ACCEPTED = frozenset(
+    {
+        "0BSD",
+        "Apache-2.0",
+        "Apache-2.0 WITH LLVM-exception",
+        "BSD-2-Clause",
+        "BSD-3-Clause",
+        "CC0-1.0",
+        "ISC",
+        "LGPL-3.0-only",
+        "MIT",
+        "MIT-0",
+        "MIT-CMU",
+        "MPL-2.0",
+        "PSF-2.0",
+        "Zlib",
+    }
+)
+"""What goes with Apache-2.0: those that ask for a notice, and LGPL and MPL for libraries used unaltered."""
+
+_SPDX = {
+    "Apache Software License": "Apache-2.0",
+    "BSD": "BSD-3-Clause",
+    "BSD License": "BSD-3-Clause",
+    "ISC License": "ISC",
+    "ISC License (ISCL)": "ISC",
+    "MIT License": "MIT",
+    "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0",
+    "PSFL": "PSF-2.0",
+    "Python Software Foundation License": "PSF-2.0",
+}
+_READ_BY_HAND = {"colorama": "BSD-3-Clause", "pyrage": "MIT"}
+"""Of a package that only other systems install, and of one that states its licence in a file alone."""
+
+
+class Package(NamedTuple):
+    """A package of the lock, with the licence that it states (SPDX)."""
+
+    name: str
+    version: str
+    licence: str
+
+    @property
+    def may_be_shipped(self) -> bool:
+        """Tell whether each part of the licence, or one of those to choose from, is accepted."""
+        parts = (part.strip("() ").split(" OR ") for part in self.licence.split(" AND "))
+        return all(not ACCEPTED.isdisjoint(choices) for choices in parts)
+
+
+def read_lock(lock: Path = LOCK) -> Iterator[Package]:
+    """Read the packages of a lock file, with their licences."""
+    for name, version in re.findall(r"^([\w.-]+)==([\w.]+)", lock.read_text(), re.MULTILINE):
+        yield Package(name, version, find_licence(name))
+
+
+def find_licence(name: str) -> str:
+    """Find the licence that an installed package states: as SPDX, in the earlier field, or by its classes."""
+    try:
+        stated = metadata(name)
+    except PackageNotFoundError:
+        return _READ_BY_HAND.get(name, UNKNOWN)
+    if "License-Expression" in stated:
+        return stated["License-Expression"]
+    classes = [text.rpartition(" :: ")[2] for text in stated.get_all("Classifier") or [] if "License" in text]
+    said = [stated["License"], *classes] if "License" in stated else classes
+    known = [_SPDX.get(text, text) for text in said]
+    unclear = ", ".join(classes) or _READ_BY_HAND.get(name, UNKNOWN)
+    return next((licence for licence in known if licence in ACCEPTED), unclear)
+
+
+def add_licences(document: dict[str, object], packages: dict[str, Package]) -> None:
+    """Add each component's licence to a CycloneDX document."""
+    components = document["components"]
+    assert isinstance(components, list)
+    for component in components:
+        licence = packages[component["name"]].licence
+        component["licenses"] = [{"expression": licence, "acknowledgement": "declared"}]
+
+
+def main(path: Path) -> int:
+    """Complete a list; gives the exit code."""
+    packages = {package.name: package for package in read_lock()}
+    document = json.loads(path.read_text())
+    add_licences(document, packages)
+    path.write_text(json.dumps(document, indent=1) + "\n")
+    refused = [package for package in packages.values() if not package.may_be_shipped]
+    for package in refused:
+        print(f"{package.name} {package.version}: {package.licence} is not among the accepted licences")
+    print(f"{path}: {len(packages)} third-party packages, {len(refused)} that may not be shipped")
+    return 1 if refused else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

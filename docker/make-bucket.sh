@@ -1,0 +1,8 @@
+#!/bin/sh
+# Run by the image of MinIO's client, with the root key: the bucket, and a user who may use it and nothing else.
+set -eu
+until mc alias set store http://objects:9000 "$MINIO_ROOT_USER" "$MINIO_ROOT_PASSWORD"; do sleep 1; done
+mc mb --ignore-existing store/acromion
+mc admin policy create store acromion /bucket-policy.json
+mc admin user add store "$BUCKET_USER" "$BUCKET_PASSWORD"
+mc admin policy attach store acromion --user "$BUCKET_USER" || mc admin user info store "$BUCKET_USER" | grep -q acromion
