@@ -443,6 +443,13 @@ class KeyMismatch(ServerRefused):
     fact_meanings = name_facts(file="path")
 
 
+class KeysNeeded(ServerRefused):
+    """Recordings are sealed, and their keys are not here."""
+
+    code = "E-KEYS-NEEDED"
+    fact_meanings = name_facts(number="recordings", first="id of one")
+
+
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 

@@ -33,6 +33,7 @@ from app.upkeep.recover import (
     quarantine_strange,
     restore_known,
 )
+from app.upkeep.seal_earlier import EarlierFiles
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
@@ -59,7 +60,8 @@ async def keep_house(services: Services) -> None:
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
     looked_s = aged_s = time.monotonic()
-    may_have_older = True  # rows of an earlier release: none comes while this one serves
+    may_have_older = may_have_clear = True  # of an earlier release: none comes while this one serves
+    earlier = EarlierFiles(services.settings, services.store, services.storage, services.side_files)
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
@@ -73,6 +75,8 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                     complete_headlines, services.store, services.results, HEADLINES_AT_ONCE
                 )
                 may_have_older = completed > 0
+            if may_have_clear:
+                may_have_clear = await run_to_end(earlier.seal_next)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
@@ -110,7 +114,8 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_purges(services: Services, unknown: Unknown) -> None:
-    for recording_id in services.recordings.find_purging():
+    again = services.storage.keys.find_erased() & services.store.find_recordings()
+    for recording_id in {*services.recordings.find_purging(), *again}:
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):

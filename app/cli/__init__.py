@@ -8,7 +8,7 @@ import sys
 
 import typer
 
-from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
+from app.cli.admin import backup, backup_keys, doctor, drill, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
 from app.cli.conformance import conformance
 from app.cli.inspection import inspect, version
@@ -28,7 +28,7 @@ app = typer.Typer(
 for command in (
     *(run, exposure, pair, compare, profile, validate),
     *(live, demo, simulate, conformance, inspect, version),
-    *(serve, worker, backup, restore, recover, verify, doctor),
+    *(serve, worker, backup, backup_keys, restore, drill, recover, verify, doctor),
 ):
     app.command()(command)
 

@@ -245,15 +245,7 @@ class RecordingStore(RowStore):
     def end_purge(self, recording_id: str) -> None:
         """Delete every row of a recording and of its references, once their files are gone."""
         with self._engine.begin() as connection:
-            of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
-            gone = tuple(connection.execute(of_it).scalars())
-            references = _find_references(connection, recording_id)
-            connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
-            connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
-            connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
-            files = (recording_id, *references)
-            connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
-            drop_traces(connection, {*gone, *files})
+            delete_recording(connection, recording_id)
         self._empty_log()
 
     def _empty_log(self) -> None:
@@ -274,6 +266,19 @@ class RecordingStore(RowStore):
             connection.execute(older)
             due = select(recordings.c.id).where(trashed, recordings.c.trashed_s >= term_s)
             return tuple(connection.execute(due).scalars())
+
+
+def delete_recording(connection: Connection, recording_id: str) -> None:
+    """Delete every row of a recording, of its references and of its analyses."""
+    of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
+    gone = tuple(connection.execute(of_it).scalars())
+    references = _find_references(connection, recording_id)
+    connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
+    connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
+    connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
+    files = (recording_id, *references)
+    connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
+    drop_traces(connection, {*gone, *files})
 
 
 def _find_references(connection: Connection, recording_id: str) -> tuple[str, ...]:

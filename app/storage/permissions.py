@@ -28,7 +28,7 @@ OUR_FOLDERS = frozenset(
         "uploads",
     }
 )
-OUR_FILES = frozenset({"organisation.key", "server.id", "server.lock", "store.id"})
+OUR_FILES = frozenset({"erasures.jsonl", "organisation.key", "server.id", "server.lock", "store.id"})
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

@@ -189,7 +189,7 @@ class Storage(Protocol):
         """Give the mark of a file, the size of its content first; None where there is none."""
 
     def drop_recording(self, recording_id: str) -> None:
-        """Destroy a recording's key, then remove it and its side file; no harm when they are gone."""
+        """Remove a recording, its side file and its key; no harm when they are gone."""
 
     def put(self, path: Path, name: str) -> None:
         """Store a file of this machine as it is under a name of the store (``recordings/...``)."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import FileResponse, RedirectResponse
+from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, Field
 
+from app.api.files import respond_with_file
 from app.api.guard import REPORT_POLICY
 from app.api.pairs import build_pair_download_name
 from app.errors import RecordedProblem
@@ -142,17 +143,16 @@ def _build_curves(
     return build_curves(services, laid, base)
 
 
-@router.get("/beside/{kind}/report.{form}", response_class=FileResponse)
+@router.get("/beside/{kind}/report.{form}", response_class=Response)
 def get_report(
     form: Literal["html", "pdf"], asked: Asked, services: UsedServices, language: UsedLanguage
 ) -> Response:
     """Give the report of two, to read or to file."""
-    path = _make(services, asked).find("report", form, language)
+    report = _make(services, asked)
+    body = report.read(report.find("report", form, language))
     if form == "html":
-        return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
-    return FileResponse(
-        path, media_type="application/pdf", filename=build_pair_download_name(asked, f"{language}.pdf")
-    )
+        return Response(body, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{language}.pdf"))
 
 
 @router.post("/beside/compare/align")

@@ -23,6 +23,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.services import Services
 from app.settings import Settings
+from app.storage.erasures import FolderLedger
 from app.storage.folder import FolderStorage
 from app.storage.keys import FolderKeys, KeyStore
 from app.storage.sealed import HEAD_BYTES
@@ -521,7 +522,7 @@ def clock() -> Hours:
 
 
 def open_folder(root: Path, clock: Callable[[], float] = time.monotonic) -> SealedStorage:
-    keys = KeyStore(FolderKeys(root / "keys"), root / "organisation.key")
+    keys = KeyStore(FolderKeys(root / "keys"), FolderLedger(root / "ledger"), root / "organisation.key")
     return SealedStorage(FolderStorage(root), keys, VerifiedFiles(clock))
 
 

@@ -23,6 +23,7 @@ from app.jobs.processes.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.jobs.worker import reclaim_abandoned, run_next
 from app.settings import Settings
+from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
