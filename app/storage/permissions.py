@@ -18,7 +18,6 @@ OUR_FOLDERS = frozenset(
         "analyses",
         "backups",
         "cache",
-        "fetched",
         "incoming",
         "inspections",
         "keys",
