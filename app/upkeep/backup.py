@@ -343,7 +343,8 @@ def _open_with_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBacku
     if keys is not None:
         import_key_backup(storage.keys, keys)
     if storage.keys.wrapped.is_empty():
-        sealed = [file.name for file in _read_promised(archive) if _is_sealed(archive, file.name)]
+        promised = _read_promised(archive, storage.keys.find_erased())
+        sealed = [file.name for file in promised if _is_sealed(archive, file.name)]
         if sealed:
             raise KeysNeeded(number=len(sealed), first=sealed[0])
     return storage

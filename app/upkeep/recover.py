@@ -117,7 +117,8 @@ def check_keys(store: JobStore, storage: SealedStorage, unknown: Unknown) -> Non
         raise KeysNeeded(number=len(unknown.locked), first=unknown.locked[0])
     if not storage.keys.wrapped.is_empty():
         return
-    names = (name for name in sorted(store.find_recordings()) if _is_locked(storage, name))
+    known = sorted(store.find_recordings() - storage.keys.find_erased())
+    names = (name for name in known if _is_locked(storage, name))
     locked = next(names, None)
     if locked is not None:
         raise KeysNeeded(number=1 + sum(1 for _ in names), first=locked)

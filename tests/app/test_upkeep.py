@@ -26,7 +26,8 @@ from app.jobs.worker import run_next
 from app.report.words.wording import load_wording
 from app.settings import Settings
 from app.storage.folder import FolderStorage
-from app.storage.store import Fetched, FolderLock, Storage
+from app.storage.sealing import SealedStorage
+from app.storage.store import Fetched, FolderLock
 from app.upkeep.recover import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
@@ -143,8 +144,8 @@ def test_verify_counts_what_it_read(finished: Job, acromion: Acromion) -> None:
 
 
 @on_both_set_ups
-def test_verify_names_a_missing_recording(finished: Job, storage: Storage, acromion: Acromion) -> None:
-    storage.drop_recording(finished.recording_id)
+def test_verify_names_a_missing_recording(finished: Job, storage: SealedStorage, acromion: Acromion) -> None:
+    storage.inner.drop_recording(finished.recording_id)
 
     result = acromion("verify")
 
@@ -164,7 +165,7 @@ def test_verify_names_a_damaged_recording(finished: Job, settings: Settings, acr
 @on_both_set_ups
 @pytest.mark.parametrize("name", ["recordings/rec_stray", "analyses/an_gone/t1/results.json"])
 def test_verify_names_a_file_without_a_row(
-    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path, name: str
+    finished: Job, storage: SealedStorage, acromion: Acromion, tmp_path: Path, name: str
 ) -> None:
     (tmp_path / "stray").write_bytes(b"left over")
     storage.put(tmp_path / "stray", name)
@@ -176,7 +177,7 @@ def test_verify_names_a_file_without_a_row(
 
 
 def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
-    store: JobStore, storage: Storage, add_job: AddJob, acromion: Acromion
+    store: JobStore, storage: SealedStorage, add_job: AddJob, acromion: Acromion
 ) -> None:
     add_job(b"the recording")
     job = store.claim(identify_self())
@@ -219,9 +220,9 @@ def test_a_damaged_backup_is_not_restored(
 
 @on_both_set_ups
 def test_a_backup_of_a_store_with_a_missing_file_is_made_and_lists_it(
-    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path
+    finished: Job, storage: SealedStorage, acromion: Acromion, tmp_path: Path
 ) -> None:
-    storage.drop_recording(finished.recording_id)
+    storage.inner.drop_recording(finished.recording_id)
 
     result = acromion("backup", tmp_path / "b.zip")
 
@@ -356,13 +357,13 @@ def test_verify_finds_damaged_rows_in_a_backup(finished: Job, acromion: Acromion
 def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
     finished: Job,
     *,
-    storage: Storage,
+    storage: SealedStorage,
     settings: Settings,
     acromion: Acromion,
     tmp_path: Path,
     request: pytest.FixtureRequest,
 ) -> None:
-    storage.drop_recording(finished.recording_id)
+    storage.inner.drop_recording(finished.recording_id)
     acromion("backup", tmp_path / "b.zip")
     new = empty_everything(settings, request)
     os.environ.update(new.as_environment())  # put right again by the fixture that set them first
