@@ -149,9 +149,11 @@ class PairReports:
     def sweep(self) -> None:
         """Remove what a crash left half made; only for the one server of this folder, before it serves.
 
-        Earlier versions kept these reports in ``beside``, and copies of results in folders named ``tmp*``.
+        Earlier versions kept these reports in ``beside``, and copies of results in folders named ``tmp*``;
+        those before sealing kept them in clear.
         """
-        for left in (*self.folder.glob("*.part"), *self.folder.parent.glob("tmp*/")):
+        clear = [path.parent for path in self.folder.glob(f"*/{SEAL}") if path.read_bytes().startswith(b"{")]
+        for left in (*clear, *self.folder.glob("*.part"), *self.folder.parent.glob("tmp*/")):
             shutil.rmtree(left, ignore_errors=True)
         shutil.rmtree(self.folder.with_name("beside"), ignore_errors=True)
 
