@@ -492,7 +492,7 @@ class StoreDamaged(AppError):
     outcome = Outcome(410, 3)
 
 
-class KeyGone(AppError):
+class KeyGone(StoreDamaged):
     """The key of a recording is not here: it was erased, or the keys were not restored."""
 
     code = "E-KEY-GONE"

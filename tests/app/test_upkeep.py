@@ -26,6 +26,7 @@ from app.jobs.worker import run_next
 from app.report.words.wording import load_wording
 from app.settings import Settings
 from app.storage.folder import FolderStorage
+from app.storage.keys import open_keys
 from app.storage.sealing import SealedStorage
 from app.storage.store import Fetched, FolderLock
 from app.upkeep.recover import catch_up
@@ -595,6 +596,19 @@ def test_the_doctor_finds_a_good_installation_good(store: JobStore, acromion: Ac
     result = acromion("doctor")
 
     assert result.exit_code == 0, result.output
+
+
+def test_the_doctor_names_a_ledger_of_erasures_that_was_altered(
+    store: JobStore, acromion: Acromion, settings: Settings
+) -> None:
+    open_keys(settings).erase("rec_1", "rec_2")
+    ledger = settings.data_dir / "erasures.jsonl"
+    ledger.write_text("".join(ledger.read_text().splitlines(keepends=True)[1:]))
+
+    result = acromion("doctor")
+
+    assert result.exit_code == 1
+    assert "FAIL  the keys of the recordings open (erasures)" in result.output
 
 
 def test_the_doctor_names_a_full_disk_and_its_cure(
