@@ -49,12 +49,19 @@ class EarlierFiles:
     def _seal(self, file: KeptFile) -> None:
         kind, name = file.name.split("/")[:2]
         recording_id = name if kind == "recordings" else self.store.find_recording(name)
+        if not recording_id:  # the analysis was deleted meanwhile
+            return
         try:
-            self.sealed += self.storage.seal(file.name, recording_id, file.sha256)
+            is_new = self.storage.seal(file.name, recording_id, file.sha256)
             if kind == "recordings" and not self.storage.is_small_sealed(format_side_file_name(name)):
                 self.side_files.write(name)
         except KeyGone:  # erased meanwhile
             return
-        if not self.store.may_hold(recording_id):  # purged while its copy was written
+        self.sealed += is_new
+        if is_new and self._is_gone(recording_id):  # erased while its copy was written
             self.storage.drop_recording(recording_id)
             self.storage.drop_analysis(name)
+
+    def _is_gone(self, recording_id: str) -> bool:
+        erased = self.storage.keys.find_erased()
+        return recording_id in erased or not self.store.may_hold(recording_id)
