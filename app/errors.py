@@ -518,6 +518,13 @@ class KeyMismatch(ServerRefused):
     fact_meanings = name_facts(file="path")
 
 
+class KeysNeeded(ServerRefused):
+    """Recordings are sealed, and their keys are not here."""
+
+    code = "E-KEYS-NEEDED"
+    fact_meanings = name_facts(number="recordings", first="id of one")
+
+
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 
@@ -560,7 +567,7 @@ class StoreDamaged(AppError):
     outcome = Outcome(410, 3)
 
 
-class KeyGone(AppError):
+class KeyGone(StoreDamaged):
     """The key of a recording is not here: it was erased, or the keys were not restored."""
 
     code = "E-KEY-GONE"

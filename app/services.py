@@ -208,7 +208,7 @@ def open_services(settings: Settings) -> Services:
         incoming=incoming,
         inspector=inspector,
         results=results,
-        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
+        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs", storage.keys),
         batches=BatchStore(*rows),
         mappings=MappingStore(*rows),
         views=SavedViews(*rows, storage),

@@ -129,6 +129,12 @@ def serve_bytes(request: Request, services: Services, job: Job, name: str, body:
     return Response(body, media_type=MEDIA_TYPES[name.rpartition(".")[2]], headers=headers)
 
 
+def respond_with_file(body: bytes, media_type: str, download: str) -> Response:
+    """Give bytes to be kept under a name."""
+    headers = {"Content-Disposition": f'attachment; filename="{format_ascii(download)}"'}
+    return Response(body, media_type=media_type, headers=headers)
+
+
 def build_file_headers(name: str, sha256: str) -> dict[str, str]:
     """Give the headers of a file: health data, of which no copy stays on a shared computer."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}

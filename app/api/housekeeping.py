@@ -37,6 +37,7 @@ from app.upkeep.recover import (
     quarantine_strange,
     restore_known,
 )
+from app.upkeep.seal_earlier import EarlierFiles
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
@@ -77,7 +78,8 @@ async def _anchor(services: Services, act: Act | None = None) -> None:
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
     looked_s = aged_s = anchored_s = time.monotonic()
-    may_have_older = True  # rows of an earlier release: none comes while this one serves
+    may_have_older = True  # of an earlier release: none comes while this one serves
+    earlier = EarlierFiles(services.settings, services.store, services.storage, services.side_files)
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
@@ -87,7 +89,7 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                 continue
             await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
             if may_have_older:
-                may_have_older = await run_to_end(_complete_older, services) > 0
+                may_have_older = await run_to_end(_complete_older, services, earlier)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
@@ -102,10 +104,11 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             logger.exception("housekeeping is not done; trying again")
 
 
-def _complete_older(services: Services) -> int:
-    """Complete and seal rows of an earlier release; gives how many."""
+def _complete_older(services: Services, earlier: EarlierFiles) -> bool:
+    """Complete and seal some rows and files of an earlier release; False when none is left."""
     completed = complete_headlines(services.store, services.results, HEADLINES_AT_ONCE)
-    return completed + seal_rows(services.store.engine, ROWS_AT_ONCE)
+    sealed = seal_rows(services.store.engine, ROWS_AT_ONCE)
+    return earlier.seal_next() or completed + sealed > 0
 
 
 def reconcile(services: Services) -> None:
@@ -135,7 +138,8 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_purges(services: Services, unknown: Unknown) -> None:
-    for recording_id in services.recordings.find_purging():
+    again = services.storage.keys.find_erased() & services.store.find_recordings()
+    for recording_id in {*services.recordings.find_purging(), *again}:
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):

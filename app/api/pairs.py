@@ -500,7 +500,7 @@ def get_profile_table(
 ) -> Response:
     """A row for each day, or for each quarter hour of the clock."""
     found = asked.find(services)
-    body = (services.pairs.make(found).folder / f"{name}.csv").read_bytes()
+    body = services.pairs.make(found).read(f"{name}.csv")
     return _serve(request, body, build_pair_download_name(found, f"{name}.csv"))
 
 
@@ -525,7 +525,7 @@ def build_pair_download_name(asked: AskedJobs, ending: str) -> str:
 
 
 def _serve_figures(request: Request, services: Services, asked: AskedJobs) -> Response:
-    body = (services.pairs.make(asked).folder / asked.request.figures_name).read_bytes()
+    body = services.pairs.make(asked).read(asked.request.figures_name)
     return _serve(request, body, build_pair_download_name(asked, "json"))
 
 
@@ -534,7 +534,8 @@ def _serve_report(
 ) -> Response:
     name, language = wanted
     stem, _, kind = name.partition(".")
-    body = services.pairs.make(asked).find(stem, kind, language).read_bytes()
+    report = services.pairs.make(asked)
+    body = report.read(report.find(stem, kind, language))
     return _serve(request, body, build_pair_download_name(asked, f"{language}.{kind}"))
 
 

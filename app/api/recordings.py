@@ -220,10 +220,12 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
-    """Delete a recording and every file made of it; the rows go last, so that a start goes on with it."""
+    """Destroy the key of a recording, then delete it and every file made of it.
+
+    The rows go last, so that a start goes on with an interrupted purge.
+    """
     purged = services.recordings.begin_purge(recording_id)
-    for stored_id in purged.recordings:  # so that it does not come back if the database is lost meanwhile
-        services.side_files.write(stored_id)
+    services.storage.keys.erase(*purged.recordings)  # the ledger goes on with it if the database is lost, too
     for analysis_id in purged.analyses:
         services.storage.drop_analysis(analysis_id)
     for stored_id in purged.recordings:

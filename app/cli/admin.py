@@ -16,6 +16,7 @@ from app.report.words.wording import Language, fill, load_wording
 if TYPE_CHECKING:
     from app.settings import Settings
     from app.upkeep.backup import Copied
+    from app.upkeep.key_backup import KeyBackup
     from app.upkeep.verify import Fault
 
 
@@ -88,29 +89,79 @@ DataOption = Annotated[
     typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
 ]
 LanguageOption = Annotated[Language, typer.Option("--lang")]
+RecipientOption = Annotated[
+    list[str] | None,
+    typer.Option("--recipient", metavar="age1...", help="Who may read it (age); again for several."),
+]
+IdentityOption = Annotated[
+    Path | None, typer.Option("--identity", metavar="FILE", help="The age identity that opens it.")
+]
+KeysOption = Annotated[
+    Path | None, typer.Option("--keys", metavar="FILE", help="The backup of the keys (acromion backup-keys).")
+]
 
 
 def backup(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip, .zip.age).")],
+    recipient: RecipientOption = None,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Write every row and every file into one file; the server may run meanwhile.
+    """Write every row and every sealed file into one file, without the keys; the server may run meanwhile.
 
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import back_up  # noqa: PLC0415
+    from app.upkeep.envelope import Recipients  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
         record_command(settings, "store.backed_up")
-        copied = back_up(settings, file)
+        copied = back_up(settings, file, Recipients(tuple(recipient or ())))
+    print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
     _print_copied(lang, "backup", copied, file=str(file))
+
+
+def backup_keys(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write.")],
+    recipient: RecipientOption = None,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Write the keys of the recordings into one file. Keep it apart; replace it after each erasure."""
+    from app.upkeep.envelope import Recipients  # noqa: PLC0415
+    from app.upkeep.key_backup import back_up_keys  # noqa: PLC0415
+
+    settings = find_settings(data)
+    with refusals_printed(lang, settings):
+        number = back_up_keys(settings, file, Recipients(tuple(recipient or ())))
+    print_sentence(lang, "backup_keys", "encrypted" if recipient else "in_clear")
+    print_sentence(lang, "backup_keys", "done", number=str(number), file=str(file))
+
+
+def drill(
+    file: Annotated[Path, typer.Argument(metavar="BACKUP", help="The backup to try.")],
+    keys: Annotated[Path | None, typer.Argument(metavar="KEYS", help="The backup of its keys.")] = None,
+    identity: IdentityOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Restore a backup into a temporary folder, read every byte, and say how long it took."""
+    from app.upkeep.drill import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+
+    with refusals_printed(lang, find_settings(None)):
+        done = try_out(file, keys, identity)
+    _print_faults(lang, done.faults)
+    facts = {"number": str(done.files), "minutes": f"{done.minutes:.1f}", "faults": str(len(done.faults))}
+    print_sentence(lang, "drill", "bad" if done.faults else "good", **facts)
+    if done.faults:
+        raise typer.Exit(Exit.SOME_FAILED)
 
 
 def restore(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to read.")],
+    keys: KeysOption = None,
+    identity: IdentityOption = None,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
@@ -122,18 +173,22 @@ def restore(
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        copied = put_back(settings, file)
+        copied = put_back(settings, file, _read_keys(keys, identity), identity)
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir))
 
 
 def verify(
     file: Annotated[Path | None, typer.Argument(metavar="FILE", help="A backup; else what is kept.")] = None,
+    keys: KeysOption = None,
+    identity: IdentityOption = None,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
     with refusals_printed(lang, find_settings(data)):
-        number, faults = _verify_kept(data) if file is None else _verify_backup(file)
+        number, faults = _verify_kept(data) if file is None else _verify_backup(file, keys, identity)
+    if file is not None and keys is None:
+        print_sentence(lang, "verify", "sealed")
     _print_faults(lang, faults)
     if faults:
         print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
@@ -141,13 +196,18 @@ def verify(
     print_sentence(lang, "verify", "good", number=str(number))
 
 
-def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
+def recover(
+    keys: KeysOption = None,
+    identity: IdentityOption = None,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        done = bring_back(settings)
+        done = bring_back(settings, _read_keys(keys, identity))
     for trouble in done.troubles:
         print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
@@ -184,11 +244,18 @@ def _verify_kept(data: Path | None) -> "tuple[int, Sequence[Fault]]":
     return len(kept), tuple(find_faults(settings, kept))
 
 
-def _verify_backup(file: Path) -> "tuple[int, Sequence[Fault]]":
+def _verify_backup(file: Path, keys: Path | None, identity: Path | None) -> "tuple[int, Sequence[Fault]]":
     from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
 
-    copied = find_damage(file)
+    found = _read_keys(keys, identity)
+    copied = find_damage(file, found.get if found else None, identity)
     return copied.promised, copied.faults
+
+
+def _read_keys(file: Path | None, identity: Path | None) -> "KeyBackup | None":
+    from app.upkeep.key_backup import read_key_backup  # noqa: PLC0415
+
+    return None if file is None else read_key_backup(file, identity)
 
 
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:

@@ -288,15 +288,7 @@ class RecordingStore(RowStore):
     def end_purge(self, recording_id: str) -> None:
         """Delete every row of a recording and of its references, once their files are gone."""
         with self._engine.begin() as connection:
-            of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
-            gone = tuple(connection.execute(of_it).scalars())
-            references = _find_references(connection, recording_id)
-            connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
-            connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
-            connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
-            files = (recording_id, *references)
-            connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
-            emptied = drop_traces(connection, {*gone, *files})
+            emptied = delete_recording(connection, recording_id)
             record(connection, "recording.purged", recording_id)
         find_sealer(self._engine).destroy(emptied)
         self._empty_log()
@@ -368,6 +360,19 @@ def _check_hold(connection: Connection, recording_id: str) -> None:
     held = connection.execute(query).scalar()
     if held is not None:
         raise OnHold(id=recording_id, why=held)
+
+
+def delete_recording(connection: Connection, recording_id: str) -> tuple[str, ...]:
+    """Delete every row of a recording, its references and its analyses; gives the studies left empty."""
+    of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
+    gone = tuple(connection.execute(of_it).scalars())
+    references = _find_references(connection, recording_id)
+    connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
+    connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
+    connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
+    files = (recording_id, *references)
+    connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
+    return drop_traces(connection, {*gone, *files})
 
 
 def _find_references(connection: Connection, recording_id: str) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
+from app.errors import AppError, Crashed, DiskFull, KeyGone, ResultDamaged, StoreAway, StoreDamaged
 from app.jobs.children.attempt import (
     Attempt,
     Died,
@@ -255,9 +255,9 @@ def _attempt_or_delay(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartb
         return _delay(bench, job, heartbeat, Delay(trouble.code, job.put_backs, TROUBLE_S))
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
-    except StoreDamaged:
-        logger.error("%s: the stored recording %s is damaged or missing", job.id, job.recording_id)
-        return Refused(StoreDamaged.code, {})
+    except StoreDamaged as damaged:
+        logger.error("%s: the stored recording %s: %s", job.id, job.recording_id, damaged.code)
+        return Refused(damaged.code, damaged.facts)
     if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
         return outcome
     bench.storage.drop_attempt(job.id, token)  # its files fill the disk, too
@@ -279,6 +279,7 @@ def _delay(bench: Bench, job: Job, heartbeat: ClaimHeartbeat, delay: Delay) -> O
 
 
 def _attempt(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> Outcome:
+    bench.storage.opened.sweep()  # a killed worker may have left copies in clear
     out = bench.storage.open_attempt(job.id, token)
     own = borrow_recording(bench.storage, job.recording_id, job.sha256)
     with own as log, _borrow_reference(bench, job) as request:
@@ -330,8 +331,7 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
-    if isinstance(outcome, Finished):
-        bench.storage.keep_attempt(job.id, token, job.recording_id)
+    if isinstance(outcome, Finished) and _keep(bench, job, token):
         won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
@@ -345,6 +345,15 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
         bench.store.release(job.id, token, forgiven=True)
     if not kept:
         bench.storage.drop_attempt(job.id, token)
+
+
+def _keep(bench: Bench, job: Job, token: str) -> bool:
+    """Seal and keep the files of an attempt; False where the recording was erased meanwhile."""
+    try:
+        bench.storage.keep_attempt(job.id, token, job.recording_id)
+    except KeyGone:
+        return False
+    return True
 
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:

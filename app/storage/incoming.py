@@ -153,7 +153,7 @@ class Incoming:
         DiskFull
         """
         path = self.path(upload_id)
-        if not path.exists() or not self._is_sealed(upload_id):
+        if not path.exists() or not self._is_sealed(upload_id) or self._is_locked(upload_id):
             self._write_sealed(path, offset_bytes)
         return GrowingFile(path, self.keys, offset_bytes, length_bytes)
 
@@ -195,6 +195,11 @@ class Incoming:
         with self.path(upload_id).open("rb") as file:
             return read_head(file.read(HEAD_BYTES)) is not None
 
+    def _is_locked(self, upload_id: str) -> bool:
+        """Tell whether the bytes were sealed with a key that is not here: they count no more."""
+        key_id = self.find_recording_id(upload_id)
+        return key_id is not None and self.keys.find(key_id) is None
+
     def find_recording_id(self, upload_id: str) -> str | None:
         """Give the id of the recording that an upload is to be; None before its first byte."""
         try:
@@ -208,7 +213,9 @@ class Incoming:
         """Give the number of an upload's bytes that are on the disk."""
         try:
             size_bytes = self.path(upload_id).stat().st_size
-            return measure_grown(size_bytes) if self._is_sealed(upload_id) else size_bytes
+            if not self._is_sealed(upload_id):
+                return size_bytes
+            return 0 if self._is_locked(upload_id) else measure_grown(size_bytes)
         except FileNotFoundError:
             return 0
 

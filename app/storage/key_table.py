@@ -1,15 +1,18 @@
 """Wrapped keys in PostgreSQL, beside the rows, so that every machine reaches them.
 
 The table is none of ours by name (:mod:`app.jobs.database.tables`): neither a backup nor the copy before a
-migration holds it. Leave it out of ``pg_dump`` too: ``--exclude-table-data=recording_keys``.
+migration holds it. Leave it out of ``pg_dump`` too: ``--exclude-table-data=recording_keys``. The ledger of
+erasures (:mod:`app.storage.erasures`) lies beside it.
 """
 
 import threading
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 from sqlalchemy import (
+    BigInteger,
     Column,
+    Connection,
     Engine,
     LargeBinary,
     MetaData,
@@ -23,6 +26,8 @@ from sqlalchemy import (
 )
 from sqlalchemy.dialects.postgresql import insert
 
+from app.storage.erasures import Erasure, make_entries
+
 CONNECT_TIMEOUT_S = 10
 TABLE_LOCK = 0x6163726F6B  # an arbitrary number, that of an advisory lock
 
@@ -31,6 +36,16 @@ recording_keys = Table(
     MetaData(),
     Column("name", String(64), primary_key=True),
     Column("wrapped", LargeBinary, nullable=False),
+)
+
+
+erasures = Table(
+    "erasures",
+    MetaData(),
+    Column("number", BigInteger, primary_key=True),
+    Column("id", String(64), nullable=False, unique=True),
+    Column("at", String(32), nullable=False),
+    Column("chain", String(64), nullable=False),
 )
 
 
@@ -45,33 +60,40 @@ class TableKeys:
     def add(self, name: str, wrapped: bytes) -> bool:
         """Insert one, unless the name has one."""
         row = insert(recording_keys).values(name=name, wrapped=wrapped).on_conflict_do_nothing()
-        with self._connect().begin() as connection:
+        with self.connect().begin() as connection:
             return connection.execute(row).rowcount == 1
 
     def read(self, name: str) -> bytes | None:
         """Read one."""
         query = select(recording_keys.c.wrapped).where(recording_keys.c.name == name)
-        with self._connect().connect() as connection:
+        with self.connect().connect() as connection:
             found = connection.execute(query).scalar()
         return None if found is None else bytes(found)
 
     def read_all(self) -> Mapping[str, bytes]:
         """Read all."""
-        with self._connect().connect() as connection:
+        with self.connect().connect() as connection:
             rows = connection.execute(select(recording_keys).order_by(recording_keys.c.name))
             return {row.name: bytes(row.wrapped) for row in rows}
+
+    def is_empty(self) -> bool:
+        """Look for any row."""
+        others = select(recording_keys.c.name).where(recording_keys.c.name.like("rec\\_%")).limit(1)
+        with self.connect().connect() as connection:
+            return connection.execute(others).first() is None
 
     def remove(self, names: Collection[str]) -> None:
         """Delete some, and have the table written anew: a deleted row stays on the disk before that."""
         if not names:
             return
-        engine = self._connect()
+        engine = self.connect()
         with engine.begin() as connection:
             connection.execute(delete(recording_keys).where(recording_keys.c.name.in_(names)))
         with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             connection.execute(text("VACUUM FULL recording_keys"))
 
-    def _connect(self) -> Engine:
+    def connect(self) -> Engine:
+        """Give an engine; both tables are there."""
         with self._lock:
             if self._engine is None:
                 timeout = {"connect_timeout": CONNECT_TIMEOUT_S}
@@ -82,5 +104,31 @@ class TableKeys:
                     lock = text("SELECT pg_advisory_xact_lock(:key)")
                     connection.execute(lock, {"key": TABLE_LOCK})  # two machines may create it at once
                     recording_keys.create(connection, checkfirst=True)
+                    erasures.create(connection, checkfirst=True)
                 self._engine = engine
             return self._engine
+
+
+@dataclass(frozen=True, slots=True)
+class TableLedger:
+    """The ledger of erasures as rows."""
+
+    keys: TableKeys
+
+    def read(self) -> tuple[Erasure, ...]:
+        """Read every row."""
+        with self.keys.connect().connect() as connection:
+            return _read_entries(connection)
+
+    def append(self, recording_ids: Collection[str]) -> None:
+        """Insert rows, one writer at a time."""
+        with self.keys.connect().begin() as connection:
+            connection.execute(text("LOCK TABLE erasures IN EXCLUSIVE MODE"))
+            entries = _read_entries(connection)
+            for number, entry in enumerate(make_entries(entries, recording_ids), len(entries) + 1):
+                connection.execute(insert(erasures).values(number=number, **asdict(entry)))
+
+
+def _read_entries(connection: Connection) -> tuple[Erasure, ...]:
+    rows = connection.execute(select(erasures).order_by(erasures.c.number))
+    return tuple(Erasure(row.id, row.at, row.chain) for row in rows)

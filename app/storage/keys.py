@@ -30,6 +30,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from app.errors import KeyFileMissing, KeyGone, KeyMismatch
 from app.settings import Settings
+from app.storage.erasures import FolderLedger, Ledger
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import BrokenSeal, sync_folder, translate_disk_full
 
@@ -38,7 +39,7 @@ VERSION = b"\x01"
 """The first byte of a wrapped key and of what :meth:`RecordingKey.seal` gives."""
 ORGANISATION = "organisation"
 """The name, among the wrapped keys, of the fingerprint of the key that wrapped them."""
-KEY_FILE = "organisation.key"
+KEY_FILE, LEDGER_FILE = "organisation.key", "erasures.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +132,9 @@ class WrappedKeys(Protocol):
     def read_all(self) -> Mapping[str, bytes]:
         """Give all of them by name."""
 
+    def is_empty(self) -> bool:
+        """Tell whether no recording has one."""
+
     def remove(self, names: Collection[str]) -> None:
         """Destroy some: what held them is overwritten; no harm where they are gone."""
 
@@ -171,6 +175,13 @@ class FolderKeys:
         found = ((name, self.read(name)) for name in sorted(names) if not name.endswith(".part"))
         return {name: wrapped for name, wrapped in found if wrapped is not None}
 
+    def is_empty(self) -> bool:
+        """Look for any file."""
+        if not self.folder.is_dir():
+            return True
+        with os.scandir(self.folder) as entries:
+            return all(entry.name == ORGANISATION for entry in entries)
+
     def remove(self, names: Collection[str]) -> None:
         """Overwrite each file with random bytes, then remove it."""
         for name in names:
@@ -189,6 +200,7 @@ class KeyStore:
     """The keys of all recordings. Nothing is kept in memory: a destroyed key is gone for every process."""
 
     wrapped: WrappedKeys
+    ledger: Ledger
     key_file: Path
     may_create: bool = True
     """Whether a missing organisation's key is made, where it has wrapped nothing yet."""
@@ -266,6 +278,15 @@ class KeyStore:
                 found[name] = self.organisation.unwrap(name, wrapped)
         return found
 
+    def erase(self, *recording_ids: str) -> None:
+        """Enter recordings in the ledger of erasures, then destroy their keys."""
+        self.ledger.append(recording_ids)
+        self.destroy(*recording_ids)
+
+    def find_erased(self) -> frozenset[str]:
+        """Give the id of every recording that was erased."""
+        return frozenset(entry.id for entry in self.ledger.read())
+
     def destroy(self, *recording_ids: str) -> None:
         """Destroy keys for good; no harm where they are gone."""
         self.wrapped.remove(recording_ids)
@@ -275,7 +296,7 @@ class KeyStore:
         yield from self._read_recordings()
 
     def import_wrapped(self, entries: Mapping[str, bytes], wrapper: OrganisationKey | None = None) -> int:
-        """Add wrapped keys that are not here; gives their number.
+        """Add wrapped keys that are neither here nor erased; gives their number.
 
         ``wrapper``: the key that wrapped them, where it is not this organisation's; they are wrapped anew.
 
@@ -284,8 +305,8 @@ class KeyStore:
         BrokenSeal
             One of them is damaged, or was wrapped by another key than that.
         """
-        wrapper = wrapper or self.organisation
-        keys = [wrapper.unwrap(name, wrapped) for name, wrapped in entries.items()]
+        wrapper, erased = wrapper or self.organisation, self.find_erased()
+        keys = [wrapper.unwrap(name, wrapped) for name, wrapped in entries.items() if name not in erased]
         return sum(self.wrapped.add(key.id, self.organisation.wrap(key)) for key in keys)
 
     def _read_recordings(self) -> Iterator[tuple[str, bytes]]:
@@ -308,14 +329,16 @@ class KeyStore:
 def open_keys(settings: Settings) -> KeyStore:
     """Open the keys of the settings; nothing is created before the first use."""
     key_file = settings.key_file or settings.data_dir / KEY_FILE
-    return KeyStore(_open_wrapped(settings), key_file, may_create=settings.key_file is None)
+    wrapped, ledger = _open_places(settings)
+    return KeyStore(wrapped, ledger, key_file, may_create=settings.key_file is None)
 
 
-def _open_wrapped(settings: Settings) -> WrappedKeys:
+def _open_places(settings: Settings) -> tuple[WrappedKeys, Ledger]:
     if settings.database_url.startswith("sqlite"):
-        return FolderKeys(settings.data_dir / "keys")
-    table: WrappedKeys = importlib.import_module("app.storage.key_table").TableKeys(settings.database_url)
-    return table
+        return FolderKeys(settings.data_dir / "keys"), FolderLedger(settings.data_dir / LEDGER_FILE)
+    tables = importlib.import_module("app.storage.key_table")
+    wrapped = tables.TableKeys(settings.database_url)
+    return wrapped, tables.TableLedger(wrapped)
 
 
 def read_key_file(path: Path) -> OrganisationKey | None:

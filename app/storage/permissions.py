@@ -18,7 +18,6 @@ OUR_FOLDERS = frozenset(
         "analyses",
         "backups",
         "cache",
-        "fetched",
         "incoming",
         "inspections",
         "organisations",
@@ -29,7 +28,9 @@ OUR_FOLDERS = frozenset(
         "uploads",
     }
 )
-OUR_FILES = frozenset({"organisation.key", "secret", "server.id", "server.lock", "store.id"})
+OUR_FILES = frozenset(
+    {"erasures.jsonl", "organisation.key", "secret", "server.id", "server.lock", "store.id"}
+)
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

@@ -138,6 +138,25 @@ class SealedStorage:
         self.release(found.path)
         return Fetched(path, (sealed.size_bytes, *found.mark[1:]), read_mark(path))
 
+    def hash_stored(self, path: Path) -> str:
+        """Give the SHA-256 of the content of a file as it is stored.
+
+        Raises
+        ------
+        BrokenSeal, KeyGone
+        """
+        with path.open("rb") as file:
+            head = read_head(file.read(HEAD_BYTES))
+            return (
+                hash_file(path) if head is None else SealedFile(file, self.keys.get(head.key_id), head).hash()
+            )
+
+    def find_key_id(self, name: str) -> str | None:
+        """Give the id of the key that a file was sealed with; None where it is in clear, or not there."""
+        found = self.inner.read_start(name, HEAD_BYTES)
+        head = None if found is None else read_head(found[0])
+        return None if head is None else head.key_id
+
     def hash(self, name: str) -> tuple[str, Mark]:
         """Give the SHA-256 of a file's content, and its mark, without a copy in clear."""
         with self._reading(name) as (found, sealed):
@@ -190,9 +209,12 @@ class SealedStorage:
         return found is not None and read_head(found[0]) is not None
 
     def drop_recording(self, recording_id: str) -> None:
-        """Destroy the key of a recording, then remove its files; no harm when they are gone."""
-        self.keys.destroy(recording_id)
+        """Remove a recording and its side file, then its key; no harm when they are gone.
+
+        A purge has destroyed the key before; of what was never acknowledged, no bytes without a key are left.
+        """
         self.inner.drop_recording(recording_id)
+        self.keys.destroy(recording_id)
 
     def put(self, path: Path, name: str) -> None:
         """Store a file as it is: sealed before, or of a backup."""
@@ -232,12 +254,15 @@ class SealedStorage:
         Raises
         ------
         KeyGone
-            Its bytes were sealed, and their key is not here: another one must not take its place.
+            It was erased; or its bytes were sealed and their key is not here: no other may take its place.
         """
         found = self.keys.find(recording_id)
-        if found is None and self.is_sealed(format_recording_name(recording_id)):
+        if found is not None:
+            return found
+        is_lost = self.is_sealed(format_recording_name(recording_id))
+        if is_lost or recording_id in self.keys.find_erased():
             raise KeyGone(id=recording_id)
-        return found or self.keys.create(recording_id)
+        return self.keys.create(recording_id)
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Create an empty folder on this machine for the files of one attempt."""

@@ -189,7 +189,7 @@ class Storage(Protocol):
         """Give the mark of a file, the size of its content first; None where there is none."""
 
     def drop_recording(self, recording_id: str) -> None:
-        """Destroy a recording's key, then remove it and its side file; no harm when they are gone."""
+        """Remove a recording, its side file and its key; no harm when they are gone."""
 
     def put(self, path: Path, name: str) -> None:
         """Store a file of this machine as it is under a name of the store (``recordings/...``)."""
@@ -367,6 +367,11 @@ def _translate_read_errors(name: str, damaged: AppError) -> Iterator[None]:
     except BrokenSeal as error:
         logger.error("%s is damaged: its seal is broken", name)
         raise damaged from error
+    except KeyGone as error:
+        logger.error("%s cannot be opened: its key is not here", name)
+        if isinstance(damaged, ResultDamaged):
+            raise damaged from error
+        raise
 
 
 def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
@@ -376,7 +381,7 @@ def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
     try:
         with _translate_read_errors(name, StoreDamaged()):
             found, mark = storage.hash(name)
-    except (StoreDamaged, KeyGone):
+    except StoreDamaged:
         return False
     if found != sha256:
         logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
@@ -511,7 +516,7 @@ def check_folder(folder: Path) -> None:
     FolderUnusable, DiskFull
     """
     with translate_folder_errors(folder):
-        for name in ("", "uploads", "recordings", "analyses", "incoming"):
+        for name in ("", "uploads", "recordings", "analyses", "incoming", "keys", "opened"):
             place = folder / name
             if place.is_dir() or not name:
                 with tempfile.TemporaryFile(dir=place):

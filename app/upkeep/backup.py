@@ -1,9 +1,12 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
-    manifest.json            {"format": "acromion.backup/1", "revision", "version", "made_at",
+    manifest.json            {"format": "acromion.backup/2", "revision", "version", "made_at",
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
     rows/<table>.jsonl       one row a line, all of one transaction
-    files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
+    files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>, as they are stored: sealed
+
+The keys of the recordings are not in it (:mod:`app.upkeep.key_backup`); without them its files are closed. It
+may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`).
 
 Files never change once a row promises them, so that they can be copied after the rows were read. A file that
 is purged meanwhile makes the backup start again. A damaged file is copied as it is; the manifest lists
@@ -14,43 +17,55 @@ every other.
 
 import hashlib
 import json
+import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
-from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
+from app.errors import BackupRefused, DatabaseTooNew, KeyGone, KeysNeeded, NotEmpty
 from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.migrate import upgrade
-from app.jobs.database.tables import REVISION, facts, schema_revision, trail, uploads
+from app.jobs.database.tables import REVISION, analyses, facts, schema_revision, trail, uploads
+from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
 from app.settings import Settings
+from app.storage.keys import RecordingKey
 from app.storage.open import open_storage
-from app.storage.permissions import FILE_MODE, create_file, make_folder
+from app.storage.permissions import FILE_MODE, make_folder
+from app.storage.sealed import HEAD_BYTES, SealedFile, read_head
+from app.storage.sealing import SealedStorage
 from app.storage.store import (
     COPY_BYTES,
     SIDE_SUFFIX,
+    BrokenSeal,
     FolderLock,
-    Storage,
-    hash_file,
-    sync_file,
-    sync_folder,
     translate_disk_full,
 )
+from app.upkeep.envelope import Recipients, read_envelope, write_envelope
+from app.upkeep.key_backup import KeyBackup, import_key_backup
 from app.upkeep.recover import catch_up, find_unknown
-from app.upkeep.verify import Fault, KeptFile, find_files, find_kept
+from app.upkeep.verify import Fault, KeptFile, find_files, find_kept, read_promised
 from app.version import software_version
 
-FORMAT = "acromion.backup/1"
+FORMAT = "acromion.backup/2"
+READABLE = (FORMAT, "acromion.backup/1")
+"""Those of earlier releases held every file in clear."""
 TRIES = 3
+NOBODY = Recipients()
+UNOPENED = "sealed"
+"""In place of a digest: the content is sealed, and no keys were given."""
+
+FindKey = Callable[[str], RecordingKey]
+"""Gives the key of an id, or raises KeyGone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,51 +80,34 @@ class _PurgedMeanwhileError(Exception):
     """A file was deleted together with its row while the backup was made."""
 
 
-def back_up(settings: Settings, path: Path) -> Copied:
-    """Write a backup of everything that can be read, or nothing at all.
+def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> Copied:
+    """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
 
     Raises
     ------
     BackupRefused
         ``path`` exists or cannot be written, there is no database to back up, or recordings were purged
         during each of three tries.
-    StoreAway, DiskFull
+    StoreAway, DiskFull, NotInstalled
     """
-    if path.exists():
-        raise BackupRefused(why=f"{path} exists")
-    part = path.with_name(f"{path.name}.part")
-    try:
-        for _ in range(TRIES):
-            with suppress(_PurgedMeanwhileError):
-                return _write(settings, part, path)
-        raise BackupRefused(why="recordings are being purged")
-    finally:
-        part.unlink(missing_ok=True)
+    for _ in range(TRIES):
+        with suppress(_PurgedMeanwhileError):
+            return _write(settings, path, recipients)
+    raise BackupRefused(why="recordings are being purged")
 
 
-def _write(settings: Settings, part: Path, path: Path) -> Copied:
-    part.unlink(missing_ok=True)
-    with translate_disk_full():
-        with _create(part) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            manifest = _write_rows(settings, archive)
-            copied = _write_files(settings, archive)
-            manifest["faults"] = [asdict(fault) for fault in copied.faults]
-            archive.writestr("manifest.json", json.dumps(manifest, indent=1))
-        sync_file(part)
-        part.rename(path)
-        sync_folder(path.resolve().parent)
+def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
+    envelope = write_envelope(path, recipients)
+    with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        manifest, files = _write_rows(settings, archive)
+        copied = _write_files(settings, archive, files)
+        manifest["faults"] = [asdict(fault) for fault in copied.faults]
+        archive.writestr("manifest.json", json.dumps(manifest, indent=1))
     return copied
 
 
-def _create(part: Path) -> IO[bytes]:
-    try:
-        return create_file(part)
-    except (FileNotFoundError, PermissionError, NotADirectoryError) as error:
-        raise BackupRefused(why=f"{part.parent}: {error.strerror}") from error
-
-
-def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> dict[str, Any]:
-    """Write all rows of one transaction; gives their part of the manifest."""
+def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str, Any], tuple[KeptFile, ...]]:
+    """Write all rows of one transaction; gives their part of the manifest, and the files they promise."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
     if engine.dialect.name == "postgresql":
         engine = engine.execution_options(isolation_level="REPEATABLE READ")
@@ -119,13 +117,15 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> dict[str, Any]:
             if revision is None:
                 raise BackupRefused(why=f"{engine.url.render_as_string()}: no tables")
             write_all_rows(connection, archive)
+            files = read_promised(connection)
     finally:
         engine.dispose()
     made_at = datetime.now(UTC).isoformat(timespec="seconds")
-    return {"format": FORMAT, "revision": revision, "version": software_version(), "made_at": made_at}
+    manifest = {"format": FORMAT, "revision": revision, "version": software_version(), "made_at": made_at}
+    return manifest, files
 
 
-def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
+def _write_files(settings: Settings, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]) -> Copied:
     """Copy every promised file.
 
     Raises
@@ -135,7 +135,6 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
     """
     storage = open_storage(settings)
     storage.prepare()
-    files = tuple(_read_promised(archive))
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
         still = {file.name for file in find_kept(settings)}
@@ -146,33 +145,44 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
     return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
 
-def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
-    """Copy a file as it is; gives its fault, None where it matches its row."""
+def _write_file(storage: SealedStorage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
+    """Copy a file as it is stored; gives its fault, None where its content matches its row."""
     try:
-        path = file.fetch(storage)
+        path = storage.fetch_sealed(file.name)
     except FileNotFoundError:
         return Fault(file.name, "missing")
+    except OSError:
+        return Fault(file.name, "damaged")
     try:
         with path.open("rb") as source:
-            sha256 = _copy(source, archive, file.name)
+            _copy(source, archive, file.name)
+        return _compare(storage, path, file)
     except FileNotFoundError:
         return Fault(file.name, "missing")
     except (PermissionError, IsADirectoryError):
         return Fault(file.name, "damaged")
     finally:
         storage.release(path)
+
+
+def _compare(storage: SealedStorage, path: Path, file: KeptFile) -> Fault | None:
+    """Compare the content of a stored file with its row."""
+    try:
+        sha256 = storage.hash_stored(path)
+    except KeyGone:
+        return Fault(file.name, "no_key")
+    except (BrokenSeal, OSError):
+        sha256 = ""
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
 
 
-def _copy(source: IO[bytes], archive: zipfile.ZipFile, name: str) -> str:
-    """Copy to the end, or to where the disk cannot read on; gives the SHA-256 of the copied bytes."""
-    digest, about = hashlib.sha256(), zipfile.ZipInfo(f"files/{name}")
+def _copy(source: IO[bytes], archive: zipfile.ZipFile, name: str) -> None:
+    """Copy to the end, or to where the disk cannot read on."""
+    about = zipfile.ZipInfo(f"files/{name}")
     about.external_attr = FILE_MODE << 16
     with archive.open(about, "w", force_zip64=True) as member:
         while chunk := _read_chunk(source):
-            digest.update(chunk)
             member.write(chunk)
-    return digest.hexdigest()
 
 
 def _read_chunk(source: IO[bytes]) -> bytes:
@@ -182,14 +192,17 @@ def _read_chunk(source: IO[bytes]) -> bytes:
         return b""
 
 
-def _read_promised(archive: zipfile.ZipFile) -> Iterator[KeptFile]:
-    """Give the files that the rows of a backup promise."""
+def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[KeptFile]:
+    """Give the files that the rows of a backup promise, but for those of erased recordings."""
     tables = ("recordings", "analyses", "result_files")
-    return find_files(*(tuple(read_rows(archive, table)) for table in tables))
+    known, jobs, files = (tuple(read_rows(archive, table)) for table in tables)
+    return find_files([row for row in known if row["id"] not in erased], jobs, files)
 
 
 @contextmanager
-def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
+def open_backup(
+    path: Path, identity: Path | None = None
+) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
     """Open a backup; gives the archive with its manifest.
 
     Raises
@@ -197,9 +210,9 @@ def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]
     BackupRefused, DatabaseTooNew
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with read_envelope(path, identity) as file, zipfile.ZipFile(file) as archive:
             manifest = json.loads(archive.read("manifest.json"))
-            if manifest["format"] != FORMAT:
+            if manifest["format"] not in READABLE:
                 raise BackupRefused(why=str(manifest["format"])[:80])
             if manifest["revision"] > REVISION:
                 raise DatabaseTooNew(found=manifest["revision"], needed=REVISION)
@@ -208,27 +221,30 @@ def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]
         raise BackupRefused(why=str(error)[:200]) from error
 
 
-def find_damage(path: Path) -> Copied:
+def find_damage(path: Path, keys: FindKey | None = None, identity: Path | None = None) -> Copied:
     """Read every byte of a backup, and find the files that do not match their rows.
 
-    Faults that the manifest lists are found as ``known_missing`` or ``known_damaged``.
+    Without keys, what is sealed can only be compared with the checksums of the ZIP. Faults that the manifest
+    lists are found as ``known_missing`` or ``known_damaged``.
 
     Raises
     ------
     BackupRefused, DatabaseTooNew
     """
-    with open_backup(path) as (archive, manifest):
+    with open_backup(path, identity) as (archive, manifest):
         known = {fault["name"] for fault in manifest.get("faults", ())}
         files = tuple(_read_promised(archive))
-        faults = [fault for file in files if (fault := _find_fault(archive, file, file.name in known))]
+        found = ((file, _read_file(archive, file.name, keys)) for file in files)
+        faults = [fault for file, one in found if (fault := _find_fault(file, one, file.name in known))]
         rows = (name for name in archive.namelist() if name.startswith("rows/"))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
         return Copied(len(files), tuple(faults))
 
 
-def _find_fault(archive: zipfile.ZipFile, file: KeptFile, is_known: bool) -> Fault | None:  # noqa: FBT001
-    found = _read_member(archive, f"files/{file.name}")
-    if found.sha256 == file.sha256:
+def _find_fault(file: KeptFile, found: "_Member", is_known: bool) -> Fault | None:  # noqa: FBT001
+    if found.finding == "no_key":
+        return Fault(file.name, "no_key")
+    if found.sha256 in (file.sha256, UNOPENED):
         return None
     if found.sha256 is None:
         return Fault(file.name, "known_missing" if is_known else "missing")
@@ -237,14 +253,33 @@ def _find_fault(archive: zipfile.ZipFile, file: KeptFile, is_known: bool) -> Fau
 
 @dataclass(frozen=True, slots=True)
 class _Member:
-    """A member of the ZIP: the digest of its bytes, None where it is missing or cannot be opened."""
+    """A member of the ZIP: the digest of its content, None where it is missing or cannot be opened."""
 
     sha256: str | None
     is_as_written: bool
+    finding: str = ""
 
 
 def _ignore(_chunk: bytes) -> None:
     """Discard the bytes, which are read for their digest only."""
+
+
+def _read_file(archive: zipfile.ZipFile, name: str, keys: FindKey | None) -> _Member:
+    """Read a stored file, with the digest of its content."""
+    with tempfile.TemporaryFile() as file:  # what is sealed stays sealed in it
+        found = _read_member(archive, f"files/{name}", file.write)
+        file.seek(0)
+        head = read_head(file.read(HEAD_BYTES))
+        if head is None or found.sha256 is None:
+            return found
+        if keys is None:
+            return replace(found, sha256=UNOPENED) if found.is_as_written else found
+        try:
+            return replace(found, sha256=SealedFile(file, keys(head.key_id), head).hash())
+        except KeyGone:
+            return replace(found, finding="no_key")
+        except BrokenSeal:
+            return found
 
 
 def _read_member(archive: zipfile.ZipFile, name: str, write: Callable[[bytes], object] = _ignore) -> _Member:
@@ -269,31 +304,59 @@ def _read_rest(member: IO[bytes]) -> bytes:
         return b""
 
 
-def restore(settings: Settings, path: Path) -> Copied:
+def restore(
+    settings: Settings, path: Path, keys: KeyBackup | None = None, identity: Path | None = None
+) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
-    The files are written first, then all rows in one transaction: an interrupted restore leaves nothing
-    visible, and can be repeated. Analyses that ran when the backup was made wait again.
+    ``keys``: the backup of the keys, unless they are here. The files are written first, then all rows in one
+    transaction: an interrupted restore leaves nothing visible, and can be repeated. Analyses that ran when
+    the backup was made wait again. What the ledger of erasures names does not come back.
 
     Raises
     ------
     BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
+    KeysNeeded
+        Files are sealed, and no key is here.
     """
     make_folder(settings.data_dir)
     lock, engine = FolderLock(settings.data_dir), connect(settings.database_url)
     try:
-        with open_backup(path) as (archive, manifest), engine.begin() as connection:
+        with open_backup(path, identity) as (archive, manifest), engine.begin() as connection:
             lock_tables(connection)
             _check_no_rows(connection)
-            copied = _restore_files(settings, archive)
+            storage = _open_with_keys(settings, archive, keys)
+            copied = _restore_files(storage, archive)
             _drop_tables(connection)
-            _restore_rows(connection, archive, manifest["revision"])
+            _restore_rows(connection, archive, manifest["revision"], storage.keys.find_erased())
         with closing(JobStore(settings)) as store:
             catch_up(store, open_storage(settings))
         return copied
     finally:
         engine.dispose()
         lock.release()
+
+
+def _open_with_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None) -> SealedStorage:
+    """Open the store, with the keys that are given; they are checked before anything is written."""
+    storage = open_storage(settings)
+    storage.prepare()
+    if keys is not None:
+        import_key_backup(storage.keys, keys)
+    if storage.keys.wrapped.is_empty():
+        promised = _read_promised(archive, storage.keys.find_erased())
+        sealed = [file.name for file in promised if _is_sealed(archive, file.name)]
+        if sealed:
+            raise KeysNeeded(number=len(sealed), first=sealed[0])
+    return storage
+
+
+def _is_sealed(archive: zipfile.ZipFile, name: str) -> bool:
+    try:
+        with archive.open(f"files/{name}") as member:
+            return read_head(member.read(HEAD_BYTES)) is not None
+    except (KeyError, zipfile.BadZipFile, zlib.error):
+        return False
 
 
 def _check_no_rows(connection: Connection) -> None:
@@ -315,10 +378,9 @@ def _drop_tables(connection: Connection) -> None:
     schema_revision.drop(connection, checkfirst=True)
 
 
-def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
-    storage = open_storage(settings)
-    storage.prepare()
-    files, present = tuple(_read_promised(archive)), frozenset(storage.find_names())
+def _restore_files(storage: SealedStorage, archive: zipfile.ZipFile) -> Copied:
+    erased = storage.keys.find_erased()
+    files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
     strangers = sorted(present - {file.name for file in files} - beside)
     if strangers:
@@ -328,47 +390,59 @@ def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
 
 
 def _restore_file(
-    storage: Storage,
+    storage: SealedStorage,
     archive: zipfile.ZipFile,
     file: KeptFile,
     is_present: bool,  # noqa: FBT001
 ) -> Fault | None:
-    """Restore one file; a damaged copy never replaces a present file."""
+    """Restore one file as it was stored; a damaged copy never replaces a present file."""
     if is_present and _is_whole(storage, file):
         return None
     part = storage.root / "uploads" / "restored.part"
     try:
         with translate_disk_full(), part.open("wb") as copy:
             found = _read_member(archive, f"files/{file.name}", copy.write)
-        if found.sha256 == file.sha256 or (found.sha256 is not None and not is_present):
+        fault = Fault(file.name, "missing") if found.sha256 is None else _compare(storage, part, file)
+        if fault is None or (found.sha256 is not None and not is_present):
             storage.put(part, file.name)
     finally:
         part.unlink(missing_ok=True)
-    if found.sha256 == file.sha256:
-        return None
-    return Fault(file.name, "missing" if found.sha256 is None and not is_present else "damaged")
+    if fault is not None and fault.finding == "missing" and is_present:
+        return Fault(file.name, "damaged")
+    return fault
 
 
-def _is_whole(storage: Storage, file: KeptFile) -> bool:
-    path = file.fetch(storage)
+def _is_whole(storage: SealedStorage, file: KeptFile) -> bool:
     try:
-        return hash_file(path) == file.sha256
-    finally:
-        storage.release(path)
+        return storage.hash(file.name)[0] == file.sha256
+    except (BrokenSeal, KeyGone):
+        return False
 
 
-def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: str) -> None:
+def _restore_rows(
+    connection: Connection, archive: zipfile.ZipFile, revision: str, erased: frozenset[str]
+) -> None:
+    """Add the rows of a backup, but for those of erased recordings."""
     if revision == REVISION:
         create_tables(connection)
     else:
         upgrade(connection, to=revision)
+    gone = {row["id"] for row in read_rows(archive, analyses.name) if row["recording_id"] in erased}
     for table in reflect_tables(connection):
         rows = [reset_row(table.name, row) for row in read_rows(archive, table.name)]
-        kept = [row for row in rows if _is_restored(table.name, row)]
+        kept = [
+            row
+            for row in rows
+            if _is_restored(table.name, row)
+            and erased.isdisjoint((row.get("id"), row.get("recording_id")))
+            and gone.isdisjoint((row.get("id"), row.get("analysis_id")))
+        ]
         if kept:
             connection.execute(insert(table), kept)
     if revision != REVISION:
         upgrade(connection)
+    if erased:
+        drop_traces(connection, {*erased, *gone})
     record(connection, "store.restored", who=AT_MACHINE)
 
 

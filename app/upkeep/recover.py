@@ -11,12 +11,12 @@ At a start nothing unknown is removed:
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Literal
 
-from app.errors import UnknownRecordings
+from app.errors import KeysNeeded, UnknownRecordings
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
 from app.jobs.library import SavedViews
@@ -34,7 +34,9 @@ from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record_alone
 from app.settings import Settings
 from app.storage.open import open_storage
+from app.storage.sealing import SealedStorage
 from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
+from app.upkeep.key_backup import KeyBackup, import_key_backup
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
 """The name in quarantine of a side file that was newer than its row
@@ -55,37 +57,72 @@ class Unknown:
     strange: tuple[str, ...] = ()
     """Names of entries without a valid side file."""
     purging: tuple[SideFile, ...] = ()
-    """Side files of interrupted purges whose rows are gone or lost."""
+    """Side files of purges that an earlier release left interrupted, whose rows are gone or lost."""
+    erased: tuple[str, ...] = ()
+    """Recordings of the ledger of erasures, of which something is left."""
+    locked: tuple[str, ...] = ()
+    """Recordings that are sealed, and whose keys are not here."""
 
 
-def find_unknown(store: JobStore, storage: Storage) -> Unknown:
+def find_unknown(store: JobStore, storage: SealedStorage) -> Unknown:
     """Compare the entries among the recordings with the rows."""
     names = storage.find_recordings()  # first: a recording that is stored meanwhile has its row by then
     rows = store.find_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
         return Unknown()
+    erased = storage.keys.find_erased() & {name.removesuffix(SIDE_SUFFIX) for name in found}
+    found = {name for name in found if name.removesuffix(SIDE_SUFFIX) not in erased}
     suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
     # a recording that is purged meanwhile loses its side file before its row
     sides = {one: side for one in suspects if (side := read_side_file(storage, one))}
     kept = {name for one in sides for name in (one, f"{one}{SIDE_SUFFIX}")}
     purging = tuple(side for side in sides.values() if side.is_purging)
     recoverable = tuple(one for one, side in sides.items() if not side.is_purging)
-    return Unknown(recoverable, tuple(sorted(found - kept)), purging)
+    strange = sorted(found - kept)
+    locked = tuple(name for name in strange if _is_locked(storage, name))
+    return Unknown(recoverable, tuple(strange), purging, tuple(sorted(erased)), locked)
 
 
-def check_known(store: JobStore, storage: Storage) -> Unknown:
+def _is_locked(storage: SealedStorage, name: str) -> bool:
+    """Tell whether an entry is a recording that was sealed, and whose key is not here."""
+    key_id = storage.find_key_id(format_recording_name(name))
+    return key_id is not None and storage.keys.find(key_id) is None
+
+
+def check_known(store: JobStore, storage: SealedStorage) -> Unknown:
     """Check that the database knows every stored recording; gives the other unknown entries.
 
     Raises
     ------
+    KeysNeeded
+        Sealed recordings are without their keys: the keys were lost, or not restored.
     UnknownRecordings
         A recording has a valid side file and no row: the database is lost, older or foreign.
     """
     unknown = find_unknown(store, storage)
+    check_keys(store, storage, unknown)
     if unknown.recoverable:
         raise UnknownRecordings(number=len(unknown.recoverable), first=unknown.recoverable[0])
     return unknown
+
+
+def check_keys(store: JobStore, storage: SealedStorage, unknown: Unknown) -> None:
+    """Check that the keys of what is sealed were not lost as a whole, and of unknown recordings none.
+
+    Raises
+    ------
+    KeysNeeded
+    """
+    if unknown.locked:
+        raise KeysNeeded(number=len(unknown.locked), first=unknown.locked[0])
+    if not storage.keys.wrapped.is_empty():
+        return
+    known = sorted(store.find_recordings() - storage.keys.find_erased())
+    names = (name for name in known if _is_locked(storage, name))
+    locked = next(names, None)
+    if locked is not None:
+        raise KeysNeeded(number=1 + sum(1 for _ in names), first=locked)
 
 
 def restore_known(store: JobStore, storage: Storage) -> int:
@@ -100,12 +137,23 @@ def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
     return sum(storage.quarantine(name) for name in unknown.strange)
 
 
-def finish_purges(storage: Storage, unknown: Unknown) -> None:
+def finish_purges(storage: SealedStorage, unknown: Unknown) -> None:
     """Remove the remaining files of purges whose rows are gone."""
+    if unknown.erased:
+        for analysis_id in _find_analyses(storage, unknown.erased):
+            storage.drop_analysis(analysis_id)
+    for recording_id in unknown.erased:
+        storage.drop_recording(recording_id)
     for side in unknown.purging:
         for row in side.rows["analyses"]:
             storage.drop_analysis(str(row["id"]))
         storage.drop_recording(str(side.recording["id"]))
+
+
+def _find_analyses(storage: SealedStorage, recording_ids: Collection[str]) -> frozenset[str]:
+    """Find the analyses whose files were sealed with the keys of these recordings."""
+    names = (name for name in storage.find_names() if name.startswith("analyses/"))
+    return frozenset(name.split("/")[1] for name in names if storage.find_key_id(name) in recording_ids)
 
 
 def find_strange(storage: Storage) -> tuple[str, ...]:
@@ -172,7 +220,7 @@ class Recovered:
     troubles: tuple[Trouble, ...]
 
 
-def recover(settings: Settings) -> Recovered:
+def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
     """Add the missing rows of every recording with a valid side file; present rows stay as they are.
 
     Webhooks and uploads under way are not recovered. A recording whose bytes are gone gets its row, too, so
@@ -180,9 +228,13 @@ def recover(settings: Settings) -> Recovered:
 
     Raises
     ------
-    FolderTaken, StoreMismatch, StoreAway
+    KeysNeeded
+        Recordings are sealed and their keys are not here: give their backup.
+    FolderTaken, StoreMismatch, StoreAway, BackupRefused
     """
     storage = open_storage(settings)
+    if keys is not None:
+        import_key_backup(storage.keys, keys)
     storage.prepare()
     lock = FolderLock(settings.data_dir)
     try:
@@ -196,13 +248,17 @@ def recover(settings: Settings) -> Recovered:
         lock.release()
 
 
-def _recover(store: JobStore, storage: Storage) -> Recovered:
+def _recover(store: JobStore, storage: SealedStorage) -> Recovered:
+    unknown = find_unknown(store, storage)
+    check_keys(store, storage, unknown)
+    finish_purges(storage, unknown)
+    for recording_id in storage.keys.find_erased() & store.find_recordings():
+        store.mark_purging(recording_id)  # an older database was put back: the next start deletes it again
     names, before = storage.find_recordings(), store.find_recordings()
     results = frozenset(storage.find_names())
     troubles: list[Trouble] = []
     added: Counter[str] = Counter()
     with_side = (name.removesuffix(SIDE_SUFFIX) for name in names if name.endswith(SIDE_SUFFIX))
-    finish_purges(storage, find_unknown(store, storage))
     for recording_id in sorted(with_side):
         side = read_side_file(storage, recording_id)
         if side is not None and side.is_purging:

@@ -5,12 +5,11 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from sqlalchemy import Connection, func, select
 
-from app.errors import BackupRefused
+from app.errors import BackupRefused, KeyGone
 from app.jobs.database.connect import READ_ONLY, connect
 from app.jobs.database.tables import analyses, recordings, result_files
 from app.jobs.job import JobState
@@ -18,7 +17,7 @@ from app.jobs.queries import PURGING
 from app.jobs.side_files import decode_side_file
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name, hash_file
+from app.storage.store import SIDE_SUFFIX, BrokenSeal, Storage, format_side_file_name
 from app.upkeep.recover import find_strange
 
 RECHECKS, RECHECK_PAUSE_S = 5, 0.2
@@ -36,10 +35,6 @@ class KeptFile:
     name: str
     sha256: str
 
-    def fetch(self, storage: Storage) -> Path:
-        """Give it as a file of this machine, unverified."""
-        return storage.fetch(self.name).path
-
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -56,6 +51,7 @@ class Fault:
         "no_row",
         "known_missing",
         "known_damaged",
+        "no_key",
         "side_missing",
         "side_damaged",
         "side_behind",
@@ -87,9 +83,18 @@ def _name(name: str, sha256: str) -> KeptFile:
 
 def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
     """Find every file that the rows promise now."""
-    tables = (recordings, analyses, result_files)
     with _reading(settings) as connection:
-        rows = [[row._asdict() for row in connection.execute(select(table))] for table in tables]
+        return read_promised(connection)
+
+
+def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
+    """Read which files the rows promise; the columns are in the tables of every release."""
+    columns = (
+        (recordings.c.id, recordings.c.sha256, recordings.c.state),
+        (analyses.c.id, analyses.c.recording_id, analyses.c.token),
+        (result_files.c.analysis_id, result_files.c.name, result_files.c.sha256),
+    )
+    rows = [[row._asdict() for row in connection.execute(select(*chosen))] for chosen in columns]
     return tuple(find_files(*rows))
 
 
@@ -174,9 +179,11 @@ def _reading(settings: Settings) -> Iterator[Connection]:
 
 def _check(storage: Storage, file: KeptFile) -> Fault | None:
     try:
-        path = file.fetch(storage)
-        damaged = hash_file(path) != file.sha256
+        sha256, _ = storage.hash(file.name)
     except FileNotFoundError:
         return Fault(file.name, "missing")
-    storage.release(path)
-    return Fault(file.name, "damaged") if damaged else None
+    except KeyGone:
+        return Fault(file.name, "no_key")
+    except BrokenSeal:
+        sha256 = ""
+    return None if sha256 == file.sha256 else Fault(file.name, "damaged")

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import FileResponse, RedirectResponse
+from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, Field
 
+from app.api.files import respond_with_file
 from app.api.pairs import build_pair_download_name
 from app.errors import RecordedProblem
 from app.jobs.children.pairs import PairedJobs, PairReport
@@ -149,7 +150,7 @@ def _build_curves(
     return build_curves(services, laid, base)
 
 
-@router.get("/beside/{kind}/report.{form}", response_class=FileResponse)
+@router.get("/beside/{kind}/report.{form}", response_class=Response)
 def get_report(
     form: Literal["html", "pdf"],
     asked: Asked,
@@ -158,13 +159,12 @@ def get_report(
     language: UsedLanguage,
 ) -> Response:
     """Give the report of two, to read or to file."""
-    path = _make(services, asked).find("report", form, language)
+    report = _make(services, asked)
+    body = report.read(report.find("report", form, language))
     if form == "html":
         place = f"{find_base(request)}/beside/{asked.request.kind}"
-        return lay_way(path.read_text("utf-8"), find_way(place, request), request, language)
-    return FileResponse(
-        path, media_type="application/pdf", filename=build_pair_download_name(asked, f"{language}.pdf")
-    )
+        return lay_way(body.decode(), find_way(place, request), request, language)
+    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{language}.pdf"))
 
 
 @router.post("/beside/compare/align")

@@ -6,10 +6,10 @@ from datetime import date
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import FileResponse
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
+from app.api.files import respond_with_file
 from app.api.pairs import MOST_DAYS, build_pair_download_name
 from app.errors import CannotProfile, RecordedProblem
 from app.jobs.children.pairs import PairReport, ProfiledJobs
@@ -116,7 +116,7 @@ def show_days(asked: Asked, request: Request, services: UsedServices, language: 
     return render_page(request, "days.html", language, values)
 
 
-@router.get("/days/report.{form}", response_class=FileResponse)
+@router.get("/days/report.{form}", response_class=Response)
 def get_days_report(
     form: Literal["html", "pdf"],
     asked: Asked,
@@ -125,19 +125,19 @@ def get_days_report(
     language: UsedLanguage,
 ) -> Response:
     """Get the report of several days, to read or to file."""
-    path = services.pairs.make(asked).find("report", form, language)
+    report = services.pairs.make(asked)
+    body = report.read(report.find("report", form, language))
     if form == "html":
         way = find_way(f"{find_base(request)}/days", request)
-        return lay_way(path.read_text("utf-8"), way, request, language)
-    name = build_pair_download_name(asked, f"{language}.pdf")
-    return FileResponse(path, media_type="application/pdf", filename=name)
+        return lay_way(body.decode(), way, request, language)
+    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{language}.pdf"))
 
 
-@router.get("/days/{name}.csv", response_class=FileResponse)
+@router.get("/days/{name}.csv", response_class=Response)
 def get_days_table(name: Literal["profile", "overlay"], asked: Asked, services: UsedServices) -> Response:
     """Get a row for each day, or for each quarter hour of the clock."""
-    path = services.pairs.make(asked).folder / f"{name}.csv"
-    return FileResponse(path, media_type="text/csv", filename=build_pair_download_name(asked, f"{name}.csv"))
+    body = services.pairs.make(asked).read(f"{name}.csv")
+    return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
 
 
 def find_days_address(services: Services, job: Job) -> str:

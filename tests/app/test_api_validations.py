@@ -16,6 +16,7 @@ from app.jobs.studies import identify_study
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
+from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
@@ -129,10 +130,12 @@ def test_a_list_of_tasks_that_cannot_be_used_is_refused_at_once(client: TestClie
     assert (answer.status_code, answer.json()["code"]) == (422, "E-TASKS")
 
 
-def test_the_reference_outlives_a_restart(client: TestClient, storage: Storage, store: JobStore) -> None:
+def test_the_reference_outlives_a_restart(
+    client: TestClient, storage: SealedStorage, store: JobStore
+) -> None:
     client.post("/api/v1/validations", files=FILES)
 
-    assert find_unknown(store, storage) == Unknown((), ())
+    assert find_unknown(store, storage) == Unknown()
 
 
 def test_among_the_analyses_a_comparison_leads_to_its_own_place(client: TestClient, bench: OpenBench) -> None:

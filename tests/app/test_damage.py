@@ -23,6 +23,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.services import Services
 from app.settings import Settings
+from app.storage.erasures import FolderLedger
 from app.storage.folder import FolderStorage
 from app.storage.keys import FolderKeys, KeyStore
 from app.storage.sealed import HEAD_BYTES
@@ -521,7 +522,7 @@ def clock() -> Hours:
 
 
 def open_folder(root: Path, clock: Callable[[], float] = time.monotonic) -> SealedStorage:
-    keys = KeyStore(FolderKeys(root / "keys"), root / "organisation.key")
+    keys = KeyStore(FolderKeys(root / "keys"), FolderLedger(root / "ledger"), root / "organisation.key")
     return SealedStorage(FolderStorage(root), keys, VerifiedFiles(clock))
 
 
@@ -627,12 +628,34 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
 
     async def send(message: Message) -> None:
         sent.append(message.get("body", b""))
-        alter(storage, format_result_name(store, store.get(job.id), "results.json"))
+        Path(answer.path).write_bytes(ALTERED)  # type: ignore[attr-defined]
 
     with pytest.raises(ResultDamaged):
         asyncio.run(answer(scope, receive, send))
 
     assert b"".join(sent) == b""
+
+
+def test_an_answer_is_whole_though_its_stored_file_is_replaced_on_the_way(
+    client: TestClient, store: JobStore, storage: Storage, finish: Finish
+) -> None:
+    job = finish()
+    services: Services = cast("Any", client.app).state.services
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
+    answer = serve_file(Request(scope), services, store.get(job.id), "results.json")
+    sent: list[bytes] = []
+
+    async def receive() -> Message:
+        await asyncio.Event().wait()  # nobody hangs up
+        raise AssertionError
+
+    async def send(message: Message) -> None:
+        sent.append(message.get("body", b""))
+        alter(storage, format_result_name(store, store.get(job.id), "results.json"))
+
+    asyncio.run(answer(scope, receive, send))
+
+    assert b"".join(sent) == stand_ins.RESULTS
 
 
 def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -654,7 +677,7 @@ def test_a_borrowed_copy_is_given_back_when_it_is_damaged(storage: Storage) -> N
     with pytest.raises(StoreDamaged), borrow_recording(storage, stored.id, "0" * 64):
         pass
 
-    copies = storage.root / "fetched"
+    copies = storage.root / "opened"
     assert not copies.exists() or list(copies.iterdir()) == []
 
 
@@ -664,7 +687,7 @@ def test_only_the_store_itself_and_its_upkeep_fetch_without_comparing() -> None:
         path.relative_to(app).as_posix() for path in app.rglob("*.py") if ".fetch(" in path.read_text("utf-8")
     }
 
-    assert callers <= {"storage/store.py", "upkeep/backup.py", "upkeep/verify.py"}
+    assert callers <= {"storage/store.py", "storage/sealing.py"}
 
 
 @pytest.mark.parametrize("name", ["results.json", "report.html", "report.pdf", "answer.txt", "bundle.zip"])

@@ -19,6 +19,7 @@ from app.settings import Settings
 DOCKER = Path(__file__).resolve().parents[2] / "docker"
 FILES = sorted(path for path in DOCKER.iterdir() if path.is_file())
 COMPOSE = sorted(DOCKER.glob("*.yaml"))
+MANY = DOCKER / "compose.many.yaml"
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -66,8 +67,18 @@ def test_every_volume_of_a_service_is_declared(path: Path) -> None:
         for volume in service.get("volumes", ())
         if not volume.startswith("./")
     }
+    files = {name for name in used if name.startswith("./")}
 
-    assert used == set(compose["volumes"])
+    assert used - files == set(compose["volumes"])
+    assert files <= {"./organisation.key"}
+
+
+def test_web_and_worker_of_many_machines_have_the_same_key() -> None:
+    services = read(MANY)["services"]
+
+    for name in ("web", "worker"):
+        key = services[name]["environment"]["ACROMION_KEY_FILE"]
+        assert f"./organisation.key:{key}:ro" in services[name]["volumes"]
 
 
 @pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)

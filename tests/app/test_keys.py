@@ -1,7 +1,8 @@
 """The keys of recordings, in a folder and in a table of PostgreSQL."""
 
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from app.errors import KeyFileMissing, KeyGone, KeyMismatch
 from app.jobs.database.connect import connect, open_database
 from app.jobs.database.dump import reflect_tables
 from app.settings import Settings
+from app.storage.erasures import Erasure, FolderLedger, is_chained
 from app.storage.keys import KeyStore, OrganisationKey, open_keys
 from app.storage.store import BrokenSeal
 
@@ -171,6 +173,53 @@ def test_what_a_key_prints_is_no_secret(keys: KeyStore) -> None:
     for shown in (repr(key), repr(keys), repr(keys.organisation)):
         assert repr(key.secret) not in shown
         assert repr(keys.organisation.secret) not in shown
+
+
+# --- the ledger of erasures -----------------------------------------------------------------------------
+
+
+def test_an_erasure_is_entered_once_with_its_time_and_nothing_else(keys: KeyStore) -> None:
+    keys.create("rec_1")
+    keys.erase("rec_1", "rec_2")
+    keys.erase("rec_1")
+
+    entries = keys.ledger.read()
+    assert [entry.id for entry in entries] == ["rec_1", "rec_2"]
+    assert {entry.at[:2] for entry in entries} == {"20"}
+    assert keys.find("rec_1") is None
+    assert keys.find_erased() == {"rec_1", "rec_2"}
+
+
+@pytest.mark.parametrize(
+    ("alter", "whole"),
+    [
+        (lambda entries: entries, True),
+        (lambda entries: entries[1:], False),
+        (lambda entries: (entries[0], entries[2]), False),
+        (lambda entries: (entries[0], replace(entries[1], id="rec_9"), entries[2]), False),
+        (lambda entries: (entries[1], entries[0], entries[2]), False),
+    ],
+    ids=["as written", "first out", "one out", "altered", "exchanged"],
+)
+def test_an_entry_that_is_altered_or_taken_out_is_noticed(
+    keys: KeyStore, alter: Callable[[tuple[Erasure, ...]], tuple[Erasure, ...]], whole: bool
+) -> None:
+    for name in ("rec_1", "rec_2", "rec_3"):
+        keys.erase(name)
+
+    assert is_chained(alter(keys.ledger.read())) is whole
+
+
+def test_a_line_that_a_power_cut_has_torn_does_not_spoil_the_next(tmp_path: Path) -> None:
+    ledger = FolderLedger(tmp_path / "erasures.jsonl")
+    ledger.append(("rec_1",))
+    with ledger.path.open("ab") as file:
+        file.write(b'{"id": "rec_')
+
+    ledger.append(("rec_2",))
+
+    assert [entry.id for entry in ledger.read()] == ["rec_1", "rec_2"]
+    assert is_chained(ledger.read())
 
 
 class TestTable:

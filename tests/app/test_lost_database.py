@@ -14,14 +14,16 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.errors import UnknownRecordings
+from app.errors import KeysNeeded, UnknownRecordings
 from app.jobs.database.connect import connect
 from app.jobs.side_files import decode_side_file
 from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage.store import Storage, format_side_file_name
+from app.storage.store import Storage, format_side_file_name, read_recording
+from app.upkeep.envelope import Recipients
+from app.upkeep.key_backup import back_up_keys
 from app.upkeep.recover import read_side_file
 from tests.app import stand_ins
 from tests.app.conftest import on_both_set_ups
@@ -51,16 +53,21 @@ def analyse(settings: Settings, client: TestClient, recording_id: str) -> str:
 
 
 def lose_database(settings: Settings) -> None:
-    """Throw away every table."""
+    """Throw away every table; with PostgreSQL the keys are lost with it, and their backup is at hand."""
     if settings.database_url.startswith("sqlite"):
         for path in settings.data_dir.glob("acromion.sqlite3*"):
             path.unlink()
         return
+    back_up_keys(settings, find_key_backup(settings), Recipients())
     engine = connect(settings.database_url)
     with engine.begin() as connection:
         connection.execute(text("DROP SCHEMA public CASCADE"))
         connection.execute(text("CREATE SCHEMA public"))
     engine.dispose()
+
+
+def find_key_backup(settings: Settings) -> Path:
+    return settings.data_dir.with_name("keys.jsonl")
 
 
 def read_every_byte(storage: Storage) -> dict[str, bytes]:
@@ -73,10 +80,16 @@ def read_every_byte(storage: Storage) -> dict[str, bytes]:
 
 @pytest.fixture
 def acromion(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Acromion:
-    """Call a command with the settings of the test."""
+    """Call a command with the settings of the test; a recovery gets a backup of the keys, if there is one."""
     for name, value in settings.as_environment().items():
         monkeypatch.setenv(name, value)
-    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    def call(*arguments: object) -> Any:
+        keys = find_key_backup(settings)
+        more = ("--keys", keys) if arguments[0] == "recover" and keys.exists() else ()
+        return CliRunner().invoke(app, [str(argument) for argument in (*arguments, *more)])
+
+    return call
 
 
 # --- the side file --------------------------------------------------------------------------------------
@@ -203,11 +216,50 @@ def test_a_start_with_a_lost_database_is_refused_and_removes_nothing(
     before = read_every_byte(storage)
     lose_database(settings)
 
-    with pytest.raises(UnknownRecordings) as refusal, serving(settings):
+    refused = KeysNeeded if settings.object_store else UnknownRecordings
+    with pytest.raises(refused) as refusal, serving(settings):
         pass
 
     assert refusal.value.facts["number"] == 2
     assert read_every_byte(storage) == before
+
+
+@pytest.mark.parametrize("lost", ["keys", "keys and database"])
+def test_a_start_without_the_keys_is_refused_and_sets_nothing_aside(
+    settings: Settings, storage: Storage, lost: str
+) -> None:
+    with serving(settings) as client:
+        analyse(settings, client, upload(client, b"one"))
+    before = read_every_byte(storage)
+    shutil.rmtree(settings.data_dir / "keys")
+    if "database" in lost:
+        lose_database(settings)
+
+    with pytest.raises(KeysNeeded), serving(settings):
+        pass
+
+    assert read_every_byte(storage) == before
+    assert storage.find_quarantined() == ()
+
+
+def test_recover_needs_the_keys_and_goes_on_with_their_backup(
+    settings: Settings, storage: Storage, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012")
+    back_up_keys(settings, settings.data_dir.with_name("kept.jsonl"), Recipients())
+    shutil.rmtree(settings.data_dir / "keys")
+    lose_database(settings)
+
+    refused = acromion("recover")
+    done = acromion("recover", "--keys", settings.data_dir.with_name("kept.jsonl"))
+
+    assert refused.exit_code == 3
+    assert "E-KEYS-NEEDED" in refused.output
+    assert "--keys" in refused.output
+    assert done.exit_code == 0, done.output
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/recordings/{recording_id}").json()["subject"] == "S012"
 
 
 def test_a_start_with_yesterday_s_database_is_refused_and_removes_nothing(
@@ -300,7 +352,7 @@ def test_a_recording_in_quarantine_comes_back_with_its_row(settings: Settings, s
     shutil.copy(settings.data_dir.with_name("backup"), database)
 
     with serving(settings):
-        assert (storage.root / "recordings" / recording_id).read_bytes() == b"one"
+        assert read_recording(storage, recording_id, 0, 10) == b"one"
 
 
 def test_the_attempt_of_an_unknown_analysis_stays(settings: Settings, storage: Storage) -> None:
@@ -483,7 +535,9 @@ def test_recover_brings_back_a_batch(settings: Settings, acromion: Acromion) -> 
         assert client.get(f"/api/v1/batches/{batch['id']}").json()["name"] == "wave 1"
 
 
-def test_recover_adds_to_an_older_database_and_keeps_its_rows(settings: Settings, acromion: Acromion) -> None:
+def test_recover_adds_to_an_older_database_and_keeps_its_rows(
+    settings: Settings, storage: Storage, acromion: Acromion
+) -> None:
     database = settings.data_dir / "acromion.sqlite3"
     with serving(settings) as client:
         old = upload(client, b"one", subject="old")
@@ -497,8 +551,8 @@ def test_recover_adds_to_an_older_database_and_keeps_its_rows(settings: Settings
 
     assert done.exit_code == 1
     assert f"DATABASE OLDER {old}" in done.output
-    kept = [path.read_text() for path in (settings.data_dir / "quarantine").iterdir()]
-    assert ["changed since" in text for text in kept] == [True]
+    kept = [storage.read_small(f"quarantine/{name}") or b"" for name in storage.find_quarantined()]
+    assert [b"changed since" in text for text in kept] == [True]
     with serving(settings) as client:
         subjects = [client.get(f"/api/v1/recordings/{one}").json()["subject"] for one in (old, new)]
     assert subjects == ["old", "new"]
@@ -556,7 +610,7 @@ def test_recover_lets_an_analysis_of_an_older_database_end_as_it_ended(
         assert client.get(f"/api/v1/analyses/{asked['id']}").json()["state"] == "succeeded"
 
 
-def test_recover_tells_what_an_older_database_lists_though_it_was_deleted(
+def test_recover_tells_what_is_listed_again_and_not_what_was_erased(
     settings: Settings, acromion: Acromion
 ) -> None:
     with serving(settings) as client:
@@ -570,7 +624,26 @@ def test_recover_tells_what_an_older_database_lists_though_it_was_deleted(
     done = acromion("recover")
 
     assert f"IN THE TRASH SINCE {trashed}" in done.output
-    assert f"BYTES MISSING {purged}" in done.output
+    assert purged not in done.output
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/recordings/{purged}").status_code == 404
+        assert client.get(f"/api/v1/recordings/{trashed}").status_code == 200
+
+
+def test_a_start_over_an_older_database_erases_again_what_was_erased(settings: Settings) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+    put_back = keep_older_copy(settings)
+    with serving(settings) as client:
+        client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+    put_back()
+
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/recordings/{recording_id}").status_code == 404
+        assert client.get("/api/v1/recordings").json()["items"] == []
+    store = JobStore(settings)
+    assert store.find_recordings() == frozenset()
+    store.close()
 
 
 @pytest.mark.parametrize("content", [None, b"onE"], ids=["gone", "altered"])

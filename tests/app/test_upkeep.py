@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import insert, select, text
 from typer.testing import CliRunner
 
 from app.cli import app
 from app.jobs.database.connect import connect
-from app.jobs.database.tables import REVISION
+from app.jobs.database.tables import REVISION, kept_answers
 from app.jobs.job import Job, JobState
 from app.jobs.processes.lease import identify_self
 from app.jobs.recordings import Description, RecordingStore, UploadStore
@@ -26,7 +26,9 @@ from app.jobs.worker import run_next
 from app.report.words.wording import load_wording
 from app.settings import Settings
 from app.storage.folder import FolderStorage
-from app.storage.store import Fetched, FolderLock, Storage
+from app.storage.keys import open_keys
+from app.storage.sealing import SealedStorage
+from app.storage.store import Fetched, FolderLock
 from app.upkeep.recover import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
@@ -38,10 +40,23 @@ Acromion = Callable[..., Any]
 
 @pytest.fixture
 def acromion(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Acromion:
-    """Call a command with the settings of the test."""
+    """Call a command with the settings of the test.
+
+    A backup is followed by one of the keys, which later commands about the backup are given.
+    """
     for name, value in settings.as_environment().items():
         monkeypatch.setenv(name, value)
-    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    def call(*arguments: object) -> Any:
+        file = Path(str(arguments[1] if len(arguments) > 1 else "none"))
+        keys = file.with_name("keys.jsonl")
+        more = ("--keys", keys) if arguments[0] in ("restore", "verify") and keys.is_file() else ()
+        result = CliRunner().invoke(app, [str(argument) for argument in (*arguments, *more)])
+        if arguments[0] == "backup" and file.exists() and not keys.exists():
+            CliRunner().invoke(app, ["backup-keys", str(keys)])
+        return result
+
+    return call
 
 
 @contextmanager
@@ -61,10 +76,12 @@ def read_faults(backup: Path) -> list[dict[str, str]]:
     return faults
 
 
-def flip_a_bit(backup: Path, before: bytes) -> None:
-    """Let the first byte of a stored file rot."""
+def flip_a_bit(backup: Path, name: str) -> None:
+    """Let a byte of a file in the backup rot; what is sealed stands there as it is, for it does not pack."""
+    with zipfile.ZipFile(backup) as archive:
+        end = archive.read(f"files/{name}")[-12:]
     content = bytearray(backup.read_bytes())
-    content[content.index(before)] ^= 1
+    content[content.index(end)] ^= 1
     backup.write_bytes(content)
 
 
@@ -128,8 +145,8 @@ def test_verify_counts_what_it_read(finished: Job, acromion: Acromion) -> None:
 
 
 @on_both_set_ups
-def test_verify_names_a_missing_recording(finished: Job, storage: Storage, acromion: Acromion) -> None:
-    storage.drop_recording(finished.recording_id)
+def test_verify_names_a_missing_recording(finished: Job, storage: SealedStorage, acromion: Acromion) -> None:
+    storage.inner.drop_recording(finished.recording_id)
 
     result = acromion("verify")
 
@@ -149,7 +166,7 @@ def test_verify_names_a_damaged_recording(finished: Job, settings: Settings, acr
 @on_both_set_ups
 @pytest.mark.parametrize("name", ["recordings/rec_stray", "analyses/an_gone/t1/results.json"])
 def test_verify_names_a_file_without_a_row(
-    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path, name: str
+    finished: Job, storage: SealedStorage, acromion: Acromion, tmp_path: Path, name: str
 ) -> None:
     (tmp_path / "stray").write_bytes(b"left over")
     storage.put(tmp_path / "stray", name)
@@ -161,7 +178,7 @@ def test_verify_names_a_file_without_a_row(
 
 
 def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
-    store: JobStore, storage: Storage, add_job: AddJob, acromion: Acromion
+    store: JobStore, storage: SealedStorage, add_job: AddJob, acromion: Acromion
 ) -> None:
     add_job(b"the recording")
     job = store.claim(identify_self())
@@ -182,11 +199,11 @@ def test_verify_reads_a_backup(finished: Job, acromion: Acromion, tmp_path: Path
 def test_verify_finds_a_flipped_bit_in_a_backup(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
     backup = tmp_path / "b.zip"
     acromion("backup", backup)
-    content = bytearray(backup.read_bytes())
-    content[content.index(b"the recording")] ^= 1
-    backup.write_bytes(content)
+    flip_a_bit(backup, f"recordings/{finished.recording_id}")
 
     assert acromion("verify", backup).exit_code == 1
+    without_keys = CliRunner().invoke(app, ["verify", str(backup)])
+    assert f"DAMAGED recordings/{finished.recording_id}" in without_keys.output
 
 
 def test_a_damaged_backup_is_not_restored(
@@ -204,9 +221,9 @@ def test_a_damaged_backup_is_not_restored(
 
 @on_both_set_ups
 def test_a_backup_of_a_store_with_a_missing_file_is_made_and_lists_it(
-    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path
+    finished: Job, storage: SealedStorage, acromion: Acromion, tmp_path: Path
 ) -> None:
-    storage.drop_recording(finished.recording_id)
+    storage.inner.drop_recording(finished.recording_id)
 
     result = acromion("backup", tmp_path / "b.zip")
 
@@ -270,6 +287,24 @@ def test_a_recording_purged_during_a_backup_is_no_fault(
     assert acromion("verify", tmp_path / "b.zip").exit_code == 0
 
 
+def test_a_kept_response_is_backed_up_and_restored_byte_for_byte(
+    store: JobStore, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = bytes(range(256))
+    with store.engine.begin() as connection:
+        values = {"key": "k", "fingerprint": "f", "status": 201, "headers": "[]", "body": body, "age_s": 0.0}
+        connection.execute(insert(kept_answers).values(values))
+    assert acromion("backup", tmp_path / "b.zip").exit_code == 0
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
+
+    assert acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new").exit_code == 0
+
+    restored = JobStore(Settings(data_dir=tmp_path / "new"))
+    with restored.reader.connect() as connection:
+        assert connection.execute(select(kept_answers.c.body)).scalar_one() == body
+    restored.close()
+
+
 def test_a_place_without_a_database_is_not_backed_up(acromion: Acromion, tmp_path: Path) -> None:
     result = acromion("backup", tmp_path / "b.zip")
 
@@ -301,7 +336,7 @@ def test_further_damage_of_a_known_fault_is_not_called_known(
     finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    flip_a_bit(tmp_path / "b.zip", b"the Recording")
+    flip_a_bit(tmp_path / "b.zip", f"recordings/{finished.recording_id}")
 
     result = acromion("verify", tmp_path / "b.zip")
 
@@ -323,13 +358,13 @@ def test_verify_finds_damaged_rows_in_a_backup(finished: Job, acromion: Acromion
 def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
     finished: Job,
     *,
-    storage: Storage,
+    storage: SealedStorage,
     settings: Settings,
     acromion: Acromion,
     tmp_path: Path,
     request: pytest.FixtureRequest,
 ) -> None:
-    storage.drop_recording(finished.recording_id)
+    storage.inner.drop_recording(finished.recording_id)
     acromion("backup", tmp_path / "b.zip")
     new = empty_everything(settings, request)
     os.environ.update(new.as_environment())  # put right again by the fixture that set them first
@@ -358,16 +393,20 @@ def test_a_damaged_file_is_restored_as_it_is(
 
 
 def test_a_bit_that_flipped_in_the_backup_spoils_one_file_of_it(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: Job, settings: Settings, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    flip_a_bit(tmp_path / "b.zip", b"the recording")
+    flip_a_bit(tmp_path / "b.zip", f"recordings/{finished.recording_id}")
     monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
     assert result.output.splitlines()[0] == f"DAMAGED recordings/{finished.recording_id}"
-    assert (tmp_path / "new" / "recordings" / finished.recording_id).read_bytes() == b"uhe recording"
+    restored = (tmp_path / "new" / "recordings" / finished.recording_id).read_bytes()
+    kept = (settings.data_dir / "recordings" / finished.recording_id).read_bytes()
+    assert [n for n, (one, other) in enumerate(zip(restored, kept, strict=True)) if one != other] == [
+        len(kept) - 12
+    ]
 
 
 def test_a_restore_that_was_cut_short_is_done_again(
@@ -534,7 +573,7 @@ def test_a_backup_says_its_format_and_its_revision(finished: Job, acromion: Acro
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         manifest = json.loads(archive.read("manifest.json"))
 
-    assert (manifest["format"], manifest["revision"]) == ("acromion.backup/1", REVISION)
+    assert (manifest["format"], manifest["revision"]) == ("acromion.backup/2", REVISION)
 
 
 def test_an_analysis_that_ran_waits_again_after_a_restore(
@@ -557,6 +596,19 @@ def test_the_doctor_finds_a_good_installation_good(store: JobStore, acromion: Ac
     result = acromion("doctor")
 
     assert result.exit_code == 0, result.output
+
+
+def test_the_doctor_names_a_ledger_of_erasures_that_was_altered(
+    store: JobStore, acromion: Acromion, settings: Settings
+) -> None:
+    open_keys(settings).erase("rec_1", "rec_2")
+    ledger = settings.data_dir / "erasures.jsonl"
+    ledger.write_text("".join(ledger.read_text().splitlines(keepends=True)[1:]))
+
+    result = acromion("doctor")
+
+    assert result.exit_code == 1
+    assert "FAIL  the keys of the recordings open (erasures)" in result.output
 
 
 def test_the_doctor_names_a_full_disk_and_its_cure(

@@ -10,12 +10,17 @@ import re
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import httpx2
 
+from app.errors import KeyGone
+from app.settings import Settings
+from app.storage.open import open_storage
+from app.storage.store import BrokenSeal
 from tests.crash.stores import CODE, TUS, Ended, Server, Store, build_stores, run_command
 
 Part = Literal[
@@ -56,7 +61,7 @@ LIMITS: Mapping[tuple[Part, Damage], str] = {
     ("inspection", "foreign"): "it is a value of a row, and rows have no digest",
 }
 """Damage that nothing can tell, and why."""
-VANISHING = ("cache", "server.lock", "server.id", "inspections", "fetched", "acromion.sqlite3", "backups")
+VANISHING = ("cache", "server.lock", "server.id", "inspections", "opened", "acromion.sqlite3", "backups")
 _STRANGERS = (
     "recordings/notes.txt",
     "recordings/holiday/photo.jpg",
@@ -251,23 +256,19 @@ def _damage_file(cell: Cell, path: Path, older: Path, foreign: Path) -> None:
         shutil.copyfile(foreign, path)
     else:
         content = bytearray(path.read_bytes())
-        place = _find_byte(cell.part, path, bytes(content))
+        place = _find_byte(cell.part, path, len(content))
         content[place] ^= 0xFF if cell.part == "database" else 0x01
         path.write_bytes(content)
 
 
-def _find_byte(part: Part, path: Path, content: bytes) -> int:
-    """Choose the byte that is hardest to miss wrongly: of text a sign that leaves it well formed."""
+def _find_byte(part: Part, path: Path, size_bytes: int) -> int:
+    """Choose the byte that is hardest to miss wrongly; what is sealed has none that matters more."""
     if part == "database":
         with sqlite3.connect(path) as connection:
             size, root = (connection.execute(question).fetchone()[0] for question in (PAGE_SIZE, ROOT_PAGE))
         connection.close()
         return int(size) * (int(root) - 1)  # says of which kind the first page of the recordings is
-    if part == "side file":
-        return content.index(b"N-1 of today") + 2  # the note
-    if part in ("result", "report"):
-        return next(k for k in range(len(content) // 2, len(content)) if content[k : k + 1].isdigit())
-    return len(content) // 2
+    return size_bytes // 2
 
 
 PAGE_SIZE = "PRAGMA page_size"
@@ -442,19 +443,22 @@ def _verify(scene: Scene) -> None:
 
 def _restore(scene: Scene) -> None:
     """Restore the damaged store's own backup elsewhere; over a lost database, the last good backup."""
-    into, source = scene.folder / "restored", scene.folder / "backup.zip"
+    into, source, keys = scene.folder / "restored", scene.folder / "backup.zip", scene.folder / "keys.jsonl"
+    given: tuple[object, ...] = ("--keys", keys)
     if scene.cell.part == "database":
-        into, source = scene.store.folder, scene.stock.backup
-    elif run_command("backup", source, "--data", scene.store.folder).exit_code not in (0, 1):
+        into, source, given = scene.store.folder, scene.stock.backup, ()
+    elif run_command("backup-keys", keys, "--data", scene.store.folder).exit_code or run_command(
+        "backup", source, "--data", scene.store.folder
+    ).exit_code not in (0, 1):
         scene.seen.word = "no backup to restore"
         return
-    restored = scene.run("restore", source, "--data", into)
+    restored = scene.run("restore", source, *given, "--data", into)
     words = {0: "whole", 1: "restored, names the damage"}
     scene.seen.word, scene.seen.detail = words.get(restored.exit_code, "refused"), _tell(restored)
     if restored.exit_code not in (0, 1):
         scene.seen.expect(scene.cell.part == "database", f"restore: exit {restored.exit_code}")
         return
-    found = set(_list_digests(into, with_side_files=True).values())
+    found = _hash_recordings(into)
     lost = scene.victim if scene.cell.part in ("raw file", "trash") else ""
     for recording_id, digest in scene.store.recordings.items():
         scene.seen.expect(recording_id == lost or digest in found, f"not restored: {recording_id}")
@@ -547,6 +551,15 @@ def _list_digests(folder: Path, *, with_side_files: bool) -> dict[str, str]:
         is_side = re.fullmatch(r"recordings/rec_\w+\.json", name)
         if not name.startswith(VANISHING) and (with_side_files or not is_side):
             found[name] = _hash(path.read_bytes())
+    return found
+
+
+def _hash_recordings(folder: Path) -> set[str]:
+    """Hash the content of every recording that opens."""
+    storage, found = open_storage(Settings(data_dir=folder)), set()
+    for name in storage.find_recordings():
+        with suppress(BrokenSeal, KeyGone):
+            found.add(storage.hash(f"recordings/{name}")[0])
     return found
 
 

@@ -24,6 +24,8 @@ from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, check_chain, find_lines
 from app.settings import Settings
+from app.storage.open import open_storage
+from app.storage.store import format_result_name
 from app.upkeep.verify import find_faults, find_kept
 from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
 
@@ -32,7 +34,9 @@ PARTS: tuple[Victim, ...] = ("web", "worker", "child")
 Environment = Mapping[str, str]
 _NONE: Environment = {}
 END_PATIENCE_S = 600.0  # only a queue in which nothing ends for so long is called stuck
-LOSSES = frozenset({"missing", "damaged"})  # other findings, as of files without a row, a start puts right
+LOSSES = frozenset(
+    {"missing", "damaged", "no_key"}
+)  # other findings, as of files without a row, a start puts right
 ENDS_BORNE = 5  # ends of the host that an analysis outlives before it is set aside
 
 
@@ -300,11 +304,11 @@ def count_blamed(settings: Settings) -> int:
 
 
 def _check_results(settings: Settings, journal: Journal) -> list[str]:
-    broken = []
+    broken, storage = [], open_storage(settings)
     for analysis_id, (_, sha256) in journal.recordings.items():
         state, token = journal.ends[analysis_id]
-        result = settings.data_dir / "analyses" / analysis_id / str(token) / "results.json"
-        if state is not JobState.SUCCEEDED or sha256 not in result.read_text():
+        result = format_result_name(analysis_id, str(token), "results.json")
+        if state is not JobState.SUCCEEDED or sha256.encode() not in storage.read_part(result, 0, 1 << 20):
             broken.append(f"I4 {analysis_id} ended {state}")
     return broken
 

@@ -1,5 +1,9 @@
-"""Every row of every table as text: one JSON line each, whatever the database and its revision."""
+"""Every row of every table as text: one JSON line each, whatever the database and its revision.
 
+Bytes are written as ``{"base64": "..."}``; no column holds an object otherwise.
+"""
+
+import base64
 import json
 import zipfile
 from collections.abc import Iterator
@@ -30,7 +34,17 @@ def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
     order = tuple(table.primary_key.columns)
     found = connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order))
     for row in found:
-        yield json.dumps(row._asdict(), ensure_ascii=False).encode() + b"\n"
+        yield json.dumps(row._asdict(), ensure_ascii=False, default=_write_bytes).encode() + b"\n"
+
+
+def _write_bytes(value: object) -> dict[str, str]:
+    if not isinstance(value, bytes | memoryview):
+        raise TypeError(type(value).__name__)
+    return {"base64": base64.b64encode(value).decode()}
+
+
+def _read_bytes(value: dict[str, Any]) -> object:
+    return base64.b64decode(value["base64"]) if value.keys() == {"base64"} else value
 
 
 def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
@@ -56,7 +70,7 @@ def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
     if name in archive.namelist():
         with archive.open(name) as member:
             for line in member:
-                yield json.loads(line)
+                yield json.loads(line, object_hook=_read_bytes)
 
 
 def reset_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
