@@ -191,6 +191,7 @@ def show_trash(request: Request, services: UsedServices, language: UsedLanguage)
     values = {
         "rows": [(row, format_size(row.size_bytes, language)) for row in rows],
         "term": _format_term(services, language),
+        "terms": load_wording(language, "trail")["terms"]["title"],
         "t": load_wording(language, "page")["trash"],
     }
     return render_page(request, "trash.html", language, values)
@@ -209,12 +210,13 @@ def _describe(services: Services, row: StoredRow, language: Language) -> dict[st
         "added": format_moment(row.created_at),
         "analyses": len(made),
         "term": _format_term(services, language),
+        "terms": load_wording(language, "trail")["terms"]["title"],
         "t": load_wording(language, "page")["trash"],
     }
 
 
 def _format_term(services: Services, language: Language) -> str:
-    days = services.settings.trash_term_s / DAY_S
+    days = services.retention.find_trash_term_s(services.settings.trash_term_s) / DAY_S
     return fill(load_wording(language, "page")["trash"]["term"], {"days": f"{days:.0f}"})
 
 
