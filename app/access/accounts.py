@@ -219,6 +219,12 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(delete(sessions).where(sessions.c.hash == hash_secret(cookie)))
 
+    def end_session_of(self, person_id: str, session: str) -> None:
+        """End a session of a person by its id; one that is not theirs, or over, stays as it is."""
+        with self.database.write() as connection:
+            mine = (sessions.c.person_id == person_id, sessions.c.hash == session)
+            connection.execute(delete(sessions).where(*mine))
+
     def end_sessions(self, person_id: str, but: str = "") -> None:
         """End every session of a person but one (of this id)."""
         with self.database.write() as connection:
@@ -231,11 +237,16 @@ class AccountStore:
         rows = self.database.read_all(about.order_by(sessions.c.began_s.desc()))
         return [Session(row.hash, row.began_s, row.used_s) for row in rows]
 
-    def confirm_session(self, session: str) -> None:
-        """Note that the person of a session gave the password again just now."""
+    def confirm_session(self, session: str) -> str:
+        """Note that the person of a session gave the password again just now; gives its new cookie.
+
+        Whoever has the cookie from before has nothing any more. The session lasts no longer than it did.
+        """
+        cookie = secrets.token_urlsafe(SESSION_BYTES)
         with self.database.write() as connection:
             confirmed = update(sessions).where(sessions.c.hash == session)
-            connection.execute(confirmed.values(confirmed_s=self.clock()))
+            connection.execute(confirmed.values(hash=hash_secret(cookie), confirmed_s=self.clock()))
+        return cookie
 
     def is_confirmed(self, subject: Subject) -> bool:
         """Tell whether the person of a session gave the password a short time ago."""

@@ -12,6 +12,7 @@ from typing import Literal
 
 from app.access.accounts import AccountStore, Person
 from app.access.credentials import Credentials, CredentialStore
+from app.access.hashing import hash_secret
 from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
 from app.access.tickets import TicketStore
@@ -110,8 +111,10 @@ class Logins:
         browser = self.credentials.note_browser(caller.browser, person_id)
         return Entered(self.accounts.begin_session(person_id), browser, codes)
 
-    def confirm(self, subject: Subject, proof: str, caller: Caller) -> None:
+    def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
         """Take the password, or a code of the authenticator, again from somebody who is logged in.
+
+        Gives the new cookie of the session.
 
         Raises
         ------
@@ -124,7 +127,7 @@ class Logins:
             logger.warning("confirmation refused")
             raise LoginRefused
         self.throttle.clear(budgets)
-        self.accounts.confirm_session(subject.session)
+        return self.accounts.confirm_session(subject.session)
 
     # The second factor.
 
@@ -184,17 +187,20 @@ class Logins:
         self.set_password(person, password)
         return person
 
-    def change_password(self, subject: Subject, proof: str, password: str, caller: Caller) -> None:
+    def change_password(self, subject: Subject, proof: str, password: str, caller: Caller) -> str:
         """Set another password, by the one before; every other session of the person ends.
+
+        Gives the new cookie of the session.
 
         Raises
         ------
         LoginRefused, TooManyTries, WeakPassword, NotInstalled
         """
-        self.confirm(subject, proof, caller)
         person = self.accounts.get_person(subject.id)
         self.check_password(person, password)
-        self.set_password(person, password, but=subject.session)
+        cookie = self.confirm(subject, proof, caller)
+        self.set_password(person, password, but=hash_secret(cookie))
+        return cookie
 
     def check_password(self, person: Person, password: str) -> None:
         """Check a new password of a person.

@@ -31,7 +31,7 @@ TERM_S = 10 * 60.0
 TIMEOUT_S = 10.0
 LEEWAY_S = 60
 LONGEST_NAME = 200
-SCOPE = "openid profile email"
+SCOPE = "openid profile"
 SIGNED_BY = ("RS256", "PS256", "ES256", "ES384", "EdDSA")
 """``none`` and signatures by the client's own secret are no proof of who the provider is."""
 _CONFIGURATION = "/.well-known/openid-configuration"
@@ -139,7 +139,7 @@ class Provider:
             self._accounts.end_person(person.id)
         if not roles or (person is not None and person.ended_at is not None):
             raise NotPermitted(permission="enter")
-        told = (claims.get(key) for key in ("name", "preferred_username", "email"))
+        told = (claims.get(key) for key in ("name", "preferred_username"))
         name = str(next(filter(None, told), subject))[:LONGEST_NAME]
         if person is None:
             return self._add_person(subject, name, roles)

@@ -241,6 +241,7 @@ _CONFIRMED = """
     POST /people/{person_id}/resume
     POST /account/second-factor
     POST /account/second-factor/drop
+    POST /account/sessions/end
     POST /account/tokens
     POST /api/v1/tokens
 """

@@ -1,14 +1,17 @@
 """The page of one's own account: password, second factor, sessions and tokens."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, cast
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
+from app.access.accounts import LONGEST_S
+from app.access.hashing import hash_secret
 from app.access.subjects import Permission, Role, Subject, collect_permissions
 from app.access.tokens import DAYS, MOST_DAYS, make_token
-from app.api.callers import find_caller, find_logins, find_settings
+from app.api.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
 from app.api.tokens import UsedPerson
 from app.errors import AppError, BadParameter, LoginRefused, NotPermitted, TooManyTries, WeakPassword
 from app.report.words.wording import Language, load_wording
@@ -32,10 +35,12 @@ def change_password(request: Request, form: UsedForm, person: UsedPerson, langua
     """Set another password; every other session ends."""
     proof, password = take_secret(form, "proof"), take_secret(form, "password")
     try:
-        find_logins(request).change_password(person, proof, password, find_caller(request))
+        cookie = find_logins(request).change_password(person, proof, password, find_caller(request))
     except (LoginRefused, TooManyTries, WeakPassword) as refusal:
         return _render(request, person, language, refusal=refusal)
-    return _render(request, person, language, done="password")
+    response = _render(request, replace(person, session=hash_secret(cookie)), language, done="password")
+    set_cookie(request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
+    return response
 
 
 @router.post("/account/second-factor")
@@ -55,9 +60,13 @@ def drop_second_factor(request: Request, person: UsedPerson) -> Response:
 
 
 @router.post("/account/sessions/end")
-def end_other_sessions(request: Request, person: UsedPerson) -> Response:
-    """End every session but this one."""
-    find_logins(request).accounts.end_sessions(person.id, person.session)
+def end_sessions(request: Request, form: UsedForm, person: UsedPerson) -> Response:
+    """End one session, or every one but this."""
+    accounts, session = find_logins(request).accounts, first(form, "session")
+    if session:
+        accounts.end_session_of(person.id, session)
+    else:
+        accounts.end_sessions(person.id, person.session)
     return _lead_back(request)
 
 
@@ -112,7 +121,7 @@ def _render(
         "codes_left": logins.credentials.count_recovery_codes(person.id),
         "is_required": find_settings(request).second_factor == "required",
         "sessions": [
-            (format_moment(held.began_s), format_moment(held.used_s), held.id == subject.session)
+            (format_moment(held.began_s), format_moment(held.used_s), held.id, held.id == subject.session)
             for held in accounts.find_sessions(person.id)
         ],
         "tokens": [(token, format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],

@@ -192,10 +192,10 @@ def confirm(request: Request, form: UsedForm, subject: UsedSubject, language: Us
     """Take the password or a code again, and lead on."""
     wanted = first(form, "next")
     try:
-        find_logins(request).confirm(subject, take_secret(form, "proof"), find_caller(request))
+        cookie = find_logins(request).confirm(subject, take_secret(form, "proof"), find_caller(request))
     except (LoginRefused, TooManyTries) as refusal:
         return _render_confirmation(request, language, subject, wanted, refusal)
-    return RedirectResponse(find_base(request) + check_next(wanted), status_code=303)
+    return _lead_with(request, cookie, wanted)
 
 
 @router.post("/logout")
@@ -329,9 +329,14 @@ def _confirm(request: Request, person_id: str, session: str, wanted: str) -> Res
     subject: Subject | None = request.scope.get(SUBJECT)
     if subject is None or subject.id != person_id or subject.session != session:
         raise NotSignedIn
-    find_logins(request).accounts.confirm_session(session)
-    response = RedirectResponse(find_base(request) + wanted, status_code=303)
+    response = _lead_with(request, find_logins(request).accounts.confirm_session(session), wanted)
     drop_cookie(request, response, STATE_COOKIE)
+    return response
+
+
+def _lead_with(request: Request, cookie: str, wanted: str) -> Response:
+    response = RedirectResponse(find_base(request) + check_next(wanted), status_code=303)
+    set_cookie(request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
     return response
 
 

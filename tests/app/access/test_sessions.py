@@ -1,5 +1,6 @@
 """A session is new at login, ends by itself, and ends at once when it is told to."""
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -178,6 +179,60 @@ def test_behind_tls_a_cookie_without_the_prefix_opens_nothing(
     session = accounts.begin_session(add_person().id)
     visitor = visit_behind_proxy()
     visitor.client.cookies.set("acromion_session", session)
+
+    assert not is_in(visitor)
+
+
+def test_a_person_ends_one_session(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    first = enter()
+    clock.wait(60)
+    second = enter()
+    shown = re.search(r'name="session" value="([0-9a-f]{64})"', second.get("/account").text)
+    assert shown is not None
+
+    second.post("/account/sessions/end", session=shown[1])
+
+    assert (is_in(first), is_in(second)) == (False, True)
+
+
+def test_nobody_ends_the_session_of_another(
+    add_person: AddPerson, enter: Enter, accounts: AccountStore
+) -> None:
+    add_person()
+    add_person("dora")
+    clara, dora = enter(), enter("dora")
+    subject = accounts.find_by_session(clara.client.cookies["acromion_session"])
+    assert subject is not None
+
+    dora.post("/account/sessions/end", session=subject.session)
+
+    assert is_in(clara)
+
+
+def test_a_session_is_new_when_the_password_was_given_again(
+    add_person: AddPerson, enter: Enter, visit: Visit
+) -> None:
+    add_person()
+    visitor, thief = enter(), visit()
+    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+
+    visitor.post("/confirm", proof=PASSWORD, next="/")
+
+    assert (is_in(visitor), is_in(thief)) == (True, False)
+
+
+def test_a_session_that_was_confirmed_lasts_no_longer(
+    add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    add_person()
+    visitor = enter()
+    for _ in range(35):
+        clock.wait(20 * MINUTE_S)
+        visitor.post("/confirm", proof=PASSWORD, next="/")
+
+    assert is_in(visitor)
+    clock.wait(20 * MINUTE_S)
 
     assert not is_in(visitor)
 

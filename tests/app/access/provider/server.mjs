@@ -27,7 +27,7 @@ const provider = new Provider(issuer, {
   jwks: { keys: [key] },
   pkce: { required: () => true },
   conformIdTokenClaims: false,
-  claims: { openid: ["sub"], profile: ["name", "roles"], email: ["email"] },
+  claims: { openid: ["sub"], profile: ["name", "roles"] },
   features: { devInteractions: { enabled: false } },
   interactions: { url: (_, { uid }) => `/interaction/${uid}` },
   findAccount: (_, accountId) => ({ accountId, claims: () => ({ sub: accountId, name: now.name, roles: now.roles }) }),
@@ -64,7 +64,7 @@ async function interact(request, response) {
     return provider.interactionFinished(request, response, { login: { accountId: now.account } });
   }
   const grant = new provider.Grant({ accountId: session.accountId, clientId: params.client_id });
-  grant.addOIDCScope("openid profile email");
+  grant.addOIDCScope("openid profile");
   return provider.interactionFinished(request, response, { consent: { grantId: await grant.save() } });
 }
 

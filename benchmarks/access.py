@@ -1,0 +1,74 @@
+"""Measure what a login costs, and whether its time tells a known name from an unknown one.
+
+python -m benchmarks.access
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.access.passwords import hash_password, verify_password
+from app.errors import LoginRefused
+from app.settings import Settings
+
+PAIRS = 100
+PASSWORD, WRONG = "seven green bicycles", "nine blue bicycles"
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Settings(data_dir=Path(folder) / "data")
+        settings.data_dir.mkdir()
+        logins = Logins(AccountStore(settings), settings)
+        add_people(logins)
+        kept = hash_password(PASSWORD)
+        one_hash_s = median(time_it(lambda: verify_password(kept, WRONG)) for _ in range(20))
+        known_s, unknown_s = measure_names(logins)
+    difference = abs(known_s - unknown_s) / one_hash_s
+    print(f"one hash: {1000 * one_hash_s:.1f} ms")
+    print(f"known name, wrong password: {1000 * known_s:.1f} ms (median of {PAIRS})")
+    print(f"unknown name: {1000 * unknown_s:.1f} ms (median of {PAIRS})")
+    print(f"difference: {100 * difference:.1f} % of one hash (goal: less than 5 %)")
+
+
+def add_people(logins: Logins) -> None:
+    """Add as many people as are tried, each once, so that nobody waits."""
+    logins.accounts.add_organisation("own", "own")
+    kept = hash_password(PASSWORD)
+    for number in range(PAIRS + 1):
+        person = logins.accounts.add_person("own", f"known{number}", "Somebody", ["clinician"])
+        logins.credentials.set_password(person.id, kept)
+
+
+def measure_names(logins: Logins) -> tuple[float, float]:
+    """Give the medians of tries with known and unknown names, taken in turn, each first every other time."""
+    known_s: list[float] = []
+    unknown_s: list[float] = []
+    for number in range(PAIRS + 1):
+        pair = [(known_s, f"known{number}"), (unknown_s, f"nobody{number}")]
+        for place, (times, name) in enumerate(reversed(pair) if number % 2 else pair):
+            caller = Caller(f"198.{number}.{place}.1", "")
+            times.append(time_it(lambda name=name, caller=caller: fail(logins, name, caller)))  # type: ignore[misc]
+    return median(known_s[1:]), median(unknown_s[1:])
+
+
+def fail(logins: Logins, name: str, caller: Caller) -> None:
+    try:
+        logins.give_password(name, WRONG, caller)
+    except LoginRefused:
+        return
+    raise AssertionError(name)
+
+
+def time_it(act: Callable[[], object]) -> float:
+    began_s = time.perf_counter()
+    act()
+    return time.perf_counter() - began_s
+
+
+if __name__ == "__main__":
+    main()
