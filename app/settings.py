@@ -174,6 +174,7 @@ class Settings(BaseSettings):
                 "database_url": _build_own_database_url(self.database_url, folder, organisation),
                 "object_store": f"{self.object_store.rstrip('/')}/{place}" if self.object_store else "",
                 "watch_dir": None,
+                "key_file": self.key_file and self.key_file.with_name(f"{organisation}.key"),
             }
         )
 

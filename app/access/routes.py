@@ -113,6 +113,7 @@ _ROUTES: Mapping[Needed, str] = {
         GET  /rows
         GET  /analyses/{analysis_id}
         GET  /analyses/{analysis_id}/curve
+        GET  /analyses/{analysis_id}/report.html
         GET  /analyses/{analysis_id}/stillness
         GET  /analyses/{analysis_id}/share
         GET  /analyses/{analysis_id}/columns
@@ -168,6 +169,7 @@ _ROUTES: Mapping[Needed, str] = {
         GET  /api/v1/analyses/{analysis_id}/results.json
         GET  /api/v1/analyses/{analysis_id}/elevation.parquet
         GET  /api/v1/analyses/{analysis_id}/fhir.json
+        GET  /api/v1/analyses/{analysis_id}/datapackage.json
         GET  /api/v1/analyses/{analysis_id}/bundle.zip
         GET  /api/v1/analyses/{analysis_id}/periods.csv
         GET  /api/v1/analyses/{analysis_id}/elevation.csv.gz

@@ -1,9 +1,9 @@
 """The queue: changes of a job's state, new jobs, and which job is next.
 
-A job asked for on the page has priority. Everything else waits in flows: each batch is one, all single
-requests of scripts are another. The jobs of a flow are numbered; the lowest number is next, so that the flows
-take turns. A new flow begins at the lowest waiting number, neither before nor behind the others (start-time
-fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
+A job asked for on the page has priority. Everything else waits in flows: each batch is one, the single
+requests of each subject (a token, or the machine) are another. The jobs of a flow are numbered; the lowest
+number is next, so that the flows take turns. A new flow begins at the lowest waiting number, neither before
+nor behind the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 """
 
 import secrets
@@ -174,9 +174,15 @@ def _is_running(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
 
 
 def _find_turn(connection: Connection, batch_id: str | None) -> int:
-    """Find the number after the last of the flow, or the lowest that waits where the flow is new."""
+    """Find the number after the last of the flow, or the lowest that waits where the flow is new.
+
+    Each batch is a flow; of what is asked for singly each subject's is one.
+    """
     waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SCRIPT_PRIORITY)
-    own = select(func.max(analyses.c.turn)).where(analyses.c.batch_id.is_not_distinct_from(batch_id), *waits)
+    flow = analyses.c.batch_id.is_not_distinct_from(batch_id)
+    if batch_id is None:
+        flow &= analyses.c.asked_by == find_actor()
+    own = select(func.max(analyses.c.turn)).where(flow, *waits)
     last = connection.execute(own).scalar()
     if last is not None:
         return int(last) + 1

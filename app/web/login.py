@@ -45,7 +45,12 @@ from app.web.rendering import YEAR_S, find_base, render_page
 
 router = APIRouter(include_in_schema=False)
 
-PLACES: tuple[tuple[Permission, str], ...] = (("people", "/people"), ("own", "/account"))
+PLACES: tuple[tuple[Permission, str], ...] = (
+    ("people", "/people"),
+    ("trail", "/trail"),
+    ("aggregate", "/aggregate"),
+    ("own", "/account"),
+)
 """Where somebody is led who may not read recordings: the first that he may use."""
 
 

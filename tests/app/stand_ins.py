@@ -14,6 +14,7 @@ NOBODY = Claimer("nowhere", 1, "")
 
 RESULTS = (
     b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['
+    b'{"threshold_deg": 30, "percent": 40.0}, '
     b'{"threshold_deg": 60, "percent": 12.34}, {"threshold_deg": 90, "percent": 3.0}], "entries": ['
     b'{"threshold_deg": 60, "count": 512}], "percentiles_deg": {"50": 24.3, "90": 63.2}},'
     b' "quality": {"verdict": "good", "warnings": []}}'
