@@ -82,6 +82,21 @@ def settings(settings: Settings) -> Settings:
 
 
 @pytest.fixture
+def client(settings: Settings) -> Iterator[TestClient]:
+    """The application, called by whoever is at the machine."""
+    application = create_app(settings)
+    secret = (settings.data_dir / "secret").read_text()
+    with TestClient(
+        application,
+        base_url="http://localhost:8080",
+        headers={"Authorization": f"Bearer {secret}"},
+        raise_server_exceptions=False,
+        follow_redirects=False,
+    ) as caller:
+        yield caller
+
+
+@pytest.fixture
 def clock() -> Clock:
     return Clock()
 

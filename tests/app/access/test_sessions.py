@@ -322,7 +322,7 @@ def test_an_assistant_deletes_nothing_for_good(add_person: AddPerson, enter: Ent
 
 
 @pytest.mark.parametrize(
-    ("role", "place"), [("manager", "/people"), ("auditor", "/account"), ("employer", "/account")]
+    ("role", "place"), [("manager", "/people"), ("auditor", "/trail"), ("employer", "/aggregate")]
 )
 def test_whoever_may_not_read_is_led_to_what_he_may_use(
     add_person: AddPerson, enter: Enter, role: str, place: str

@@ -120,6 +120,7 @@ def test_backup_verify_and_restore_leave_a_line(
     store.close()
     run(settings, "verify")
     run(settings, "backup", str(tmp_path / "copy.zip"))
+    run(settings, "backup-keys", str(tmp_path / "keys.zip"))
     there = settings.model_copy(
         update={
             "data_dir": tmp_path / "there",
@@ -127,7 +128,7 @@ def test_backup_verify_and_restore_leave_a_line(
         }
     )
 
-    run(there, "restore", str(tmp_path / "copy.zip"))
+    run(there, "restore", str(tmp_path / "copy.zip"), "--keys", str(tmp_path / "keys.zip"))
 
     restored = JobStore(there)
     lines = [(line.who, line.act) for line in find_lines(restored.reader, TrailQuestion(who="machine"))]
