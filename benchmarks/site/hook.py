@@ -45,6 +45,9 @@ SHARED_FILES = (
     "docker/compose.yaml",
     "docker/compose.many.yaml",
     "docker/env.example",
+    "docker/compose.clinic.yaml",
+    "docker/bucket-policy.json",
+    "docker/make-bucket.sh",
 )
 PAGE_DOTS_PER_INCH = 110
 
