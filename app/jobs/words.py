@@ -92,10 +92,10 @@ def build_places(engine: Engine, recording_ids: Sequence[str]) -> CTE:
     ids = json.dumps(recording_ids)
     if engine.dialect.name == "postgresql":
         every = func.jsonb_array_elements_text(cast(literal(ids), JSONB))
-        rows = every.table_valued("id", with_ordinality="place", name="listed").render_derived()
-        return select(rows.c.id, rows.c.place).cte("places")
-    listed = func.json_each(literal(ids)).table_valued("key", "value", name="listed")
-    return select(listed.c.value.label("id"), listed.c.key.label("place")).cte("places")
+        rows = every.table_valued("id", with_ordinality="place").render_derived()
+        return select(rows.c.id, rows.c.place).cte()
+    listed = func.json_each(literal(ids)).table_valued("key", "value")
+    return select(listed.c.value.label("id"), listed.c.key.label("place")).cte()
 
 
 def sort_key(words: Words, names: Iterable[str]) -> tuple[str, ...]:

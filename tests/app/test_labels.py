@@ -166,3 +166,13 @@ def test_sealed_words_of_an_earlier_release_are_read(older: JobStore) -> None:
     seal_rows(older.engine, 10)
 
     assert older.get("an_1").file_name == f"{CANARY}.csv"
+
+
+@on_both_set_ups
+def test_sealed_words_are_searched_and_sorted_at_once(store: JobStore, add_job: AddJob) -> None:
+    for content, name in ((b"1", "arm_b.gt3x"), (b"2", "arm_a.gt3x"), (b"3", "other.gt3x")):
+        add_job(content, file_name=name)
+
+    page = Library(store.reader).find_page(LibraryFilter(text="arm_", order="name"), 10)
+
+    assert [entry.job.file_name for entry in page] == ["arm_a.gt3x", "arm_b.gt3x"]
