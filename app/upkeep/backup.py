@@ -33,12 +33,14 @@ from app.errors import BackupRefused, DatabaseTooNew, KeyGone, KeysNeeded, NotEm
 from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.migrate import upgrade
+from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import REVISION, analyses, facts, schema_revision, trail, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
 from app.settings import Settings
 from app.storage.keys import RecordingKey
+from app.storage.labels import LabelSealer
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, make_folder
 from app.storage.sealed import HEAD_BYTES, SealedFile, read_head
@@ -326,6 +328,7 @@ def restore(
             lock_tables(connection)
             _check_no_rows(connection)
             storage = _open_with_keys(settings, archive, keys)
+            use_sealer(engine, LabelSealer(storage.keys))
             copied = _restore_files(storage, archive)
             _drop_tables(connection)
             _restore_rows(connection, archive, manifest["revision"], storage.keys.find_erased())
