@@ -75,8 +75,9 @@ from app.jobs.organisations import find_organisations
 from app.jobs.processes.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
+from app.organisation import OWN_ORGANISATION
 from app.services import Offices, Services, find_services, open_services
-from app.settings import OWN_ORGANISATION, Settings
+from app.settings import Settings
 from app.storage.open import load_extra, open_storage
 from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder

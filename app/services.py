@@ -30,8 +30,9 @@ from app.jobs.results import ResultReader
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.webhooks import WebhookStore
+from app.organisation import OWN_ORGANISATION
 from app.report.words.wording import EVERY_LANGUAGE, Language
-from app.settings import OWN_ORGANISATION, Settings
+from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage

@@ -6,11 +6,10 @@ from typing import Any, Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from app.organisation import OWN_ORGANISATION
 from app.request import Paper
 
 GIB = 1 << 30
-OWN_ORGANISATION = "own"
-"""The organisation of everything that was there before organisations were: folder and database as given."""
 
 
 def _build_database_url(known: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from app.settings import OWN_ORGANISATION
+from app.organisation import OWN_ORGANISATION
 
 Permission = Literal[
     "upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail", "own"

@@ -13,8 +13,8 @@ from app.access.subjects import PERMISSIONS, Permission, Role, Subject, collect_
 from app.cli.admin import DataOption, LanguageOption, find_settings, refusals_printed
 from app.errors import BadParameter, NotHere
 from app.logs import escape_controls
+from app.organisation import OWN_ORGANISATION
 from app.report.words.wording import Language, fill, load_wording
-from app.settings import OWN_ORGANISATION
 
 if TYPE_CHECKING:
     from app.access.accounts import Person

@@ -2,10 +2,9 @@
 
 from sqlalchemy import Engine, text
 
+from app.organisation import PREFIX
 from app.settings import Settings
 
-PREFIX = "org_"
-"""Every organisation's id but that of "own" begins so."""
 _SCHEMAS = text("SELECT nspname FROM pg_namespace WHERE starts_with(nspname, 'org_')")
 
 

@@ -16,7 +16,8 @@ from typing import Any
 
 from app.delivery import Message, send_message
 from app.jobs.trail import Head, read_head
-from app.settings import OWN_ORGANISATION, Settings
+from app.organisation import OWN_ORGANISATION
+from app.settings import Settings
 from app.storage.permissions import create_file
 
 logger = logging.getLogger(__name__)

@@ -21,8 +21,9 @@ from app.access.subjects import ROLES, Permission, Role
 from app.access.tables import tokens
 from app.jobs.trail import TrailQuestion, find_lines
 from app.main import create_app, find_own_services
+from app.organisation import OWN_ORGANISATION
 from app.services import Services
-from app.settings import OWN_ORGANISATION, Settings
+from app.settings import Settings
 
 PASSWORD = "seven green bicycles"
 SECRET = "JBSWY3DPEHPK3PXPJBSWY3DPEHPK3PXP"
