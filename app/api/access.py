@@ -33,6 +33,9 @@ from app.services import SERVICES, SUBJECT, Offices
 LOOK_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
 
+HEALTH = frozenset({"/healthz", "/readyz"})
+"""What tells that the database is away: nobody is looked up there."""
+
 Respond = Callable[[Request, Exception], Response]
 
 
@@ -45,7 +48,7 @@ class Access:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Find the subject and its services, then hand the request on."""
-        if scope["type"] not in ("http", "websocket"):
+        if scope["type"] not in ("http", "websocket") or _is_about_health(scope):
             await self._app(scope, receive, send)
             return
         try:
@@ -85,6 +88,10 @@ class Access:
         while await run_sync(self._gate.is_alive, subject):
             await anyio.sleep(LOOK_S)
         lasting.cancel()
+
+
+def _is_about_health(scope: Scope) -> bool:
+    return str(scope["path"]).removeprefix(scope.get("root_path", "")) in HEALTH
 
 
 def _lasts(scope: Scope) -> bool:
