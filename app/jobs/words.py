@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import CTE, Engine, cast, func, literal, select
+from sqlalchemy import CTE, Connection, Engine, cast, func, literal, select
 from sqlalchemy.dialects.postgresql import JSONB
 
 from app.jobs.database.sealed_text import find_sealer
@@ -33,44 +33,42 @@ class WordIndex:
         self._reader = reader
         self._turn = threading.Lock()
         self._held: dict[str, tuple[int, Words]] = {}
-        self._state: tuple[Any, ...] = ()
-        self._words: Mapping[str, Words] | None = None
 
     def find(self, matches: Callable[[Words], bool]) -> tuple[str, ...]:
         """Give the recordings whose words match."""
-        return tuple(name for name, words in self._read().items() if matches(words))
+        return tuple(name for name, (_, words) in self._read().items() if matches(words))
 
     def sort(self, key: Callable[[Words], Any], *, is_reversed: bool) -> tuple[str, ...]:
         """Give every recording in the order of a key of its words."""
-        words = self._read()
-        return tuple(sorted(words, key=lambda name: key(words[name]), reverse=is_reversed))
+        held = self._read()
+        return tuple(sorted(held, key=lambda name: key(held[name][1]), reverse=is_reversed))
 
-    def _read(self) -> Mapping[str, Words]:
-        with self._turn:
-            self._refresh()
-            if self._words is None:
-                self._words = {name: words for name, (_, words) in self._held.items()}
-            return self._words
-
-    def _refresh(self) -> None:
-        counted = select(func.count(), func.sum(recordings.c.revision)).select_from(recordings)
-        with self._reader.connect() as connection:
-            state = tuple(connection.execute(counted).one())
-            if state == self._state:
-                return
-            self._state, self._words = state, None
+    def _read(self) -> Mapping[str, tuple[int, Words]]:
+        """Give the words by recording, each with the revision of its row; a dict that is never changed."""
+        with self._turn, self._reader.connect() as connection:
             found = connection.execute(select(recordings.c.id, recordings.c.revision)).all()
             revisions = {row.id: row.revision for row in found}
-            self._held = {name: held for name, held in self._held.items() if name in revisions}
-            stale = [name for name, held in revisions.items() if self._held.get(name, (0,))[0] != held]
-            if len(stale) > ROWS_AT_ONCE:
-                find_sealer(self._reader).hold_all()
-            columns = (recordings.c.id, recordings.c.revision, *(recordings.c[name] for name in _COLUMNS))
-            for first in range(0, len(stale), ROWS_AT_ONCE):
-                some = select(*columns).where(recordings.c.id.in_(stale[first : first + ROWS_AT_ONCE]))
-                for row in connection.execute(some):
-                    words = Words(row.file_name, row.subject, row.external_id, read_tags(row.tags))
-                    self._held[row.id] = (row.revision, words)
+            stale = [name for name, revision in revisions.items() if self._find_revision(name) != revision]
+            if stale or len(revisions) != len(self._held):
+                kept = {name: held for name, held in self._held.items() if name in revisions}
+                self._held = kept | self._read_rows(connection, stale)
+            return self._held
+
+    def _find_revision(self, recording_id: str) -> int:
+        held = self._held.get(recording_id)
+        return held[0] if held else 0
+
+    def _read_rows(self, connection: Connection, names: Sequence[str]) -> dict[str, tuple[int, Words]]:
+        if len(names) > ROWS_AT_ONCE:
+            find_sealer(self._reader).hold_all()
+        columns = (recordings.c[name] for name in ("id", "revision", *_COLUMNS))
+        query, read = select(*columns), {}
+        for first in range(0, len(names), ROWS_AT_ONCE):
+            some = query.where(recordings.c.id.in_(names[first : first + ROWS_AT_ONCE]))
+            for row in connection.execute(some):
+                words = Words(row.file_name, row.subject, row.external_id, read_tags(row.tags))
+                read[row.id] = (row.revision, words)
+        return read
 
 
 _COLUMNS = ("file_name", "subject", "external_id", "tags")

@@ -640,7 +640,7 @@ def test_an_answer_is_whole_though_its_stored_file_is_replaced_on_the_way(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    services: Services = cast("Any", client.app).state.services
+    services: Services = cast("Any", client.app).state.offices.own
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
     answer = serve_file(Request(scope), services, store.get(job.id), "results.json")
     sent: list[bytes] = []

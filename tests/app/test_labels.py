@@ -176,3 +176,16 @@ def test_sealed_words_are_searched_and_sorted_at_once(store: JobStore, add_job: 
     page = Library(store.reader).find_page(LibraryFilter(text="arm_", order="name"), 10)
 
     assert [entry.job.file_name for entry in page] == ["arm_a.gt3x", "arm_b.gt3x"]
+
+
+@on_both_set_ups
+def test_a_recording_that_takes_the_place_of_an_erased_one_is_found(kept: RecordingStore) -> None:
+    first, second = (add(kept, number, Description("a.gt3x", "S01")) for number in (1, 2))
+    kept.keep_inspection(first, {})
+    assert len(kept.find_page(RecordingFilter(subject="S01"), 10)) == 2
+
+    kept.end_purge(first)
+    add(kept, 3, Description("c.gt3x", "S03"))
+    kept.keep_inspection(second, {})
+
+    assert len(kept.find_page(RecordingFilter(subject="S03"), 10)) == 1
