@@ -15,6 +15,8 @@ NPOSE_ERROR_DEG = 15
 Side = Literal["left", "right"]
 ArmAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 """The sensor's axis that was strapped along the upper arm, towards the shoulder."""
+MAIN_THRESHOLD_DEG = 60
+"""Above it the arm counts as raised, wherever one threshold stands for all."""
 ARM_AXES: tuple[ArmAxis, ...] = get_args(ArmAxis)
 
 Found = Literal["given", "held", "early", "walking", "moment", "axis"]

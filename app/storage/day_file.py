@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.conventions import MAIN_THRESHOLD_DEG
+
 DAY_NAME = "day.bin"
 OWN_CURVE, REFERENCE_CURVE = "own.bin", "reference.bin"
 """Of a comparison: both angles where both were measured, on the recording's clock, without stillness."""
@@ -79,8 +81,8 @@ def _pack_segment(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, 
     """Append the arrays of a segment to ``arrays``; gives their head, with their shapes in this order."""
     exact = segment.angle_deg * UNITS_PER_DEG
     rounded = np.rint(exact)
-    # What was below a threshold (a whole degree) stays below it, so that times above one are the report's.
-    is_lifted = (rounded > exact) & (rounded % UNITS_PER_DEG == 0)
+    # What was below the main threshold stays below it, so that time above it is the report's.
+    is_lifted = (rounded > exact) & (rounded == MAIN_THRESHOLD_DEG * UNITS_PER_DEG)
     rows = np.where(np.isnan(exact), INVALID, rounded - is_lifted)
     packed = [rows.astype("<i2"), *_reduce_levels(rows.astype("<i2")), segment.quiet.astype("<f4")]
     arrays.extend(packed)

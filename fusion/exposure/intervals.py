@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import CONVENTIONS, Convention
+from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG, Convention
 from fusion.exposure.bins import (
     BIN_EDGES_DEG,
     CELLS_PER_DEG,
@@ -299,9 +299,6 @@ def describe_values(values: Float64Array) -> tuple[Float64Array, Float64Array, F
     mean = np.where(mean > 0, mean, np.nan)
     coefficient = 100.0 * values.std(axis=1, ddof=1) / mean
     return coefficient, values.max(axis=1) - values.min(axis=1), values[:, -1] - values[:, 0]
-
-
-MAIN_THRESHOLD_DEG = 60
 
 
 # The figures of a part of the day in each draw: an hour, a period, a task.

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from fusion.conventions import CONVENTIONS
+from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure.bins import divide_by_convention, find_percentiles, summarise_bins, summarise_time_above
@@ -31,7 +31,6 @@ from fusion.exposure.tally import Count, DayTally, start_day
 from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartExposure
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment
 
-MAIN_THRESHOLD_DEG = 60
 UNDIVIDED = DayDivision()
 ROWS_FOR_TWO = 100_000
 """Fewer rows are counted before a thread has begun."""

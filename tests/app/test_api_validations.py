@@ -213,7 +213,9 @@ def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: O
     answer = client.get(sent.headers["location"]).text
 
     assert (sent.status_code, "http-equiv" in waiting, "http-equiv" in answer) == (303, True, False)
-    assert "validation.html" in answer
+    report = f"{sent.headers['location'].replace('/validations/', '/analyses/')}/report.html?lang=en"
+    assert report in answer
+    assert client.get(report).status_code == 200
 
 
 @pytest.mark.parametrize("of", ["own", "reference"])

@@ -9,7 +9,7 @@ from math import isfinite, nan
 
 import numpy as np
 
-from app.report.analysis.day import MAIN_THRESHOLD_DEG, Block, Day, build_timeline
+from app.report.analysis.day import Block, Day, build_timeline
 from app.report.charts.bars import PartRow, PartWords, Slice, draw_bar, draw_parts
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
@@ -26,6 +26,7 @@ from app.report.words.numbers import (
     percent_sign,
 )
 from app.report.words.wording import Language, Words, fill, join_clauses
+from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import Eva, Exposure, PartExposure
 
 MARKED_PERCENTILES = (10, 50, 90, 99)

@@ -11,12 +11,12 @@ import numpy as np
 from app.report.findings import Findings
 from app.report.words.numbers import Clock
 from app.report.words.wording import Words
+from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import Episodes, MinuteProfile, PeakWindow
 from fusion.recording import MICROSECONDS, Span
 
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900
-MAIN_THRESHOLD_DEG = 60
 SHORTEST_MARK_S = 30.0
 """Shorter stretches are narrower than a line on the page; they stand in the time account."""
 

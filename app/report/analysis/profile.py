@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from app.report.analysis.chapters import choose_ranges, format_pose_caution, format_quality
 from app.report.analysis.charts import build_day
-from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S, Block
+from app.report.analysis.day import WORST_WINDOW_S, Block
 from app.report.analysis.norms import LIMITS, extend_scale, find_reason
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
 from app.report.findings import Findings
@@ -25,7 +25,7 @@ from app.report.words.numbers import (
 from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.comparison import BETWEEN_DAY_SD, WHOLE_DAY_S, find_detectable_change
-from fusion.conventions import UNHELD
+from fusion.conventions import MAIN_THRESHOLD_DEG, UNHELD
 from fusion.exposure.types import Interval, PartExposure, PeakWindow
 
 SHOWN_TASKS = 3

@@ -15,7 +15,7 @@ from app.report.analysis.chapters import (
     format_pose_note,
 )
 from app.report.analysis.charts import build_bar
-from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S
+from app.report.analysis.day import WORST_WINDOW_S
 from app.report.analysis.profile import build_profile
 from app.report.export.results import identify_report
 from app.report.findings import Findings
@@ -35,6 +35,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.subject import ReportSubject, Software, clean_paragraphs, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording, name_ranges
+from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import LEAST_RANGED_S, Entries, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
 

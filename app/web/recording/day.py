@@ -16,7 +16,6 @@ from starlette.status import HTTP_303_SEE_OTHER
 
 from app.errors import BadParameter, NoSuchFile
 from app.jobs.job import Job, JobState
-from app.report.analysis.day import MAIN_THRESHOLD_DEG
 from app.report.words.numbers import format_duration, format_percent
 from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
@@ -25,7 +24,7 @@ from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.forms import Form, first, read_body, read_form
 from app.web.recording.day_views import DayClock, place_rows
 from app.web.rendering import find_base
-from fusion.conventions import AXIS_HINT, ArmAxis, Pose, Side, parse_arm_axis
+from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableCalibration
 from fusion.pose.rules import RULES, object_to_window, score_still_period

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from app.errors import NoSuchFile
 from app.jobs.job import Job
-from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S, build_timeline
+from app.report.analysis.day import WORST_WINDOW_S, build_timeline
 from app.report.analysis.report import build_report
 from app.report.findings import Findings, Kept, decode_findings
 from app.report.model import Report
@@ -14,6 +14,7 @@ from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from app.storage.day_file import DayFile
 from app.web.recording.day_views import DayClock
+from fusion.conventions import MAIN_THRESHOLD_DEG
 
 HIGHEST = 10
 LEAST_S = 0.5
