@@ -191,7 +191,6 @@ def record_readings(
 def keep_trail(engine: Engine) -> None:
     """Let an engine write what was noted with each commit."""
     event.listen(engine, "commit", _write_noted)
-    event.listen(engine, "rollback", _drop_noted)
 
 
 def _find_recording(connection: Connection, analysis_id: str) -> str:
@@ -200,17 +199,13 @@ def _find_recording(connection: Connection, analysis_id: str) -> str:
 
 
 def _find_noted(connection: Connection) -> list[Line]:
-    """Give the lines noted in this transaction; those of another, which has not committed, are dropped."""
+    """Give the lines noted in this transaction; those of another, which was rolled back, are dropped."""
     transaction = connection.get_transaction()
     known = connection.info.get(_NOTED)
     if known is None or known[0] is not transaction:
         known = connection.info[_NOTED] = (transaction, [])
     lines: list[Line] = known[1]
     return lines
-
-
-def _drop_noted(connection: Connection) -> None:
-    connection.info.pop(_NOTED, None)
 
 
 def _write_noted(connection: Connection) -> None:
