@@ -28,7 +28,9 @@ PAGES = sorted(
     if path.name not in ("CHANGELOG.md", "guide.md")
 )
 FENCE = re.compile(r"^```([\w+-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-KNOWN = {"sh", "python", "r", "csv", "toml", "json", "yaml", "text", "http", "ini", "cpp", "javascript"}
+KNOWN = {"sh", "python", "r", "csv", "toml", "json", "yaml", "text", "http", "ini", "cpp", "javascript"} | {
+    *("diff", "groovy", "snakemake"),  # patches that a test lays over a copy; what other programs read
+}
 PARSERS: Mapping[str, Callable[[str], object]] = {
     "toml": tomllib.loads,
     "json": json.loads,
