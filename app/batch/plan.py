@@ -52,6 +52,9 @@ PROFILES = "profiles"
 SHARDS = "shards"
 """Folder of what several processes of one run tell each other (:mod:`app.batch.shards`)."""
 
+TRUTH = "truth.parquet"
+"""What is known of a simulated recording, with ``truth.json`` beside it."""
+
 OWN_FOLDERS = (PROFILES, SHARDS)
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
@@ -293,14 +296,21 @@ def _find_base(folders: Sequence[Path]) -> Path:
 
 
 def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
-    """List the files, but for results: those of this run, and of any other (it holds ``run.json``)."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    """List the files, but for results: those of this run, and of any other (it holds ``run.json``).
+
+    The truth that ``acromion simulate`` writes beside a recording is no recording either.
+    """
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not _is_truth(path)]
     results = (out, *(path.parent for path in files if path.name in {"run.json", MARKER}))
     return [
         path
         for path in files
         if path.resolve() not in without and not any(_lies_in(path, place) for place in results)
     ]
+
+
+def _is_truth(path: Path) -> bool:
+    return path.name == TRUTH and path.with_suffix(".json").exists()
 
 
 def read_list(content: str, folder: Path) -> list[Path]:

@@ -7,7 +7,7 @@ slice, which leave no folder. Neither holds a path of this computer.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,9 +36,13 @@ class Shard:
         return ordered[self.number - 1 :: self.count]
 
     @property
-    def file_name(self) -> str:
-        """Where its failures stand."""
-        return f"{self.number}-of-{self.count}.json"
+    def stem(self) -> str:
+        """Where its failures stand, without ".json"."""
+        return f"{self.number}-of-{self.count}"
+
+    def __str__(self) -> str:
+        """Write it as it is typed."""
+        return f"{self.number}/{self.count}"
 
 
 def parse_shard(text: str) -> Shard:
@@ -78,10 +82,24 @@ class ShardRecord:
         """Write the failures of this slice."""
         problems = {o.task.name: {"code": o.code, "facts": dict(o.facts)} for o in outcomes if o.code}
         body = _encode({"plan": self._plan_sha256, "problems": problems})
-        write_durably(self._folder / self._shard.file_name, body)
+        write_durably(self._folder / f"{self._shard.stem}.json", body)
 
 
-def collect_outcomes(out: Path) -> tuple[list[Outcome], ReportRequest]:
+@dataclass(frozen=True, slots=True)
+class Collected:
+    """What all slices left.
+
+    ``undone`` are the slices ("K/N") that have recordings to do still, and ``differing`` those of them that
+    ran with other files or options than the slice that began last.
+    """
+
+    outcomes: list[Outcome]
+    request: ReportRequest
+    undone: tuple[str, ...]
+    differing: tuple[str, ...]
+
+
+def collect_outcomes(out: Path) -> Collected:
     """Read what became of every recording of the plan, in its order, and the settings of the run.
 
     A recording without a report or a failure is not done: a process that was killed can say nothing.
@@ -92,10 +110,26 @@ def collect_outcomes(out: Path) -> tuple[list[Outcome], ReportRequest]:
         Where no process with ``--shard`` has written, or its plan cannot be read.
     """
     content = (out / SHARDS / _PLAN).read_bytes()
-    plan = json.loads(content)
-    problems = dict(_read_problems(out / SHARDS, hashlib.sha256(content).hexdigest()))
+    plan, plan_sha256 = json.loads(content), hashlib.sha256(content).hexdigest()
+    records = {path.stem: json.loads(path.read_bytes()) for path in (out / SHARDS).glob("*-of-*.json")}
+    problems = _gather_problems(records, plan_sha256)
     outcomes = [_find_outcome(out, told, problems.get(told["path"])) for told in plan["recordings"]]
-    return outcomes, ReportRequest.from_json(plan["request"])
+    undone = _list_undone(outcomes, max(int(stem.split("-of-")[1]) for stem in records))
+    others = {stem for stem, record in records.items() if record["plan"] != plan_sha256}
+    return Collected(
+        outcomes,
+        ReportRequest.from_json(plan["request"]),
+        tuple(str(shard) for shard in undone),
+        tuple(str(shard) for shard in undone if shard.stem in others),
+    )
+
+
+def _list_undone(outcomes: Sequence[Outcome], count: int) -> list[Shard]:
+    """List the slices whose recordings are not all done."""
+    undone = {id(outcome.task) for outcome in outcomes if outcome.code == Interrupted.code}
+    tasks = [outcome.task for outcome in outcomes]
+    shards = [Shard(number, count) for number in range(1, count + 1)]
+    return [shard for shard in shards if undone.intersection(map(id, shard.select(tasks)))]
 
 
 def _encode_plan(tasks: Sequence[Task], request: ReportRequest) -> bytes:
@@ -114,12 +148,10 @@ def _encode(value: Any) -> bytes:
     return (json.dumps(value, ensure_ascii=False, indent=1) + "\n").encode()
 
 
-def _read_problems(folder: Path, plan_sha256: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Read the failures of all slices of this plan; what other plans left says nothing."""
-    for path in sorted(folder.glob("*-of-*.json")):
-        told = json.loads(path.read_bytes())
-        if told["plan"] == plan_sha256:
-            yield from told["problems"].items()
+def _gather_problems(records: Mapping[str, Any], plan_sha256: str) -> dict[str, Mapping[str, Any]]:
+    """Gather the failures of all slices of this plan; what other plans left says nothing."""
+    told = (record["problems"] for record in records.values() if record["plan"] == plan_sha256)
+    return {path: problem for problems in told for path, problem in problems.items()}
 
 
 def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:

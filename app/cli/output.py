@@ -19,7 +19,7 @@ import typer
 
 from app.batch.plan import Task, format_path
 from app.batch.run import Outcome, find_done, run_tasks
-from app.batch.shards import ShardRecord
+from app.batch.shards import Collected, ShardRecord
 from app.errors import UNREADABLE_PATH, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
@@ -194,8 +194,13 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
     )
 
 
-def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> NoReturn:
-    """Write the tables and leave with the exit code that agrees with them."""
+def finish(
+    outcomes: Sequence[Outcome], out: Path, request: ReportRequest, *, goes_on: bool = True
+) -> NoReturn:
+    """Write the tables and leave with the exit code that agrees with them.
+
+    ``goes_on``: the command that was typed does what is left, if it is typed again.
+    """
     language = request.languages[0]
     if outcomes:
         try:
@@ -211,7 +216,7 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
         for line in format_question(outcome):
             typer.echo(escape_controls(line), err=True)
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
-        typer.echo(_format_total(outcomes, language), err=True)
+        typer.echo(_format_total(outcomes, language, goes_on=goes_on), err=True)
     raise typer.Exit(choose_exit(outcomes))
 
 
@@ -223,6 +228,15 @@ def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, la
     words = load_wording(language, "run")["outcome"]
     typer.echo(fill(words["shard"], {"folder": format_path(out)}), err=True)
     raise typer.Exit(choose_exit(outcomes) if outcomes else Exit.ALL_GOOD)
+
+
+def print_undone(collected: Collected, language: Language) -> None:
+    """Name the slices to start again, and those that were asked for something else than the last."""
+    words = load_wording(language, "run")["outcome"]
+    if collected.undone:
+        typer.echo(fill(words["undone"], {"slices": ", ".join(collected.undone)}), err=True)
+    if collected.differing:
+        typer.echo(fill(words["differing"], {"slices": ", ".join(collected.differing)}), err=True)
 
 
 def format_question(outcome: Outcome) -> list[str]:
@@ -249,7 +263,7 @@ def format_question(outcome: Outcome) -> list[str]:
     return lines
 
 
-def _format_total(outcomes: Sequence[Outcome], language: Language) -> str:
+def _format_total(outcomes: Sequence[Outcome], language: Language, *, goes_on: bool = True) -> str:
     counts = {
         "all": len(outcomes),
         "good": sum(outcome.code is None for outcome in outcomes),
@@ -259,6 +273,7 @@ def _format_total(outcomes: Sequence[Outcome], language: Language) -> str:
     }
     facts = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
     words = load_wording(language, "run")["outcome"]
+    facts["again"] = words["again"] if goes_on else ""
     return fill(words["interrupted" if counts["left"] else "total"], facts)
 
 

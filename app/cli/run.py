@@ -44,6 +44,7 @@ from app.cli.output import (
     print_json,
     print_outcome,
     print_problem,
+    print_undone,
     report_progress,
 )
 from app.errors import NO_RECORDING, NO_SHARDS
@@ -170,11 +171,12 @@ def collect(
 ) -> None:
     """Make the tables of a run that several processes shared (--shard), once."""
     try:
-        outcomes, request = collect_outcomes(out)
+        collected = collect_outcomes(out)
     except (OSError, ValueError, KeyError, TypeError):
         print_problem(format_path(out), NO_SHARDS, {}, lang)
         raise typer.Exit(Exit.USAGE) from None
-    finish(outcomes, out, request)
+    print_undone(collected, lang)
+    finish(collected.outcomes, out, collected.request, goes_on=False)
 
 
 def exposure(

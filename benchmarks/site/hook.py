@@ -32,6 +32,7 @@ from app.web.example import find_example
 from app.web.help import POSES
 from app.web.reading import draw_example
 from app.web.rendering import pages
+from benchmarks.site.bibliography import cite
 from benchmarks.site.notebook import run_notebook, write_markdown
 from fusion.recording import QualityFlag
 
@@ -89,6 +90,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     language = page.meta.get("words")
     if language:
         markdown = _fill_words(markdown, language)
+    if "bibliography" in page.meta:
+        markdown = cite(markdown, DOCS / str(page.meta["bibliography"]))
     up = "../" * page.file.src_uri.count("/")
     markdown = _TO_ROOT.sub(f"]({up}", markdown)
     if page.file.src_uri in SHARED_PAGES:

@@ -63,7 +63,7 @@ class PlugIn:
             return work()
         except MemoryError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if isinstance(error, FusionError) and type(error).__module__ == FusionError.__module__:
                 raise
             raise self._fail(f"{type(error).__name__}: {error}") from error

@@ -38,13 +38,13 @@ def test_what_names_no_slice_is_refused(text: str) -> None:
 def test_a_recording_without_report_or_failure_is_not_done(tmp_path: Path) -> None:
     ShardRecord(tmp_path / "out", Shard(1, 2), plan(tmp_path, "a.csv", "b.csv"), ASKED).begin()
 
-    outcomes, request = collect_outcomes(tmp_path / "out")
+    collected = collect_outcomes(tmp_path / "out")
 
-    assert [(o.task.name, o.code) for o in outcomes] == [
+    assert [(o.task.name, o.code) for o in collected.outcomes] == [
         ("a.csv", "E-INTERRUPTED"),
         ("b.csv", "E-INTERRUPTED"),
     ]
-    assert request == ASKED
+    assert collected.request == ASKED
 
 
 def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
     record.begin()
     record.write([Outcome(tasks[0], code="E-SHORT", facts={"seconds": 4})])
 
-    (outcome,), _ = collect_outcomes(tmp_path / "out")
+    (outcome,) = collect_outcomes(tmp_path / "out").outcomes
 
     assert (outcome.code, outcome.facts) == ("E-SHORT", {"seconds": 4})
 
@@ -66,7 +66,7 @@ def test_what_slices_of_another_number_reported_counts_no_more(tmp_path: Path) -
 
     ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
 
-    assert collect_outcomes(tmp_path / "out")[0][0].code == "E-INTERRUPTED"
+    assert collect_outcomes(tmp_path / "out").outcomes[0].code == "E-INTERRUPTED"
 
 
 def test_what_was_reported_of_another_plan_counts_no_more(tmp_path: Path) -> None:
@@ -77,4 +77,4 @@ def test_what_was_reported_of_another_plan_counts_no_more(tmp_path: Path) -> Non
 
     ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
 
-    assert [o.code for o in collect_outcomes(tmp_path / "out")[0]] == ["E-INTERRUPTED", "E-INTERRUPTED"]
+    assert [o.code for o in collect_outcomes(tmp_path / "out").outcomes] == ["E-INTERRUPTED", "E-INTERRUPTED"]

@@ -46,6 +46,13 @@ def test_a_pattern_that_fits_nothing_is_kept_to_be_told(folder: Path) -> None:
     assert find_recordings([folder / "*.cwa"], folder / "out").logs == (folder / "*.cwa",)
 
 
+def test_what_is_known_of_a_simulated_recording_is_no_recording(tmp_path: Path) -> None:
+    for name in ("shift.gt3x", "truth.parquet", "truth.json"):
+        (tmp_path / name).write_bytes(b"x")
+
+    assert find_recordings([tmp_path], tmp_path / "out").logs == (tmp_path / "shift.gt3x",)
+
+
 def test_a_file_whose_name_looks_like_a_pattern_is_that_file(folder: Path) -> None:
     odd = folder / "run[1].csv"
     odd.touch()

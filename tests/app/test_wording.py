@@ -158,13 +158,13 @@ def test_every_refusal_has_title_detail_and_cure(code: str, language: Language) 
     entry = load_wording(language)["problem"].get(code, {})
 
     told_of_rows = {"another", "more"} if code == "E-DIARY" else set()
-    assert set(entry) == {"title", "detail", "fix"} | told_of_rows
+    assert set(entry) - {"general"} == {"title", "detail", "fix"} | told_of_rows
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("code", sorted({*POLICY_WARNINGS, *codes_in_source("W")}))
 def test_every_caveat_has_words(code: str, language: Language) -> None:
-    assert set(load_wording(language)["flag"].get(code, {})) == {"title", "detail"}
+    assert set(load_wording(language)["flag"].get(code, {})) - {"general"} == {"title", "detail"}
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -174,6 +174,21 @@ def test_a_refusal_without_facts_shows_no_brace_and_no_bracket(language: Languag
     texts = " ".join(f"{p.title} {p.detail} {p.fix}" for p in told)
 
     assert not set(texts) & set("{}[]")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("kind", ["problem", "flag"])
+def test_a_sentence_about_a_code_in_general_names_no_case(language: Language, kind: str) -> None:
+    entries = [entry for entry in load_wording(language)[kind].values() if "general" in entry]
+
+    assert entries
+    assert [entry["general"] for entry in entries if "{" in entry["general"]] == []
+
+
+def test_a_code_without_a_case_is_told_in_general() -> None:
+    assert describe_problem("E-STUDY", {}, "en").detail == (
+        "The folder is not laid out as a study of agreement. The message says what is missing."
+    )
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -117,6 +117,7 @@ def test_where_nobody_else_knows_the_file_the_one_that_failed_is_the_reason(add_
     ("broken", "cause"),
     [
         ("    return rows_of(source)", "NameError: name 'rows_of' is not defined"),
+        ("    raise SystemExit('stopped by itself')", "SystemExit: stopped by itself"),
         ("    return [1, 2]", "read gave list, not a Recording"),
         (
             "    a = Segment(0, 1.0, np.ones((9, 3)), 0); return Recording('x', '', None, None, 9, (a,))",

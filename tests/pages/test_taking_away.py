@@ -91,8 +91,9 @@ def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -
     marks = shown.locator(".figures .define summary")
     assert marks.count() == shown.locator(".figures dt").count()
 
-    assert "60°" in (marks.first.get_attribute("title") or "")
-    marks.first.focus()
+    titles = [mark.get_attribute("title") or "" for mark in marks.all()]
+    assert [word in title for word, title in zip(("30°", "60°", "level"), titles, strict=False)] == [True] * 3
+    marks.nth(1).focus()
     shown.keyboard.press("Enter")
 
     expect(shown.locator(".figures .define span").filter(has_text="shoulder height").first).to_be_visible()

@@ -39,6 +39,8 @@ def test_the_tables_stand_beside_the_recordings(done: Path) -> None:
         "settings.yaml",
         "methods.md",
         "index.html",
+        "datapackage.json",
+        "ro-crate-metadata.json",
     }
 
 

@@ -79,6 +79,7 @@ def test_what_a_killed_process_had_not_done_is_not_done(sliced: Path) -> None:
     codes = {row["path"]: row["error_code"] for row in read_table(sliced / "summary.csv")}
 
     assert result.exit_code == 130
+    assert "Slices with recordings still to do: 3/8, 6/8." in result.stderr
     assert codes["e.gt3x"] == "E-INTERRUPTED"
     assert codes["b.gt3x"] == ""
 
@@ -122,3 +123,17 @@ def test_a_slice_that_is_none_is_a_usage_error(study: Path, tmp_path: Path) -> N
 
 def test_a_slice_without_recordings_is_no_failure(shift_gt3x: Path, tmp_path: Path) -> None:
     assert run("run", shift_gt3x, "-o", tmp_path / "out", "--shard", "2/2").exit_code == 0
+
+
+def test_a_slice_that_ran_with_other_options_is_named(shift_gt3x: Path, tmp_path: Path) -> None:
+    for name in "ab":
+        shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")
+    for number, method in ((1, "published"), (2, "smoothed")):
+        options = ("--report", "html", "--method", method, "--shard", f"{number}/2")
+        run("run", tmp_path, "-o", tmp_path / "out", *options)
+
+    result = run("collect", tmp_path / "out")
+
+    assert result.exit_code == 130
+    assert "Slices that ran with other files or options than the slice started last: 1/2." in result.stderr
+    assert "The same command goes on" not in result.stderr

@@ -35,7 +35,10 @@ class CaveatWords:
 
 
 def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -> Problem:
-    """Write a refusal in words. A code without words (of a newer server) reads as an internal error."""
+    """Write a refusal in words. A code without words (of a newer server) reads as an internal error.
+
+    Without facts it is told what the code means in general.
+    """
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
     first, *others = _split_rows(facts)
@@ -43,7 +46,9 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     rows = [fill(entry["another"], format_facts(row, language)) for row in others]
     return Problem(
         title=fill(entry["title"], told),
-        detail=" ".join([fill(entry["detail"], told), *rows, fill(entry.get("more", ""), told)]).strip(),
+        detail=" ".join(
+            [fill(_choose_detail(entry, facts), told), *rows, fill(entry.get("more", ""), told)]
+        ).strip(),
         fix=fill(entry["fix"], told),
         where=_format_where(told, words),
     )
@@ -58,7 +63,12 @@ def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
     told = format_facts(flag.facts, language)
     if flag.seconds:
         told["lasted"] = format_duration(flag.seconds, language)
-    return CaveatWords(fill(entry["title"], told), fill(entry["detail"], told))
+    return CaveatWords(fill(entry["title"], told), fill(_choose_detail(entry, told), told))
+
+
+def _choose_detail(entry: Words, facts: Mapping[str, Fact]) -> str:
+    """Choose the sentence about this case, or about the code where no case is given."""
+    return str(entry["detail"] if facts else entry.get("general", entry["detail"]))
 
 
 def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:

@@ -1,0 +1,53 @@
+"""Sets the citations of ``docs/paper.md`` for the site: ``[@key]`` in brackets, and the list at its end."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+_ENTRY = re.compile(r"^@\w+\{(?P<key>[^,]+),\n(?P<fields>.*?)\n\}", re.MULTILINE | re.DOTALL)
+_FIELD = re.compile(r"^\s*(\w+) = \{(.*)\},?$", re.MULTILINE)
+_CITED = re.compile(r"\[(?P<keys>@[\w; @]+)\]|(?P<alone>@[a-z]+\d{0,4})\b")
+
+
+def cite(markdown: str, bibliography: Path) -> str:
+    """Write "(Laidig and Seel 2023)" for ``[@laidig2023]``, and the works behind the text.
+
+    Raises
+    ------
+    KeyError
+        A work that is cited and not in the bibliography.
+    """
+    works = _read_works(bibliography.read_text("utf-8"))
+    told = _CITED.sub(lambda found: _write_citation(found, works), markdown)
+    return "\n".join([told.rstrip(), "", *(f"- {_write_work(work)}" for work in _sort(works)), ""])
+
+
+def _read_works(text: str) -> dict[str, Mapping[str, str]]:
+    return {
+        entry["key"]: {name: re.sub(r"[{}]", "", value) for name, value in _FIELD.findall(entry["fields"])}
+        for entry in _ENTRY.finditer(text)
+    }
+
+
+def _write_citation(found: re.Match[str], works: Mapping[str, Mapping[str, str]]) -> str:
+    keys = re.findall(r"@(\w+)", found[0])
+    told = "; ".join(f"{_name_authors(works[key])} {works[key].get('year', '')}".strip() for key in keys)
+    return f"({told})" if found["keys"] else told
+
+
+def _name_authors(work: Mapping[str, str]) -> str:
+    names = [name.split(",")[0] for name in work["author"].split(" and ")]
+    return names[0] if len(names) == 1 else " and ".join(names) if len(names) == 2 else f"{names[0]} et al."
+
+
+def _write_work(work: Mapping[str, str]) -> str:
+    authors = "; ".join(work["author"].split(" and "))
+    parts = [work[name].replace("--", "\u2013") for name in ("journal", "volume", "pages") if name in work]
+    place = f" {', '.join(parts)}." if parts else ""
+    link = f" [doi:{work['doi']}](https://doi.org/{work['doi']})" if "doi" in work else ""
+    year = f" ({work['year']})" if "year" in work else ""
+    return f"{authors}{year}. {work['title']}.{place}{link}"
+
+
+def _sort(works: Mapping[str, Mapping[str, str]]) -> list[Mapping[str, str]]:
+    return sorted(works.values(), key=lambda work: (work["author"], work.get("year", "")))
