@@ -1,6 +1,7 @@
 """Workers on many machines: PostgreSQL, a bucket and Procrastinate, each real."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from app.jobs.processes.cluster import install
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.keys import KEY_FILE
 from app.storage.open import open_storage
 from app.storage.store import Storage
 from tests.postgres import PostgresServer
@@ -59,11 +61,13 @@ def store(settings: Settings) -> Iterator[JobStore]:
 
 @pytest.fixture
 def start_worker(settings: Settings, tmp_path: Path) -> Iterator[StartWorker]:
-    """Start workers, each with a folder of its own as on another machine."""
+    """Start workers, each with a folder of its own and the first machine's key, as on another machine."""
     started: list[subprocess.Popen[bytes]] = []
 
     def start(stand_in: str) -> subprocess.Popen[bytes]:
         folder = tmp_path / f"worker{len(started)}"
+        folder.mkdir()
+        shutil.copy(settings.data_dir / KEY_FILE, folder)
         command = [sys.executable, "-m", "tests.ways_in.cluster_worker", str(folder), stand_in]
         environment = os.environ | settings.as_environment()
         started.append(subprocess.Popen(command, cwd=ROOT, env=environment))
