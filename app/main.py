@@ -18,10 +18,13 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
+from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
+from app.access.acts import carry_acts
+from app.access.database import AccountDatabase
 from app.access.gate import Gate
 from app.access.logins import Logins
 from app.access.opening import open_accounts, open_gate
@@ -416,9 +419,10 @@ def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
 async def _live(application: FastAPI) -> AsyncIterator[None]:
     """Look after every organisation while the server runs; first repair what a crash has left."""
     offices: Offices = application.state.offices
+    accounts: AccountDatabase = application.state.logins.accounts.database
     try:
         offices.prepare(OWN_ORGANISATION, offices.own)
-        house = asyncio.create_task(_keep_houses(offices))
+        house = asyncio.create_task(_keep_houses(offices, accounts))
         try:
             yield
         finally:
@@ -428,12 +432,13 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
             for services in offices.find_open().values():
                 if services.live.made is not None:
                     await asyncio.to_thread(services.live.made.close)
+            await asyncio.to_thread(_carry_acts, accounts, offices)
     finally:
         offices.close()
-        application.state.logins.accounts.database.close()
+        accounts.close()
 
 
-async def _keep_houses(offices: Offices) -> None:
+async def _keep_houses(offices: Offices, accounts: AccountDatabase) -> None:
     """Keep house for every organisation, also for those that nobody has asked for since the start."""
     kept: dict[str, asyncio.Task[None]] = {}
     try:
@@ -443,6 +448,7 @@ async def _keep_houses(offices: Offices) -> None:
                     kept[organisation] = asyncio.create_task(keep_house(services))
             await asyncio.sleep(HOUSE_LOOK_S)
             await run_to_end(_open_all, offices)
+            await run_to_end(_carry_acts, accounts, offices)
     finally:
         for task in kept.values():
             task.cancel()
@@ -455,6 +461,19 @@ def _open_all(offices: Offices) -> None:
             offices.find(organisation)
         except (AppError, OSError, DBAPIError):
             logger.exception("organisation %s cannot be opened; trying again", organisation)
+
+
+def _carry_acts(accounts: AccountDatabase, offices: Offices) -> None:
+    """Write the lines of what was done about accounts; of an organisation that cannot be opened they wait."""
+
+    def find_engine(organisation: str) -> Engine | None:
+        found = offices.find_open().get(organisation)
+        return found.store.engine if found is not None else None
+
+    try:
+        carry_acts(accounts, find_engine)
+    except (DBAPIError, AppError):
+        logger.exception("what was done about accounts is not in the trail yet; trying again")
 
 
 def prepare_house(services: Services) -> FolderLock:

@@ -8,15 +8,18 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Row, Select, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Row, Select, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
+from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.access.tables import known_browsers, organisations, people, sessions, tickets, tokens
 from app.errors import BadParameter, NotHere
 from app.jobs.queries import format_now
+from app.jobs.trail import NOBODY
+from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
 
 IDLE_S = 30 * 60.0
@@ -103,6 +106,7 @@ class AccountStore:
             known = select(organisations.c.id).where(organisations.c.id == organisation)
             if connection.execute(known).scalar() is None:
                 connection.execute(insert(organisations).values(row))
+                note_act(connection, "organisation.added", "", organisation=organisation)
 
     def find_organisations(self) -> Sequence[Organisation]:
         """Give every organisation."""
@@ -184,11 +188,18 @@ class AccountStore:
 
     def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
         """Give a person other roles; they hold from the next request on."""
-        self._update_person(person_id, roles=json.dumps(sorted(roles)))
+        given = json.dumps(sorted(roles))
+        with self.database.write() as connection:
+            others = update(people).where(people.c.id == person_id, people.c.roles != given)
+            if connection.execute(others.values(roles=given)).rowcount:
+                note_act(connection, "person.changed", person_id, roles="+".join(sorted(roles)))
 
     def set_name(self, person_id: str, name: str) -> None:
         """Give a person another name."""
-        self._update_person(person_id, name=name)
+        with self.database.write() as connection:
+            others = update(people).where(people.c.id == person_id, people.c.name != name)
+            if connection.execute(others.values(name=name)).rowcount:
+                note_act(connection, "person.changed", person_id, what="name")
 
     def end_person(self, person_id: str) -> None:
         """Let a person log in no more, and end every session, token and open link at once."""
@@ -198,10 +209,13 @@ class AccountStore:
                 connection.execute(delete(table).where(table.c.person_id == person_id))
             ended = update(tokens).where(tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             connection.execute(ended.values(ended_at=format_now()))
+            note_act(connection, "person.ended", person_id)
 
     def resume_person(self, person_id: str) -> None:
         """Let a person log in again; sessions and tokens stay ended."""
-        self._update_person(person_id, ended_at=None)
+        with self.database.write() as connection:
+            connection.execute(update(people).where(people.c.id == person_id).values(ended_at=None))
+            note_act(connection, "person.changed", person_id, what="resumed")
 
     # Sessions.
 
@@ -212,24 +226,20 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(delete(sessions).where(sessions.c.began_s <= now_s - LONGEST_S))
             connection.execute(insert(sessions).values(row | {"confirmed_s": now_s}))
+            note_act(connection, "login.succeeded", person_id, who=person_id)
         return cookie
 
     def end_session(self, cookie: str) -> None:
         """End a session."""
-        with self.database.write() as connection:
-            connection.execute(delete(sessions).where(sessions.c.hash == hash_secret(cookie)))
+        self._end_sessions(sessions.c.hash == hash_secret(cookie))
 
     def end_session_of(self, person_id: str, session: str) -> None:
         """End a session of a person by its id; one that is not theirs, or over, stays as it is."""
-        with self.database.write() as connection:
-            mine = (sessions.c.person_id == person_id, sessions.c.hash == session)
-            connection.execute(delete(sessions).where(*mine))
+        self._end_sessions(sessions.c.person_id == person_id, sessions.c.hash == session)
 
     def end_sessions(self, person_id: str, but: str = "") -> None:
         """End every session of a person but one (of this id)."""
-        with self.database.write() as connection:
-            mine = (sessions.c.person_id == person_id, sessions.c.hash != but)
-            connection.execute(delete(sessions).where(*mine))
+        self._end_sessions(sessions.c.person_id == person_id, sessions.c.hash != but)
 
     def find_sessions(self, person_id: str) -> Sequence[Session]:
         """Give the sessions of a person that go on, the newest first."""
@@ -284,6 +294,8 @@ class AccountStore:
         }
         with self.database.write() as connection:
             connection.execute(insert(tokens).values(row))
+            may = "+".join(sorted(permissions))
+            note_act(connection, "token.added", person_id, token=str(row["id"]), permissions=may)
         return bearer
 
     def find_tokens(self, person_id: str) -> Sequence[Token]:
@@ -315,6 +327,8 @@ class AccountStore:
         with self.database.write() as connection:
             mine = (tokens.c.id == token_id, tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             ended = connection.execute(update(tokens).where(*mine).values(ended_at=format_now()))
+            if ended.rowcount:
+                note_act(connection, "token.ended", person_id, token=token_id)
         if not ended.rowcount:
             raise NotHere(id=token_id)
 
@@ -353,14 +367,23 @@ class AccountStore:
         try:
             with self.database.write() as connection:
                 connection.execute(insert(people).values(row))
+                note_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
         except IntegrityError:
             raise BadParameter(name="login", value=login, allowed="a free one") from None
         self._exist = True
         return self.get_person(row["id"])
 
-    def _update_person(self, person_id: str, **values: object) -> None:
+    def _end_sessions(self, *which: ColumnElement[bool]) -> None:
         with self.database.write() as connection:
-            connection.execute(update(people).where(people.c.id == person_id).values(values))
+            for (person_id,) in connection.execute(select(sessions.c.person_id).where(*which)).all():
+                note_act(connection, "login.ended", person_id)
+            connection.execute(delete(sessions).where(*which))
+
+    def note_refusal(self, person_id: str) -> None:
+        """Note that a login was refused; ``person_id``: whose name was tried, "" for none that is known."""
+        organisation = "" if person_id else OWN_ORGANISATION
+        with self.database.write() as connection:
+            note_act(connection, "login.failed", person_id, who=NOBODY, organisation=organisation)
 
 
 def normalise_login(login: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from sqlalchemy import ColumnElement, delete, func, insert, select, update
 
 from app.access.accounts import AccountStore, normalise_login
+from app.access.acts import note_act
 from app.access.hashing import hash_secret
 from app.access.tables import known_browsers, people, recovery_codes
 
@@ -39,11 +40,13 @@ class CredentialStore:
         """Find what a person may log in with."""
         return self._find(people.c.id == person_id)
 
-    def set_password(self, person_id: str, password_hash: str) -> None:
-        """Keep the hash of a password."""
+    def set_password(self, person_id: str, password_hash: str, *, is_new: bool = True) -> None:
+        """Keep the hash of a password; ``is_new``: of another one than before."""
         with self._database.write() as connection:
             mine = update(people).where(people.c.id == person_id)
             connection.execute(mine.values(password_hash=password_hash))
+            if is_new:
+                note_act(connection, "password.changed", person_id)
 
     def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
         """Keep an authenticator and its recovery codes in place of those before; "" for none."""
@@ -54,6 +57,7 @@ class CredentialStore:
             rows = [{"person_id": person_id, "hash": hash_secret(code)} for code in codes]
             if rows:
                 connection.execute(insert(recovery_codes), rows)
+            note_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
 
     def use_step(self, person_id: str, step: int) -> bool:
         """Use up the step of a code; False where it, or a later one, was used: of two at once one wins."""

@@ -23,6 +23,7 @@ class AccountDatabase:
         self._url, self._file = _find_place(settings)
         self._engine: Engine | None = None
         self._turn = threading.Lock()
+        self.has_notes = True  # another process may have left some
 
     @property
     def is_there(self) -> bool:
@@ -30,11 +31,15 @@ class AccountDatabase:
         return self._file is None or self._file.exists()
 
     @contextmanager
-    def write(self) -> Iterator[Connection]:
-        """Give a transaction that alone writes: what it reads, nobody changes before it ends."""
+    def write(self, *, is_act: bool = True) -> Iterator[Connection]:
+        """Give a transaction that alone writes: what it reads, nobody changes before it ends.
+
+        ``is_act``: a note for the trail may be among it.
+        """
         with self._open().begin() as connection:
             lock_tables(connection)
             yield connection
+        self.has_notes = self.has_notes or is_act
 
     def read_all(self, query: Select[Any]) -> Sequence[Any]:
         """Give every row of a query."""

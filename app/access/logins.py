@@ -101,6 +101,7 @@ class Logins:
         self.throttle.take(budgets)
         if found is None or not self._is_code(found, code):
             logger.warning("login refused: the second factor")
+            self.accounts.note_refusal(person_id)
             raise LoginRefused
         self.tickets.take("code", ticket)
         self.throttle.clear((*budgets, *self._limit_login(person_id)))
@@ -240,9 +241,11 @@ class Logins:
         kept = found.password_hash if found is not None else None
         if not self._passwords.verify_password(kept, password):
             logger.warning("login refused: name or password")
+            self.accounts.note_refusal(found.person_id if found is not None else "")
             raise LoginRefused
         if found is not None and kept is not None and self._passwords.needs_rehash(kept):
-            self.credentials.set_password(found.person_id, self._passwords.hash_password(password))
+            hashed = self._passwords.hash_password(password)
+            self.credentials.set_password(found.person_id, hashed, is_new=False)
 
     def _is_proof(self, found: Credentials, proof: str) -> bool:
         if found.second_factor and len(proof) == STEP_DIGITS and proof.isdecimal():

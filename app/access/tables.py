@@ -93,6 +93,18 @@ tickets = Table(
     Column("expires_s", Float, nullable=False),
 )
 
+# What was done about accounts, until its line stands in the trail of the organisation.
+acts = Table(
+    "acts",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("organisation", String(32), nullable=False),
+    Column("at", String(32), nullable=False),
+    Column("who", String(80), nullable=False),
+    Column("act", String(40), nullable=False),
+    Column("other", Text, nullable=False),
+)
+
 facts = Table(
     "facts",
     metadata,

@@ -201,8 +201,10 @@ def _read_permissions(given: list[str]) -> list[Permission]:
 
 @contextmanager
 def _open(data: DataOption, lang: Language) -> Iterator[_Desk]:
-    from app.access.logins import Logins  # noqa: PLC0415  the database, and only this needs it
+    from app.access.acts import carry_acts_by_command  # noqa: PLC0415  the database, and only this needs it
+    from app.access.logins import Logins  # noqa: PLC0415
     from app.access.opening import open_accounts  # noqa: PLC0415
+    from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
     from app.storage.permissions import make_folder  # noqa: PLC0415
 
     settings = find_settings(data)
@@ -210,6 +212,9 @@ def _open(data: DataOption, lang: Language) -> Iterator[_Desk]:
         make_folder(settings.data_dir)
         accounts = open_accounts(settings)
         try:
-            yield _Desk(Logins(accounts, settings), lang)
+            with acting(AT_MACHINE):
+                yield _Desk(Logins(accounts, settings), lang)
         finally:
+            if accounts.database.is_there:
+                carry_acts_by_command(accounts.database, settings)
             accounts.database.close()

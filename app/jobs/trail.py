@@ -152,8 +152,11 @@ def record(  # noqa: PLR0913 - the columns of a line
     *,
     other: Mapping[str, str | int] | None = None,
     who: str | None = None,
+    at: str = "",
 ) -> None:
     """Note an act; its line is written when the transaction of the connection commits.
+
+    ``at``: when it was done, where that is not now.
 
     Raises
     ------
@@ -163,7 +166,7 @@ def record(  # noqa: PLR0913 - the columns of a line
     codes = {} if other is None else dict(other)
     if act not in ACTS or not all(_CODE.fullmatch(str(code)) for code in codes.values()):
         raise ValueError(act)
-    at = datetime.now(UTC).isoformat(timespec="microseconds")
+    at = at or datetime.now(UTC).isoformat(timespec="microseconds")
     written = json.dumps(codes, sort_keys=True) if codes else ""
     line = Line(at, find_actor() if who is None else who, act, recording_id, analysis_id, written)
     _find_noted(connection).append(line)

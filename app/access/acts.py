@@ -1,0 +1,117 @@
+"""What is done about accounts, on its way into the trail of an organisation.
+
+The accounts have a database of their own. An act and its note are one commit there; the line of the trail
+follows, and the note goes once the line stands. A crash in between leaves the note, and no second line.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import Connection, Engine, Row, delete, insert, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.access.tables import acts, people
+from app.jobs.database.connect import connect, read_revision
+from app.jobs.database.tables import REVISION, trail
+from app.jobs.trail import Act, find_actor, record
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.access.database import AccountDatabase
+
+_LATE_LINES = 1_000
+"""So many lines may have joined the trail since the one whose note a crash left behind."""
+
+
+def note_act(
+    connection: Connection, act: Act, person_id: str, *, who: str = "", organisation: str = "", **codes: str
+) -> None:
+    """Note an act in the commit of it; ``organisation``: where it is about nobody (``person_id`` is "")."""
+    of_person = select(people.c.organisation).where(people.c.id == person_id)
+    told = {"person": person_id} | codes if person_id else codes
+    row = {
+        "organisation": organisation or str(connection.execute(of_person).scalar_one()),
+        "at": datetime.now(UTC).isoformat(timespec="microseconds"),
+        "who": who or find_actor(),
+        "act": act,
+        "other": json.dumps(told, sort_keys=True) if told else "",
+    }
+    connection.execute(insert(acts).values(row))
+
+
+def carry_acts(database: "AccountDatabase", find_engine: Callable[[str], Engine | None]) -> None:
+    """Write the lines of all notes, in order; those of an organisation without tables wait.
+
+    Raises
+    ------
+    sqlalchemy.exc.SQLAlchemyError
+        A database is away; what was not written waits.
+    """
+    if not database.has_notes or not database.is_there:
+        return
+    waiting = {row.organisation for row in database.read_all(select(acts.c.organisation).distinct())}
+    if waiting and not any(map(find_engine, waiting)):
+        return
+    database.has_notes = False
+    is_left = True
+    try:
+        with database.write(is_act=False) as connection:
+            carried = [_carry(connection, row, find_engine) for row in _read_notes(connection)]
+            is_left = not all(carried)
+    finally:
+        database.has_notes = database.has_notes or is_left
+
+
+def _read_notes(connection: Connection) -> Sequence[Row[Any]]:
+    return connection.execute(select(acts).order_by(acts.c.id)).all()
+
+
+def _carry(connection: Connection, row: Row[Any], find_engine: Callable[[str], Engine | None]) -> bool:
+    engine = find_engine(row.organisation)
+    if engine is None:
+        return False
+    _write_line(engine, row)
+    connection.execute(delete(acts).where(acts.c.id == row.id))
+    return True
+
+
+def carry_acts_by_command(database: "AccountDatabase", settings: Settings) -> None:
+    """Write the lines of a command; what cannot be written now is left to the next server."""
+    opened: dict[str, Engine | None] = {}
+
+    def find_engine(organisation: str) -> Engine | None:
+        if organisation not in opened:
+            opened[organisation] = _open_tables(settings.for_organisation(organisation))
+        return opened[organisation]
+
+    try:
+        with suppress(SQLAlchemyError):
+            carry_acts(database, find_engine)
+    finally:
+        for engine in filter(None, opened.values()):
+            engine.dispose()
+
+
+def _open_tables(settings: Settings) -> Engine | None:
+    """Open the tables of an organisation, where there are any of this release."""
+    file = settings.data_dir / "acromion.sqlite3"
+    if settings.database_url.startswith("sqlite") and not file.exists():
+        return None
+    engine = connect(settings.database_url)
+    with suppress(SQLAlchemyError), engine.connect() as connection:
+        if read_revision(connection) == REVISION:
+            return engine
+    engine.dispose()
+    return None
+
+
+def _write_line(engine: Engine, row: Row[Any]) -> None:
+    """Write the line of a note, unless it stands there."""
+    late = select(trail.c.at, trail.c.act, trail.c.other).order_by(trail.c.seq.desc()).limit(_LATE_LINES)
+    with engine.begin() as connection:
+        if (row.at, row.act, row.other) not in map(tuple, connection.execute(late)):
+            told = json.loads(row.other) if row.other else None
+            record(connection, row.act, other=told, who=row.who, at=row.at)
