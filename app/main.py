@@ -456,7 +456,12 @@ async def _keep_houses(offices: Offices, accounts: AccountDatabase) -> None:
 
 
 def _open_all(offices: Offices) -> None:
-    for organisation in find_organisations(offices.own.settings, offices.own.store.reader):
+    try:
+        found = find_organisations(offices.own.settings, offices.own.store.reader)
+    except DBAPIError:
+        logger.exception("the organisations cannot be looked up; trying again")
+        return
+    for organisation in found:
         try:
             offices.find(organisation)
         except (AppError, OSError, DBAPIError):
