@@ -21,7 +21,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
@@ -29,10 +29,12 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from app.errors import KeyFileMissing, KeyGone, KeyMismatch
-from app.settings import Settings
 from app.storage.erasures import FolderLedger, Ledger
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import BrokenSeal, sync_folder, translate_disk_full
+
+if TYPE_CHECKING:  # an analysis uses this module without the settings, and without pydantic
+    from app.settings import Settings
 
 KEY_BYTES, NONCE_BYTES, TAG_BYTES, FINGERPRINT_BYTES = 32, 12, 16, 8
 VERSION = b"\x01"
@@ -326,14 +328,14 @@ class KeyStore:
         return organisation
 
 
-def open_keys(settings: Settings) -> KeyStore:
+def open_keys(settings: "Settings") -> KeyStore:
     """Open the keys of the settings; nothing is created before the first use."""
     key_file = settings.key_file or settings.data_dir / KEY_FILE
     wrapped, ledger = _open_places(settings)
     return KeyStore(wrapped, ledger, key_file, may_create=settings.key_file is None)
 
 
-def _open_places(settings: Settings) -> tuple[WrappedKeys, Ledger]:
+def _open_places(settings: "Settings") -> tuple[WrappedKeys, Ledger]:
     if settings.database_url.startswith("sqlite"):
         return FolderKeys(settings.data_dir / "keys"), FolderLedger(settings.data_dir / LEDGER_FILE)
     tables = importlib.import_module("app.storage.key_table")

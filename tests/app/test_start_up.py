@@ -38,11 +38,13 @@ def test_writing_a_report_loads_no_compiler(module: str) -> None:
     assert find_loaded(module, {"numba", "scipy", "pandas", "pyarrow"}) == ""
 
 
-def test_the_road_leaves_out_packages_that_take_long_to_load() -> None:
+@pytest.mark.parametrize("module", ["app.roads.analyse", "app.jobs.children.preloaded"])
+def test_the_road_leaves_out_packages_that_take_long_to_load(module: str) -> None:
     heavy = {"pandas", "scipy.linalg", "scipy.special", "scipy.signal", "scipy.ndimage", "scipy.stats"}
     heavy |= {"pyarrow.compute", "pyarrow.dataset", "http.client", "unittest", "numpy.testing"}
+    heavy |= {"pydantic", "sqlalchemy"}
 
-    assert find_loaded("app.roads.analyse", heavy) == ""
+    assert find_loaded(module, heavy) == ""
 
 
 def test_writing_the_tables_does_not_load_pandas() -> None:
