@@ -47,7 +47,7 @@ FIRST_LIMIT_S = 30.0
 MOST_STARTING = 50
 """Sources that are waited for at once, in threads of their own: a silent board holds up no other request."""
 REFUSED, ENDED = 4400, 1000
-GOODBYES = (1000, 1001)
+GOODBYES = (1000, 1001, 1005)
 """How a program hangs up, and a page that is closed or loaded again; a link that was lost does not."""
 
 router = APIRouter(prefix="/api/v1")

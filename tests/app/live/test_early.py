@@ -60,6 +60,10 @@ def read_early(files: SessionFiles) -> bytes:
     return b"".join(piece for piece, _ in read_pieces(content))
 
 
+def wait_until_kept(files: SessionFiles, piece: bytes) -> None:
+    wait_for(lambda: read_early(files).endswith(piece))
+
+
 def test_what_came_is_kept_as_it_came_with_its_moment_and_what_was_asked(files: SessionFiles) -> None:
     write_early(files, "a", "bc")
 
@@ -84,7 +88,7 @@ def test_a_port_is_read_while_nobody_takes_anything_from_it(files: SessionFiles)
 
     pushed.push(b"1,2,3\n")
 
-    wait_for(lambda: read_early(files) == b"1,2,3\n")
+    wait_until_kept(files, b"1,2,3\n")
     assert port.read() == b"1,2,3\n"
     port.close()
 
@@ -108,7 +112,7 @@ def test_what_came_early_and_was_not_read_yet_keeps_its_moment(files: SessionFil
     port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
     for piece in (b"1\n", b"2\n"):
         pushed.push(piece)
-        wait_for(lambda piece=piece: read_early(files).endswith(piece))
+        wait_until_kept(files, piece)
 
     port.read()
     first_s = port.now_s()

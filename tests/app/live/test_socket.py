@@ -34,6 +34,7 @@ from tests.app.live.made import FIRST_POSE, count_stored_rows, make_worn
 from tests.app.live.test_ports import Board
 from tests.app.live.test_raw_file import START
 from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
+from tests.ways_in.servers import wait_for
 
 ADDRESS = "/api/v1/live"
 DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
@@ -401,6 +402,29 @@ def test_a_board_on_a_serial_port_becomes_a_recording(
 
     assert (session["device"], session["keeps"]) == ("lsm9ds1", True)
     assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
+
+
+def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_with_its_report(
+    client: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", 0.1)
+    board = Board(tmp_path)
+    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(board.path),))
+    asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
+    with connect(client, **asked) as socket:
+        writing = board.write_meanwhile(PREAMBLE + HEADER + write_rows(0, 1500))
+        session = socket.receive_json()["session"]
+        while socket.receive_json()["status"]["frames"] < 1500:
+            pass
+    writing.join()
+
+    hub = find_hub(client.app.state.offices.own)  # type: ignore[attr-defined]
+    analysis = wait_for(lambda: hub.get(session).analysis_id)
+    board.unplug()
+
+    assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
+    with connect(client, type="resume", session=session) as socket:
+        assert read_until(socket, "ended")["was_left"]
 
 
 def test_a_page_opens_no_other_file(client: TestClient) -> None:
