@@ -259,7 +259,7 @@ class RunningSession:
             ended = Ended(self.files, self.request, tuple(self.recorder.cues))
             analysis_id = library.keep(ended) if self.files.is_kept else ""
             self.files.remove(library.keys)
-        except (AppError, OSError, BrokenSeal):
+        except (AppError, OSError, BrokenSeal, SQLAlchemyError):
             logger.exception("the raw file of a live session stays in its folder")
             state, analysis_id = "failed", ""
         with self._lock:

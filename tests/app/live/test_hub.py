@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from app.errors import TooManySessions
 from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
@@ -184,8 +185,11 @@ def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:
     assert seen[-2:] == ["second cues", "third cues"]
 
 
-def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path, OSError("full"))
+@pytest.mark.parametrize("error", [OSError("full"), OperationalError("", None, OSError("database away"))])
+def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
+    tmp_path: Path, error: Exception
+) -> None:
+    shelf = Shelf(tmp_path, error)
     files = shelf.begin()
 
     messages = run(BreakingSource(OSError("gone")), shelf, files)
