@@ -38,7 +38,7 @@ from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
 from app.api.live import router as live_routes
-from app.api.live import take_in_cut
+from app.api.live_library import take_in_cut
 from app.api.mappings import router as mapping_routes
 from app.api.pairs import router as pair_routes
 from app.api.plain_text import PlainText

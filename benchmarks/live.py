@@ -2,13 +2,16 @@
 
     python -m benchmarks.live [--hours 8] [--minutes 10] [--sessions 20] [--seconds 60]
 
-Each part prints its line; the kill is the server's, by SIGKILL, while lines come at 100 Hz.
+Each part prints its line; the kill is the server's, by SIGKILL, while lines come at 100 Hz. What it lost is
+counted in the recording that the next server makes of the rest.
 """
 
 import argparse
 import asyncio
 import json
 import resource
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -21,9 +24,11 @@ from websockets.asyncio.client import connect
 
 from app.live.recorder import Recorder
 from app.live.replay import ReplaySource
+from app.settings import Settings
 from fusion.live import LiveElevation
 from fusion.readers import read_recording
 from fusion.simulation import write_recordings
+from tests.app.live.made import count_stored_rows
 from tests.ways_in.servers import RunningServer
 
 HEADER = "# device: LSM9DS1\ntime_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps\n"
@@ -35,6 +40,11 @@ WATCH = """() => {
   const look = () => window.taken.push(Number(place.dataset.ms));
   new MutationObserver(look).observe(place, { attributes: true });
 }"""
+
+
+def start_server(data: Path, log: Path) -> RunningServer:
+    """Start a server that analyses nothing, and asks for no secret."""
+    return RunningServer(data, log, 0, ACROMION_NO_SECRET="1")
 
 
 def measure_replay(
@@ -148,17 +158,40 @@ async def feed_until_killed(running: RunningServer, address: str, seconds: float
     return sent
 
 
-def measure_kill(folder: Path, rounds: int) -> None:
-    """Seconds that a kill of the server loses: sent before it, less those in the raw file."""
-    lost_s = []
-    for number in range(rounds):
-        running = RunningServer(folder / f"kill{number}", folder / "kill.log", 0)
+def measure_kill(folder: Path, after_s: float, *, is_busy: bool) -> float:
+    """Seconds that a kill of a fresh server loses: sent before it, less those of the recording afterwards."""
+    log = folder.with_suffix(".log")
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * is_busy)]
+    try:
+        running = start_server(folder, log)
         address = running.address.replace("http", "ws") + "api/v1/live"
-        sent = asyncio.run(feed_until_killed(running, address, 12.0 + 0.37 * number))
+        sent = asyncio.run(feed_until_killed(running, address, after_s))
         running.process.wait()
-        (raw,) = (folder / f"kill{number}" / "live").glob("*.csv")
-        rows = sum(line[:1].isdigit() for line in raw.read_text().splitlines()[:-1])
-        lost_s.append((sent - rows) / RATE_HZ)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    again = start_server(folder, log)
+    stored = again.client.get("/api/v1/recordings").json()["items"]
+    again.stop()
+    rows = sum(count_stored_rows(Settings(data_dir=folder), one["id"]) for one in stored)
+    lost_s = (sent - rows) / RATE_HZ
+    print(
+        f"kill after {after_s:.1f} s{', cores busy' * is_busy}: {sent} sent, {lost_s:.2f} s lost", flush=True
+    )
+    return lost_s
+
+
+def measure_kills(folder: Path, rounds: int) -> None:
+    """So many kills, half of them in the first seconds of a server, every other one with busy cores."""
+    kills = [
+        (0.5 + 0.7 * number if number < rounds / 2 else 12.0 + 0.37 * number, number % 2 == 0)
+        for number in range(rounds)
+    ]
+    lost_s = [
+        measure_kill(folder / f"kill{number}", after_s, is_busy=is_busy)
+        for number, (after_s, is_busy) in enumerate(kills)
+    ]
     print(
         f"kills of the server: {rounds}; lost {max(lost_s):.2f} s at most, {np.mean(lost_s):.2f} s on average"
     )
@@ -171,19 +204,19 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--sessions", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--kills", type=int, default=5)
+    parser.add_argument("--kills", type=int, default=10)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         measure_replay(folder, "gt9x", asked.hours, None)
         measure_replay(folder, "lsm9ds1", asked.hours, 500.0)
-        running = RunningServer(folder / "data", folder / "log", 0)
+        running = start_server(folder / "data", folder / "log")
         try:
             measure_latency(running, asked.seconds)
             measure_many(running, asked.sessions, asked.minutes)
         finally:
             running.stop()
-        measure_kill(folder, asked.kills)
+        measure_kills(folder, asked.kills)
 
 
 if __name__ == "__main__":

@@ -5,15 +5,12 @@ The science is loaded with the first session: a server that only takes requests 
 
 import asyncio
 import json
-import logging
-import re
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from math import inf
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from anyio import CapacityLimiter, to_thread
 from anyio.lowlevel import RunVar
@@ -21,30 +18,28 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from app.api.live_library import LIVE_FOLDER, LiveLibrary
 from app.api.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
-from app.intake import Intake
 from app.jobs.trail import record
-from app.live.ports import WAIT_S, PushedPort, find_serial_ports
+from app.live.early import EarlyFile, EarlyPort
+from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
+from app.live.session_files import SessionFiles, begin_files
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
-from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
+from app.request import LONGEST_SUBJECT, check_subject
 from app.services import Services, UsedLanguage, UsedServices, find_services
 from app.storage.store import borrow_recording
 from fusion.conventions import ArmAxis, Side
 from fusion.errors import FusionError
 
 if TYPE_CHECKING:
-    from app.live.hub import Ended, LiveHub, RunningSession
+    from app.live.hub import LiveHub, RunningSession
     from app.live.source import Source
-    from fusion.live.cues import Cue
 
-LIVE_FOLDER = "live"
-HEAD_BYTES = 4096
-LONGEST_NOTE = 1000
 SILENCE_S = 600.0
-"""After which a session whose page has gone ends by itself."""
+"""After which a session of lines whose page sends none ends by itself."""
 MOST_WAITING = 250
 """Messages that wait for a slow page, 10 s; then the oldest are left out."""
 FIRST_LIMIT_S = 30.0
@@ -52,8 +47,9 @@ FIRST_LIMIT_S = 30.0
 MOST_STARTING = 50
 """Sources that are waited for at once, in threads of their own: a silent board holds up no other request."""
 REFUSED, ENDED = 4400, 1000
+GOODBYES = (1000, 1001, 1005)
+"""How a program hangs up, and a page that is closed or loaded again; a link that was lost does not."""
 
-logger = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1")
 
 
@@ -192,22 +188,58 @@ def _find_limiter() -> CapacityLimiter:
 
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
-    from app.live.cue_log import parse_rule  # noqa: PLC0415  the science
+    """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
+    subject = _read_subject(asked.subject)
+    keys = services.storage.keys
+    port = _open_port(asked, pushed)
+    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keys, keeps=asked.keeps)
+    try:
+        if port is not None and files.is_kept:
+            port = EarlyPort(port, EarlyFile(files.early, files.key, _describe_asked(asked, subject)))
+        session = _start_with(services, asked, port, files)
+    except BaseException:
+        if port is not None:
+            port.close()
+        files.remove(keys)
+        raise
+    played = asked.recording if asked.source == "recording" else ""
+    with services.store.engine.begin() as connection:
+        record(connection, "live.started", played, other={"session": session.id})
+    return session
+
+
+def _describe_asked(asked: Start, subject: str) -> dict[str, Any]:
+    """Give what a raw file states of a session."""
+    whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
+    return whose | {"cues": [rule.model_dump() for rule in asked.cues]}
+
+
+def _name_source(asked: Start) -> str:
+    return asked.port if asked.source == "port" else clean_text(asked.name) or "browser"
+
+
+def _open_port(asked: Start, pushed: PushedPort) -> Port | None:
+    """Open the port of a session of lines; None for one that plays a recording."""
+    if asked.source == "lines":
+        return pushed
+    if asked.source != "port":
+        return None
+    if asked.port not in find_serial_ports():  # no other file is opened for a page
+        raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
+    return open_port(asked.port)
+
+
+def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
+    from app.live.early_rows import make_rule  # noqa: PLC0415  the science
     from app.live.hub import SessionRequest  # noqa: PLC0415
     from app.live.raw_file import Wearer  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(_read_subject(asked.subject), asked.side, asked.axis),
-        keeps=asked.keeps,
-        rules=tuple(parse_rule(f"{rule.kind}:{rule.angle_deg}:{rule.limit}") for rule in asked.cues),
+        rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
-    session = find_hub(services).start(_open_source(services, asked, pushed), request)
-    played = asked.recording if asked.source == "recording" else ""
-    engine = services.store.engine
-    with engine.begin() as connection:
-        record(connection, "live.started", played, other={"session": session.id})
-    return session
+    return find_hub(services).start(_open_source(services, asked, port), request, files)
 
 
 def _read_subject(text: str) -> str:
@@ -217,17 +249,15 @@ def _read_subject(text: str) -> str:
         raise BadParameter(name="subject", value=clean_text(text)[:60]) from error
 
 
-def _open_source(services: Services, asked: Start, pushed: PushedPort) -> "Source":
+def _open_source(services: Services, asked: Start, port: Port | None) -> "Source":
     from app.live.demo import make_demo  # noqa: PLC0415
-    from app.live.lines import LineSource, open_lines  # noqa: PLC0415
+    from app.live.lines import LineSource  # noqa: PLC0415
     from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
 
-    if asked.source == "lines":
-        return LineSource(pushed, clean_text(asked.name) or "browser", silence_s=SILENCE_S)
-    if asked.source == "port":
-        if asked.port not in find_serial_ports():  # no other file is opened for a page
-            raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
-        return open_lines(asked.port)
+    if port is not None:
+        silence_s = SILENCE_S if asked.source == "lines" else inf
+        now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
+        return LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
     if asked.source == "demo":
         return ReplaySource(make_demo(), "demo", asked.speed)
     row = services.recordings.get(asked.recording)
@@ -277,11 +307,15 @@ async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox"
     outbox = Outbox(asyncio.get_running_loop())
     key = session.watch(outbox.put)
     sender = asyncio.create_task(_send_on(socket, outbox))
+    was_closed = False
     try:
         while True:
             _take(await inbox.take(), session, outbox)
+    except WebSocketDisconnect as end:
+        was_closed = end.code in GOODBYES
+        raise
     finally:
-        session.leave(key)
+        session.leave(key, was_closed=was_closed)
         sender.cancel()
         with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
             await sender
@@ -309,14 +343,14 @@ class Inbox:
 
     def __init__(self) -> None:
         self.push: Callable[[bytes], bool] | None = None
-        self._texts: asyncio.Queue[str | None] = asyncio.Queue()
+        self._texts: asyncio.Queue[str | int] = asyncio.Queue()
 
     async def fill(self, socket: WebSocket) -> None:
         """Receive until the page hangs up; while a source takes no more bytes, nothing is received."""
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
-                await self._texts.put(None)
+                await self._texts.put(int(message.get("code") or GOODBYES[0]))
                 return
             piece = message.get("bytes")
             if piece is not None and self.push is not None:
@@ -333,8 +367,8 @@ class Inbox:
         WebSocketDisconnect
         """
         text = await self._texts.get()
-        if text is None:
-            raise WebSocketDisconnect
+        if isinstance(text, int):
+            raise WebSocketDisconnect(text)
         return text
 
 
@@ -382,79 +416,4 @@ def find_hub(services: Services) -> "LiveHub":
     """Give the sessions of this server; the first call loads the science."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
-    return services.live.find(lambda: LiveHub(services.settings.data_dir / LIVE_FOLDER, _Library(services)))
-
-
-CUED = "cues"
-"""The tag of a recording in which cues were given: with and without can be told apart afterwards."""
-
-
-class _Library:
-    """Takes raw files in, as recordings with their analysis; announces cues."""
-
-    def __init__(self, services: Services) -> None:
-        self._services = services
-
-    def keep(self, ended: "Ended") -> str:
-        """Store the file and queue its analysis; give the id of the analysis."""
-        wearer = ended.request.wearer
-        analysis_id = take_in(self._services, ended.path, wearer.subject, wearer.side)
-        recording_id = self._services.store.find_recording(analysis_id)
-        with self._services.store.engine.begin() as connection:
-            record(connection, "live.ended", recording_id, analysis_id)
-        if ended.request.rules:
-            self._note_cues(self._services.store.get(analysis_id).recording_id, ended)
-        return analysis_id
-
-    def announce(self, session_id: str, cue: "Cue") -> None:
-        """Write the deliveries."""
-        rule = cue.rule
-        facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
-        self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
-
-    def _note_cues(self, recording_id: str, ended: "Ended") -> None:
-        """Log the cues in the note of the recording, as many as it takes."""
-        from app.live.cue_log import format_rule  # noqa: PLC0415
-
-        counts = Counter(format_rule(cue.rule) for cue in ended.cues)
-        rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
-        times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
-        row = self._services.recordings.get(recording_id)
-        note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
-        self._services.recordings.describe(row, replace(row.about, note=note))
-        self._services.recordings.tag([recording_id], [CUED])
-
-
-def take_in(services: Services, path: Path, subject: str, side: Side | None) -> str:
-    """Make the raw file of a session a recording, and queue its analysis; give the id of the analysis."""
-    settings = services.settings
-    request = ReportRequest(path.name, subject, side, paper=settings.paper)
-    return Intake(services.store, services.storage, settings).add(path, request, "web").id
-
-
-def take_in_cut(services: Services) -> int:
-    """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
-    folder = services.settings.data_dir / LIVE_FOLDER
-    for path in folder.glob("replay-*.csv"):  # what was played is stored already
-        path.unlink()
-    count = 0
-    for path in sorted(folder.glob("live-*.csv")):
-        try:
-            _take_in_cut_file(services, path)
-        except (AppError, OSError):
-            logger.exception("a raw file that was cut off stays in its folder: %s", path.name)
-        else:
-            count += 1
-    return count
-
-
-def _take_in_cut_file(services: Services, path: Path) -> None:
-    """Read from the lines above the table whose arm it is and which cues were chosen, and take it in."""
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES).decode("utf-8", "replace")
-    found = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
-    side = next((one for one in get_args(Side) if one == found.get("side")), None)
-    analysis_id = take_in(services, path, found.get("subject", "")[:LONGEST_SUBJECT], side)
-    if "cues" in found:
-        services.recordings.tag([services.store.get(analysis_id).recording_id], [CUED])
-    path.unlink()
+    return services.live.find(lambda: LiveHub(LiveLibrary(services)))

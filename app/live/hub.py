@@ -2,19 +2,17 @@
 
 A session is known by its id. Whoever watches it gets what is new as messages that are numbered; a page that
 was reloaded gets the last minute first. A watcher that is too slow loses the oldest messages, never the raw
-file a frame.
+file a frame. A session that nobody has watched for a while ends as if it was stopped.
 """
 
 import itertools
 import logging
-import secrets
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextvars import copy_context
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -22,12 +20,15 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
+from app.live.early import EarlyPort
 from app.live.lines import LineSource
 from app.live.ports import PushedPort
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
+from app.live.session_files import SessionFiles
 from app.live.source import Source
-from app.storage.permissions import make_folder
+from app.storage.keys import KeyStore
+from app.storage.store import BrokenSeal
 from fusion.errors import FusionError
 from fusion.live import LiveRows, LiveStatus
 from fusion.live.cues import Cue, CueRule
@@ -41,6 +42,10 @@ MOST_SESSIONS = 50
 ENDED_TERM_S = 3600.0
 """How long the end of a session is remembered."""
 STOP_LIMIT_S = 10.0
+CLOSED_TERM_S = 60.0
+"""A page that was closed, or is loaded again, may come back for so long; then its session ends."""
+LOST_TERM_S = 600.0
+"""The same after a link that was lost, for which nobody may have decided."""
 
 State = Literal["running", "stopped", "failed"]
 Message = Mapping[str, Any]
@@ -51,28 +56,28 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class SessionRequest:
-    """What a person asks of a session.
-
-    ``keeps``: when it ends, its raw file becomes a recording; a replay has one already.
-    """
+    """What a person asks of a session."""
 
     wearer: Wearer = UNKNOWN
-    keeps: bool = True
     rules: tuple[CueRule, ...] = ()
     countdown_s: float = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The raw file of a session that has ended, what was asked, and its cues."""
+    """The files of a session that has ended, what was asked, and its cues."""
 
-    path: Path
+    files: SessionFiles
     request: SessionRequest
     cues: tuple[Cue, ...] = ()
 
 
 class Library(Protocol):
     """What a session hands on."""
+
+    @property
+    def keys(self) -> KeyStore:
+        """The keys, of which those of sessions are destroyed with their files."""
 
     def keep(self, ended: Ended) -> str:
         """Take the raw file in; give the id of its analysis."""
@@ -84,9 +89,13 @@ class Library(Protocol):
 class RunningSession:
     """One session: its source, its recorder, its watchers."""
 
-    def __init__(self, session_id: str, source: Source, recorder: Recorder, request: SessionRequest) -> None:
-        self.id, self.source, self.recorder, self.request = session_id, source, recorder, request
+    def __init__(
+        self, files: SessionFiles, source: Source, recorder: Recorder, request: SessionRequest
+    ) -> None:
+        self.id, self.files = files.session_id, files
+        self.source, self.recorder, self.request = source, recorder, request
         self.state: State = "running"
+        self.was_left = False
         self.analysis_id = ""
         self.ended_s = 0.0
         self._lock = threading.Lock()
@@ -96,6 +105,10 @@ class RunningSession:
         self._step = max(1, round(source.facts.rate_hz / SHOWN_HZ))
         self._row = self._sequence = 0
         self._is_stopping = threading.Event()
+        self._ends_s: float | None = None
+        port = source.port if isinstance(source, LineSource) else None
+        self._early = port if isinstance(port, EarlyPort) else None
+        self._pushed = port.inner if isinstance(port, EarlyPort) else port
         self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
 
     def describe(self) -> dict[str, Any]:
@@ -109,7 +122,7 @@ class RunningSession:
             "rate_hz": round(facts.rate_hz, 3),
             "state": self.state,
             "analysis": self.analysis_id,
-            "keeps": self.request.keeps,
+            "keeps": self.files.is_kept,
             "cues": [_describe_rule(rule) for rule in self.request.rules],
             "cues_paused": self.recorder.are_cues_paused,
         }
@@ -119,21 +132,23 @@ class RunningSession:
         with self._lock:
             key = next(self._keys)
             self._watchers[key] = watch
+            self._ends_s = None
             watch(self.describe())
             watch(self._describe_update(list(self._history), "history"))
             if self.state != "running":
                 watch(self._describe_end())
         return key
 
-    def leave(self, key: int) -> None:
-        """End a watch."""
+    def leave(self, key: int, *, was_closed: bool = True) -> None:
+        """End a watch; after the last one the session ends too, unless somebody comes back in time."""
         with self._lock:
             self._watchers.pop(key, None)
+            if not self._watchers:
+                self._ends_s = time.monotonic() + (CLOSED_TERM_S if was_closed else LOST_TERM_S)
 
     def push(self, piece: bytes) -> bool:
         """Hand on bytes from a page, to a session whose source is one; False while it takes no more."""
-        port = self.source.port if isinstance(self.source, LineSource) else None
-        return port.push(piece) if isinstance(port, PushedPort) else True
+        return self._pushed.push(piece) if isinstance(self._pushed, PushedPort) else True
 
     def ask_pose(self, countdown_s: float) -> None:
         """Ask for the pose, once more or for the first time."""
@@ -154,12 +169,13 @@ class RunningSession:
         """Take frames until the source ends or the session is stopped."""
         state: State = "failed"
         try:
-            while not self._is_stopping.is_set() and (frames := self.source.read()) is not None:
+            while not self._is_over() and (frames := self.source.read()) is not None:
                 self._start_pose()
                 if len(frames):
                     rows = self.recorder.take(frames)
                     self._publish(rows)
                     self._give_cues(self.recorder.take_cues(rows), library)
+                    self._settle()
             state = "stopped"
         except (AppError, FusionError, OSError):
             logger.exception("a live session failed; its raw file is kept")
@@ -167,9 +183,25 @@ class RunningSession:
             self.source.close()
             self._end(state, library)
 
-    def _start_pose(self) -> None:
+    def _is_over(self) -> bool:
+        """Whether it was stopped, and has taken what came before that, or was left by everybody."""
         with self._lock:
-            if self._asked_pose_s is not None:
+            if self._ends_s is not None and time.monotonic() > self._ends_s:
+                self.was_left = True
+                self._is_stopping.set()
+        return self._is_stopping.is_set() and (self._early is None or not self._early.is_behind)
+
+    def _settle(self) -> None:
+        """Once the raw file has all that came early, keep that no longer."""
+        if self._early is not None and not self._early.is_behind:
+            self.recorder.sync()
+            self._early.release()
+            self._early = None
+
+    def _start_pose(self) -> None:
+        """Ask for the pose, not while what came early is made up for: nobody could hold it."""
+        with self._lock:
+            if self._asked_pose_s is not None and self._early is None:
                 self.recorder.session.ask_pose(self._asked_pose_s)
                 self._asked_pose_s = None
 
@@ -211,7 +243,8 @@ class RunningSession:
 
     def _describe_end(self) -> dict[str, Any]:
         count = len(self.recorder.cues)
-        return {"type": "ended", "state": self.state, "analysis": self.analysis_id, "cues": count}
+        end = {"type": "ended", "state": self.state, "analysis": self.analysis_id}
+        return end | {"cues": count, "was_left": self.was_left}
 
     def _send(self, message: Message) -> None:
         for watch in self._watchers.values():
@@ -220,11 +253,13 @@ class RunningSession:
     def _end(self, state: State, library: Library) -> None:
         """Close the raw file and hand it on; a file that cannot be taken stays for the next start."""
         try:
-            path = self.recorder.stop()
-            ended = Ended(path, self.request, tuple(self.recorder.cues))
-            analysis_id = library.keep(ended) if self.request.keeps else ""
-            path.unlink(missing_ok=True)
-        except (AppError, OSError):
+            self.recorder.stop()
+            if self._early is not None:
+                self._early.release()
+            ended = Ended(self.files, self.request, tuple(self.recorder.cues))
+            analysis_id = library.keep(ended) if self.files.is_kept else ""
+            self.files.remove(library.keys)
+        except (AppError, OSError, BrokenSeal, SQLAlchemyError):
             logger.exception("the raw file of a live session stays in its folder")
             state, analysis_id = "failed", ""
         with self._lock:
@@ -261,13 +296,12 @@ def describe_status(status: LiveStatus) -> dict[str, Any]:
 class LiveHub:
     """The sessions of this server."""
 
-    folder: Path
     library: Library
     _sessions: dict[str, RunningSession] = field(default_factory=dict)
     _threads: dict[str, threading.Thread] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def start(self, source: Source, request: SessionRequest) -> RunningSession:
+    def start(self, source: Source, request: SessionRequest, files: SessionFiles) -> RunningSession:
         """Start a session.
 
         Raises
@@ -276,27 +310,25 @@ class LiveHub:
         """
         try:
             with self._lock:
-                session, thread = self._add(source, request)
+                session, thread = self._add(source, request, files)
         except BaseException:
             source.close()
             raise
         thread.start()
         return session
 
-    def _add(self, source: Source, request: SessionRequest) -> tuple[RunningSession, threading.Thread]:
+    def _add(
+        self, source: Source, request: SessionRequest, files: SessionFiles
+    ) -> tuple[RunningSession, threading.Thread]:
         self._forget()
         if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
             raise TooManySessions(max=MOST_SESSIONS)
-        make_folder(self.folder)
-        session_id = secrets.token_urlsafe(12)
-        prefix = "live" if request.keeps else "replay"
-        path = self.folder / f"{prefix}-{session_id}.csv"
-        recorder = Recorder(path, source.facts, request.wearer, request.rules)
-        session = RunningSession(session_id, source, recorder, request)
+        recorder = Recorder(files.raw, source.facts, request.wearer, request.rules, key=files.key)
+        session = RunningSession(files, source, recorder, request)
         thread = threading.Thread(
             target=copy_context().run, args=(session.run, self.library), name="live", daemon=True
         )
-        self._sessions[session_id], self._threads[session_id] = session, thread
+        self._sessions[session.id], self._threads[session.id] = session, thread
         return session, thread
 
     def get(self, session_id: str) -> RunningSession:

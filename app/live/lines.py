@@ -5,10 +5,12 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from math import inf
 
+import numpy as np
+
 from app.errors import LiveSourceFailed
 from app.live.ports import BAUD, Port, open_port
 from app.live.source import Source, SourceFacts
-from fusion.live import Frames
+from fusion.live import Frames, LiveSession
 from fusion.live.lines import LineReader
 from fusion.recording import MICROSECONDS
 
@@ -50,7 +52,7 @@ class LineSource:
             device=found.device,
             name=name,
             rate_hz=found.rate_hz,
-            start=_find_start(learned),
+            start=_find_start(learned, self._heard_s),
             acc_range_g=found.acc_range_g,
             gyr_range_dps=found.gyr_range_dps,
         )
@@ -100,18 +102,31 @@ class LineSource:
         return piece, round(self._now_s() * MICROSECONDS)
 
 
-def _find_start(first: Frames) -> datetime:
+def _find_start(first: Frames, heard_s: float) -> datetime:
     """Give the clock here when the first of these frames came, with its offset from UTC."""
-    ago_s = float(first.time_us[-1] - first.time_us[0]) / MICROSECONDS
+    ago_s = float(first.time_us[-1] - first.time_us[0]) / MICROSECONDS + time.monotonic() - heard_s
     return datetime.now().astimezone() - timedelta(seconds=ago_s)
 
 
 def open_lines(source: str, baud: int = BAUD) -> Source:
     """Listen to a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
+    The kernels are compiled before it is opened: what comes meanwhile would be in memory only.
+
     Raises
     ------
     LiveSourceFailed
     fusion.errors.FusionError
     """
+    _compile_kernels()
     return LineSource(open_port(source, baud), source)
+
+
+def _compile_kernels() -> None:
+    still = Frames(
+        np.arange(10) * 10_000,
+        np.arange(10),
+        np.full((10, 3), (0, 0, 1), np.float32),
+        np.zeros((10, 3), np.float32),
+    )
+    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)

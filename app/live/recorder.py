@@ -1,13 +1,13 @@
 """One live session as it runs: the source, the raw file, and the session in between."""
 
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 from app.live.cue_log import format_rule
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
 from app.live.source import SourceFacts
+from app.storage.keys import RecordingKey
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
 from fusion.live.cues import Cue, CueRule, CueWatch
 from fusion.pose.poses import point_along
@@ -23,9 +23,11 @@ class Recorder:
         wearer: Wearer = UNKNOWN,
         rules: tuple[CueRule, ...] = (),
         *,
-        now_s: Callable[[], float] = time.monotonic,
+        key: RecordingKey | None = None,
     ) -> None:
-        """Create the raw file; an axis that a person names goes before the one that the source knows.
+        """Create the raw file, sealed where there is a key.
+
+        An axis that a person names goes before the one that the source knows.
 
         Raises
         ------
@@ -37,8 +39,7 @@ class Recorder:
         self.cues: list[Cue] = []
         self.are_cues_paused = False
         self._cue_watch = CueWatch(rules)
-        self._now_s = now_s
-        self._synced_s = now_s()
+        self._synced_s = time.monotonic()
         header = RawHeader(
             device=facts.device,
             source=facts.name,
@@ -49,7 +50,7 @@ class Recorder:
             gyr_range_dps=facts.gyr_range_dps,
             cues=" ".join(map(format_rule, rules)),
         )
-        self._raw = RawFile(path, header)
+        self._raw = RawFile(path, header, key)
         self._stated_pose_s: tuple[float, float] | None = None
 
     @property
@@ -66,10 +67,14 @@ class Recorder:
         if pose_s is not None and pose_s != self._stated_pose_s:
             self._raw.state_pose(*pose_s)
             self._stated_pose_s = pose_s
-        if self._now_s() - self._synced_s >= SYNC_S:
-            self._raw.sync()
-            self._synced_s = self._now_s()
+        if time.monotonic() - self._synced_s >= SYNC_S:
+            self.sync()
         return rows
+
+    def sync(self) -> None:
+        """Have the disk take what was written."""
+        self._raw.sync()
+        self._synced_s = time.monotonic()
 
     def take_cues(self, rows: LiveRows) -> list[Cue]:
         """Give the cues of these rows, and log them; while they are paused there are none."""

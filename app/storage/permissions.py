@@ -22,6 +22,7 @@ OUR_FOLDERS = frozenset(
         "inspections",
         "organisations",
         "keys",
+        "live",
         "opened",
         "quarantine",
         "recordings",

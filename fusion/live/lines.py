@@ -121,6 +121,20 @@ class LineReader:
             self._start_clock(rows, self._columns)
         return self._place(rows)
 
+    def finish(self) -> Frames | None:
+        """Give the rows that still wait for the rate, for no more come; None where there are none.
+
+        Raises
+        ------
+        fusion.errors.UnknownRate
+        """
+        rows, columns = _drop_before_restart(self._waiting), self._columns
+        self._waiting = []
+        if columns is None or len(rows) < 2:
+            return None
+        self._start_clock(rows, columns)
+        return self._place(rows)
+
     def _split(self, piece: bytes) -> Iterator[str]:
         *lines, self._carried = (self._carried + piece).split(b"\n")
         if len(self._carried) > LONGEST_LINE_BYTES:

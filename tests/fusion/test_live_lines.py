@@ -56,6 +56,22 @@ def test_no_row_is_lost_from_the_first_on() -> None:
     assert reader.torn == 0
 
 
+def test_rows_too_few_to_tell_the_rate_at_once_are_given_at_the_end() -> None:
+    reader = LineReader()
+    assert feed(reader, HEADER + write_rows(0, 60)) == []
+
+    frames = reader.finish()
+
+    assert frames is not None
+    assert frames.counter.tolist() == list(range(60))
+
+
+def test_at_the_end_nothing_is_given_twice() -> None:
+    reader, _ = read(HEADER + write_rows(0, 300))
+
+    assert reader.finish() is None
+
+
 def test_a_torn_line_is_left_out_and_shows_as_lost() -> None:
     torn = write_rows(250, 251)[:17] + "\n"
 

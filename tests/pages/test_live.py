@@ -123,6 +123,32 @@ def test_it_is_stopped_by_a_key_and_a_replay_adds_nothing(playing: Page) -> None
     expect(playing.locator("#report")).to_be_hidden()
 
 
+@pytest.mark.parametrize(
+    ("language", "words", "hint"),
+    [
+        ("en", "No page showed the session any more", "has a minute to come back to it"),
+        ("fr", "Plus aucune page ne montrait la session", "a une minute pour y revenir"),
+    ],
+)
+def test_what_happens_to_a_session_whose_page_is_closed_is_said_before_and_after(
+    page: Page, server: RunningServer, language: str, words: str, hint: str
+) -> None:
+    def route(link: WebSocketRoute) -> None:
+        onwards = link.connect_to_server()
+        onwards.on_message(lambda text: link.send(str(text).replace('"was_left":false', '"was_left":true')))
+
+    page.route_web_socket(re.compile("api/v1/live"), route)
+    page.goto(f"{server.address}live?lang={language}")
+    page.select_option("#source", "phone")
+    expect(page.locator("#start")).to_contain_text(hint)
+    page.select_option("#source", "demo")
+    page.click("#begin")
+    expect(page.locator("#latency")).to_contain_text("ms")
+    page.keyboard.press("s")
+
+    expect(page.locator("#ended-words")).to_contain_text(words)
+
+
 def test_another_session_can_follow(playing: Page) -> None:
     playing.keyboard.press("s")
     playing.click("#again")

@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.settings import Settings
+from app.storage.open import open_storage
+from app.storage.store import format_recording_name
 from fusion.live import Frames, replay_frames
 from fusion.recording import Recording
 from tests.factories import hold
@@ -29,3 +32,13 @@ def make_frames(*poses: tuple[float, float]) -> Frames:
     """The same as one chunk of frames."""
     (frames,) = replay_frames(make_worn(*poses), 1e6)
     return frames
+
+
+def count_stored_rows(settings: Settings, recording_id: str) -> int:
+    """Count the rows of a stored recording."""
+    storage = open_storage(settings)
+    found = storage.fetch(format_recording_name(recording_id))
+    try:
+        return sum(line[:1].isdigit() for line in found.path.read_text().splitlines())
+    finally:
+        storage.release(found.path)

@@ -1,19 +1,25 @@
 """Sessions that end otherwise than by Stop."""
 
+import threading
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from app.errors import TooManySessions
 from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
-from app.live.raw_file import Wearer
+from app.live.raw_file import Wearer, restate
 from app.live.recorder import Recorder
+from app.live.session_files import SessionFiles, begin_files, read_unfinished
 from app.live.source import SourceFacts
+from app.settings import Settings
+from app.storage.keys import KeyStore, open_keys
 from fusion.live import Frames, replay_frames
 from fusion.live.cues import Cue
 from fusion.readers import read_recording
-from tests.app.live.made import FIRST_POSE, make_worn
+from tests.app.live.made import FIRST_POSE, make_frames, make_worn
 
 
 class BreakingSource:
@@ -36,27 +42,55 @@ class BreakingSource:
         self.is_closed = True
 
 
+class EndlessSource(BreakingSource):
+    """A board that says nothing more, and never ends."""
+
+    def __init__(self) -> None:
+        super().__init__(OSError())
+        self.is_silent = threading.Event()
+
+    def read(self) -> Frames | None:
+        frames = next(self._frames, None)
+        if frames is None:
+            self.is_silent.set()
+            return make_frames(FIRST_POSE).cut(0, 0)
+        return frames
+
+
+@dataclass
 class Shelf:
     """A library that remembers, or refuses."""
 
-    def __init__(self, error: Exception | None = None) -> None:
-        self.kept: list[Path] = []
-        self._error = error
+    folder: Path
+    error: Exception | None = None
+    kept: list[Path] = field(default_factory=list)
+
+    @property
+    def keys(self) -> KeyStore:
+        return open_keys(Settings(data_dir=self.folder))
+
+    def begin(self) -> SessionFiles:
+        return begin_files(self.folder / "live", self.keys, keeps=True)
 
     def keep(self, ended: Ended) -> str:
-        if self._error:
-            raise self._error
-        self.kept.append(ended.path)
-        assert sum(map(len, read_recording(ended.path).segments)) == 2200
+        if self.error:
+            raise self.error
+        self.kept.append(ended.files.raw)
+        assert count_rows(ended.files, self.folder / "opened.csv") == 2200
         return "an_1"
 
     def announce(self, session_id: str, cue: Cue) -> None:
         raise AssertionError
 
 
-def run(folder: Path, source: BreakingSource, shelf: Shelf) -> list[dict[str, Any]]:
-    hub = LiveHub(folder / "live", shelf)
-    session = hub.start(source, SessionRequest(Wearer(arm_axis="+z")))
+def count_rows(files: SessionFiles, opened: Path) -> int:
+    opened.write_bytes(b"".join(restate(lambda: read_unfinished(files.raw, files.key))))
+    return sum(map(len, read_recording(opened).segments))
+
+
+def run(source: BreakingSource, shelf: Shelf, files: SessionFiles | None = None) -> list[dict[str, Any]]:
+    hub = LiveHub(shelf)
+    session = hub.start(source, SessionRequest(Wearer(arm_axis="+z")), files or shelf.begin())
     messages: list[dict[str, Any]] = []
     for thread in hub._threads.values():
         thread.join()
@@ -65,25 +99,80 @@ def run(folder: Path, source: BreakingSource, shelf: Shelf) -> list[dict[str, An
 
 
 def test_a_source_that_breaks_leaves_all_that_came(tmp_path: Path) -> None:
-    shelf = Shelf()
+    shelf = Shelf(tmp_path)
 
-    messages = run(tmp_path, BreakingSource(OSError("gone")), shelf)
+    messages = run(BreakingSource(OSError("gone")), shelf)
 
-    assert messages[-1] == {"type": "ended", "state": "failed", "analysis": "an_1", "cues": 0}
+    assert (messages[-1]["state"], messages[-1]["analysis"]) == ("failed", "an_1")
     assert len(shelf.kept) == 1
+
+
+def test_of_a_session_that_was_taken_in_neither_file_nor_key_is_left(tmp_path: Path) -> None:
+    shelf = Shelf(tmp_path)
+    files = shelf.begin()
+
+    run(BreakingSource(OSError("gone")), shelf, files)
+
+    assert list((tmp_path / "live").iterdir()) == []
+    assert shelf.keys.find(files.key.id) is None
+
+
+def test_a_session_that_nobody_comes_back_to_ends_with_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", 0.1)
+    shelf = Shelf(tmp_path)
+    hub, source = LiveHub(shelf), EndlessSource()
+    session = hub.start(source, SessionRequest(Wearer(arm_axis="+z")), shelf.begin())
+    source.is_silent.wait()
+
+    session.leave(session.watch(lambda _: None), was_closed=True)
+    for thread in hub._threads.values():
+        thread.join()
+
+    assert (session.state, session.analysis_id, session.was_left) == ("stopped", "an_1", True)
+
+
+def make_session(folder: Path) -> RunningSession:
+    files, source = Shelf(folder).begin(), BreakingSource(OSError())
+    recorder = Recorder(files.raw, source.facts, key=files.key)
+    return RunningSession(files, source, recorder, SessionRequest())
+
+
+def test_a_session_to_which_somebody_comes_back_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", -1.0)
+    session = make_session(tmp_path)
+    session.leave(session.watch(lambda _: None))
+
+    session.watch(lambda _: None)
+
+    assert not session._is_over()
+    session.recorder.stop()
+
+
+def test_a_link_that_was_lost_ends_no_session_as_soon_as_a_page_that_was_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", -1.0)
+    session = make_session(tmp_path)
+
+    session.leave(session.watch(lambda _: None), was_closed=False)
+
+    assert not session._is_over()
+    session.recorder.stop()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_bug_ends_its_own_session_and_loses_nothing(tmp_path: Path) -> None:
-    messages = run(tmp_path, BreakingSource(ZeroDivisionError()), Shelf())
+    messages = run(BreakingSource(ZeroDivisionError()), Shelf(tmp_path))
 
     assert messages[-1]["state"] == "failed"
 
 
 def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:
-    source = BreakingSource(OSError("gone"))
-    recorder = Recorder(tmp_path / "live-a.csv", source.facts)
-    session = RunningSession("a", source, recorder, SessionRequest())
+    session = make_session(tmp_path)
     seen: list[str] = []
     first = session.watch(lambda _: None)
     session.watch(lambda message: seen.append(f"second {message['type']}"))
@@ -92,16 +181,22 @@ def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:
 
     session.pause_cues(paused=True)
 
-    recorder.stop()
+    session.recorder.stop()
     assert seen[-2:] == ["second cues", "third cues"]
 
 
-def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(tmp_path: Path) -> None:
-    messages = run(tmp_path, BreakingSource(OSError("gone")), Shelf(OSError("full")))
+@pytest.mark.parametrize("error", [OSError("full"), OperationalError("", None, OSError("database away"))])
+def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
+    tmp_path: Path, error: Exception
+) -> None:
+    shelf = Shelf(tmp_path, error)
+    files = shelf.begin()
+
+    messages = run(BreakingSource(OSError("gone")), shelf, files)
 
     assert messages[-1]["analysis"] == ""
-    (raw,) = (tmp_path / "live").glob("live-*.csv")
-    assert sum(map(len, read_recording(raw).segments)) == 2200
+    assert shelf.keys.find(files.key.id) == files.key
+    assert count_rows(files, tmp_path / "opened.csv") == 2200
 
 
 def test_more_sessions_than_the_server_runs_are_refused(
@@ -111,6 +206,6 @@ def test_more_sessions_than_the_server_runs_are_refused(
     source = BreakingSource(OSError("gone"))
 
     with pytest.raises(TooManySessions):
-        LiveHub(tmp_path / "live", Shelf()).start(source, SessionRequest())
+        LiveHub(Shelf(tmp_path)).start(source, SessionRequest(), Shelf(tmp_path).begin())
 
     assert source.is_closed

@@ -1,5 +1,6 @@
 """Live sessions over the WebSocket: what is sent, what is taken, and whose calls are refused."""
 
+import json
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -9,27 +10,31 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select
+from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
-from app.jobs.database.tables import deliveries, recordings
+from app.api.live import _find_limiter, find_hub
+from app.api.live_library import LIVE_FOLDER
+from app.jobs.database.tables import deliveries, recordings, trail
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
 from app.live.raw_file import RawFile, RawHeader, Wearer
 from app.live.recorder import Recorder
+from app.live.session_files import SessionFiles, begin_files
 from app.live.source import SourceFacts
 from app.main import create_app
 from app.settings import Settings
+from app.storage.keys import open_keys
 from app.storage.store import Storage
 from fusion.live import LiveElevation, replay_frames
 from fusion.live.cues import CueRule
 from fusion.recording import Recording
-from tests.app.live.made import FIRST_POSE, make_worn
+from tests.app.live.made import FIRST_POSE, count_stored_rows, make_worn
 from tests.app.live.test_ports import Board
 from tests.app.live.test_raw_file import START
 from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
+from tests.ways_in.servers import wait_for
 
 ADDRESS = "/api/v1/live"
 DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
@@ -229,13 +234,14 @@ def test_another_site_gets_no_socket(client: TestClient, headers: dict[str, str]
         pass
 
 
-def test_what_a_dead_server_left_becomes_a_recording_but_for_what_it_played(
+def test_what_an_earlier_release_left_in_clear_becomes_a_recording_but_for_what_it_played(
     settings: Settings, store: JobStore, storage: Storage
 ) -> None:
     folder = settings.data_dir / LIVE_FOLDER
     folder.mkdir(parents=True)
     write_raw(folder / "live-a.csv", make_worn(*DAY), Wearer("S007", "left"))
     write_raw(folder / "replay-b.csv", make_worn(*DAY), Wearer())
+    (folder / "replay-c.raw").write_bytes(b"sealed with a key that was in memory")
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         (recording,) = caller.get("/api/v1/recordings").json()["items"]
@@ -247,16 +253,77 @@ def test_what_a_dead_server_left_becomes_a_recording_but_for_what_it_played(
 def test_a_session_with_cues_that_a_kill_cut_off_still_bears_the_tag(
     settings: Settings, store: JobStore
 ) -> None:
-    folder = settings.data_dir / LIVE_FOLDER
-    folder.mkdir(parents=True)
-    rules = (CueRule("hold", 60.0, 10.0),)
-    recorder = Recorder(folder / "live-a.csv", SourceFacts("other", "made", 100.0), Wearer(), rules)
-    for frames in replay_frames(make_worn(*DAY), 1.0):
-        recorder.take(frames)
-    recorder.break_off()
+    leave_cut(settings, Wearer(), CueRule("hold", 60.0, 10.0))
 
     with TestClient(create_app(settings)), store.engine.connect() as connection:
         assert connection.execute(select(recordings.c.tags)).scalars().all() == ['["cues"]']
+
+
+def leave_cut(settings: Settings, wearer: Wearer, *rules: CueRule) -> SessionFiles:
+    """Leave the files of a session as a kill does."""
+    files = begin_files(settings.data_dir / LIVE_FOLDER, open_keys(settings), keeps=True)
+    recorder = Recorder(files.raw, SourceFacts("other", "made", 100.0), wearer, rules, key=files.key)
+    for frames in replay_frames(make_worn(*DAY), 1.0):
+        recorder.take(frames)
+    recorder.break_off()
+    return files
+
+
+def test_what_a_kill_left_of_a_session_becomes_a_recording_and_is_gone(
+    settings: Settings, store: JobStore, storage: Storage
+) -> None:
+    files = leave_cut(settings, Wearer("S007", "left"))
+
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
+        (recording,) = caller.get("/api/v1/recordings").json()["items"]
+
+    assert (recording["subject"], recording["side"]) == ("S007", "left")
+    assert count_stored_rows(settings, recording["id"]) == 3200
+    assert list(files.folder.iterdir()) == []
+    assert open_keys(settings).find(files.key.id) is None
+
+
+def test_the_lines_of_the_trail_tell_who_started_a_session_and_what_became_of_it(
+    client: TestClient, recording_id: str, store: JobStore
+) -> None:
+    first, *_, last = play(client, recording_id, keeps=True)
+
+    started, ended = read_trail(store, "live.started", "live.ended")
+    kept = store.find_recording(last["analysis"])
+    session = {"session": first["session"]}
+    assert (started.act, started.recording_id, json.loads(started.other)) == (
+        "live.started",
+        recording_id,
+        session,
+    )
+    assert (ended.act, ended.recording_id, ended.analysis_id) == ("live.ended", kept, last["analysis"])
+    assert json.loads(ended.other) == session
+    assert started.who == ended.who
+
+
+def test_a_replay_that_adds_nothing_has_a_start_in_the_trail_and_no_end(
+    client: TestClient, recording_id: str, store: JobStore
+) -> None:
+    play(client, recording_id)
+
+    assert [line.act for line in read_trail(store, "live.started", "live.ended")] == ["live.started"]
+
+
+def test_a_session_that_a_kill_cut_off_ends_in_the_trail_when_the_server_starts(
+    settings: Settings, store: JobStore, storage: Storage
+) -> None:
+    files = leave_cut(settings, Wearer())
+
+    with TestClient(create_app(settings)):
+        (line,) = read_trail(store, "live.ended")
+
+    assert (line.who, json.loads(line.other)) == ("system", {"session": files.session_id})
+    assert line.recording_id == store.find_recording(line.analysis_id)
+
+
+def read_trail(store: JobStore, *acts: str) -> list[Row[Any]]:
+    with store.engine.connect() as connection:
+        return list(connection.execute(select(trail).where(trail.c.act.in_(acts)).order_by(trail.c.seq)))
 
 
 def test_boards_that_are_silent_hold_up_no_other_request(
@@ -335,6 +402,29 @@ def test_a_board_on_a_serial_port_becomes_a_recording(
 
     assert (session["device"], session["keeps"]) == ("lsm9ds1", True)
     assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
+
+
+def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_with_its_report(
+    client: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", 0.1)
+    board = Board(tmp_path)
+    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(board.path),))
+    asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
+    with connect(client, **asked) as socket:
+        writing = board.write_meanwhile(PREAMBLE + HEADER + write_rows(0, 1500))
+        session = socket.receive_json()["session"]
+        while socket.receive_json()["status"]["frames"] < 1500:
+            pass
+    writing.join()
+
+    hub = find_hub(client.app.state.offices.own)  # type: ignore[attr-defined]
+    analysis = wait_for(lambda: hub.get(session).analysis_id)
+    board.unplug()
+
+    assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
+    with connect(client, type="resume", session=session) as socket:
+        assert read_until(socket, "ended")["was_left"]
 
 
 def test_a_page_opens_no_other_file(client: TestClient) -> None:

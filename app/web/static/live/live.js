@@ -110,7 +110,8 @@ function end(message) {
   $("session").hidden = true;
   $("intro").hidden = false;
   $("end").hidden = false;
-  $("ended-words").textContent = message.state === "failed" ? (message.analysis ? texts.broke_off : texts.failed) : message.analysis ? texts.kept : texts.played;
+  const left = message.was_left ? `${texts.was_left} ` : "";
+  $("ended-words").textContent = left + describeEnd(message);
   $("report").hidden = !message.analysis;
   if (message.analysis) $("report").href = `${base}/analyses/${message.analysis}`;
   $("difference").hidden = true;
@@ -118,6 +119,11 @@ function end(message) {
   if (document.fullscreenElement) document.exitFullscreen();
   $("end").scrollIntoView({ block: "nearest" });
   say($("ended-words").textContent);
+}
+
+function describeEnd(message) {
+  if (message.state === "failed") return message.analysis ? texts.broke_off : texts.failed;
+  return message.analysis ? texts.kept : texts.played;
 }
 
 // One line on how live and report differ, once the report is made.

@@ -1,0 +1,246 @@
+"""What a port brings while the science is loaded: on the disk within a second, a recording after a kill."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from app.api import live as live_api
+from app.api.live_library import LIVE_FOLDER
+from app.live.early import EarlyFile, EarlyPort, read_about, read_pieces
+from app.live.early_rows import write_early_rows
+from app.live.ports import PushedPort
+from app.live.raw_file import restate
+from app.live.session_files import SessionFiles, begin_files, find_left, open_left, read_unfinished
+from app.main import create_app
+from app.settings import Settings
+from app.storage.keys import KeyStore, open_keys
+from fusion.readers import read_recording
+from fusion.recording import Recording
+from tests.app.live.made import count_stored_rows
+from tests.app.live.test_socket import connect, read_until
+from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
+from tests.ways_in.servers import wait_for
+
+BOARD = PREAMBLE + HEADER
+ASKED = {"name": "phone", "subject": "S007", "side": "left", "axis": "+z", "cues": []}
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> KeyStore:
+    return open_keys(Settings(data_dir=tmp_path))
+
+
+@pytest.fixture
+def files(tmp_path: Path, keys: KeyStore) -> SessionFiles:
+    return begin_files(tmp_path / "live", keys, keeps=True)
+
+
+def write_early(files: SessionFiles, *pieces: str) -> None:
+    early = EarlyFile(files.early, files.key, ASKED)
+    for number, piece in enumerate(pieces):
+        early.write(piece.encode(), 1_770_000_000.0 + number)
+    early.close()
+
+
+def open_raw(files: SessionFiles, opened: Path) -> Recording:
+    opened.write_bytes(b"".join(restate(lambda: read_unfinished(files.raw, files.key))))
+    return read_recording(opened)
+
+
+def read_early(files: SessionFiles) -> bytes:
+    content = b"".join(read_unfinished(files.early, files.key))
+    return b"".join(piece for piece, _ in read_pieces(content))
+
+
+def wait_until_kept(files: SessionFiles, piece: bytes) -> None:
+    wait_for(lambda: read_early(files).endswith(piece))
+
+
+def test_what_came_is_kept_as_it_came_with_its_moment_and_what_was_asked(files: SessionFiles) -> None:
+    write_early(files, "a", "bc")
+
+    content = b"".join(read_unfinished(files.early, files.key))
+
+    assert read_about(content) == ASKED
+    assert list(read_pieces(content)) == [(b"a", 1_770_000_000.0), (b"bc", 1_770_000_001.0)]
+
+
+def test_only_its_user_reads_it_and_it_is_sealed(files: SessionFiles) -> None:
+    write_early(files, BOARD + write_rows(0, 300))
+
+    assert files.early.stat().st_mode & 0o777 == 0o600
+    assert files.folder.stat().st_mode & 0o777 == 0o700
+    assert b"acc_x_g" not in files.early.read_bytes()
+    assert b"S007" not in files.early.read_bytes()
+
+
+def test_a_port_is_read_while_nobody_takes_anything_from_it(files: SessionFiles) -> None:
+    pushed = PushedPort()
+    port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+
+    pushed.push(b"1,2,3\n")
+
+    wait_until_kept(files, b"1,2,3\n")
+    assert port.read() == b"1,2,3\n"
+    port.close()
+
+
+def test_released_it_leaves_no_file_and_the_port_is_read_on(files: SessionFiles) -> None:
+    pushed = PushedPort()
+    port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+    pushed.push(b"1\n")
+    wait_for(lambda: port.is_behind)
+
+    port.release()
+    pushed.push(b"2\n")
+
+    assert wait_for(port.read) + wait_for(port.read) == b"1\n2\n"
+    assert not files.early.exists()
+    port.close()
+
+
+def test_what_came_early_and_was_not_read_yet_keeps_its_moment(files: SessionFiles) -> None:
+    pushed = PushedPort()
+    port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+    for piece in (b"1\n", b"2\n"):
+        pushed.push(piece)
+        wait_until_kept(files, piece)
+
+    port.read()
+    first_s = port.now_s()
+    port.read()
+
+    assert first_s < port.now_s()
+    port.close()
+
+
+def test_of_early_rows_a_raw_file_is_made(files: SessionFiles, tmp_path: Path) -> None:
+    write_early(files, BOARD + write_rows(0, 150), write_rows(150, 301)[:-5])
+
+    assert write_early_rows(files)
+
+    recording = open_raw(files, tmp_path / "opened.csv")
+    assert not files.early.exists()
+    assert (recording.device, recording.arm_axis) == ("lsm9ds1", "+z")
+    assert np.allclose(recording.segments[0].acc_g[:, 0], np.arange(300) / 1000)
+
+
+def test_fewer_rows_than_tell_a_rate_otherwise_are_kept_too(files: SessionFiles, tmp_path: Path) -> None:
+    write_early(files, BOARD + write_rows(0, 60))
+
+    assert write_early_rows(files)
+
+    assert sum(map(len, open_raw(files, tmp_path / "opened.csv").segments)) == 60
+
+
+@pytest.mark.parametrize("said", ["", "x", write_rows(0, 300)])
+def test_what_holds_no_row_that_can_be_read_leaves_nothing(files: SessionFiles, said: str) -> None:
+    write_early(files, said)
+
+    assert not write_early_rows(files)
+
+    assert list(files.folder.iterdir()) == []
+
+
+def test_a_raw_file_that_was_begun_meanwhile_is_written_anew(files: SessionFiles, tmp_path: Path) -> None:
+    write_early(files, BOARD + write_rows(0, 300))
+    files.raw.write_bytes(b"begun")
+
+    write_early_rows(files)
+
+    assert sum(map(len, open_raw(files, tmp_path / "opened.csv").segments)) == 300
+
+
+class Loading:
+    """The science, loaded for as long as it is wanted."""
+
+    def __init__(self, goes_on: Callable[..., object]) -> None:
+        self.is_wanted, self._goes_on = threading.Event(), goes_on
+
+    def __call__(self, *parts: object) -> object:
+        self.is_wanted.wait()
+        return self._goes_on(*parts)
+
+
+@pytest.fixture
+def loading(monkeypatch: pytest.MonkeyPatch) -> Loading:
+    made = Loading(live_api._start_with)
+    monkeypatch.setattr(live_api, "_start_with", made)
+    return made
+
+
+def count_early(settings: Settings) -> int:
+    """Count the rows of the only session that are on the disk."""
+    folder, keys = settings.data_dir / LIVE_FOLDER, open_keys(settings)
+    for session_id in find_left(folder):
+        return read_early(open_left(folder, keys, session_id)).count(b"\n")
+    return 0
+
+
+def test_before_the_science_is_loaded_samples_are_on_the_disk_and_afterwards_in_the_session(
+    client: TestClient, settings: Settings, loading: Loading
+) -> None:
+    with connect(client, type="start", source="lines", name="phone", keeps=True, axis="+z") as socket:
+        socket.send_bytes((HEADER + write_rows(0, 500)).encode())
+        wait_for(lambda: count_early(settings) == 501)
+        loading.is_wanted.set()
+        while socket.receive_json().get("status", {}).get("frames") != 500:
+            pass
+        wait_for(lambda: not list((settings.data_dir / LIVE_FOLDER).glob("*.early")))
+        socket.send_json({"type": "stop"})
+        read_until(socket, "ended")
+
+    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
+
+
+def test_a_session_that_cannot_start_leaves_neither_file_nor_key(
+    client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 0.2)
+    with connect(client, type="start", source="lines", name="phone", keeps=True) as socket:
+        socket.send_bytes(b"1,2,3,4,5,6,7\n")
+        read_until(socket, "problem")
+
+    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
+    assert not [name for name, _ in open_keys(settings).export() if name.startswith("live_")]
+
+
+PROGRAM = """
+import os, signal, sys
+from pathlib import Path
+from app.live.early import EarlyFile, EarlyPort
+from app.live.ports import PushedPort
+from app.live.session_files import begin_files
+from app.settings import Settings
+from app.storage.keys import open_keys
+from tests.app.live.test_early import ASKED, BOARD, read_early, wait_for, write_rows
+
+settings = Settings(data_dir=Path(sys.argv[1]))
+files = begin_files(settings.data_dir / "live", open_keys(settings), keeps=True)
+pushed = PushedPort()
+port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+pushed.push((BOARD + write_rows(0, 1000)).encode())
+wait_for(lambda: read_early(files).endswith(write_rows(999, 1000).encode()))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_kill_before_the_science_is_loaded_leaves_a_recording(settings: Settings) -> None:
+    command = [sys.executable, "-c", PROGRAM, str(settings.data_dir)]
+
+    ended = subprocess.run(command, env={**os.environ}, check=False)
+
+    assert ended.returncode == -signal.SIGKILL
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
+        (recording,) = caller.get("/api/v1/recordings").json()["items"]
+    assert (recording["subject"], recording["side"]) == ("S007", "left")
+    assert count_stored_rows(settings, recording["id"]) == 1000
+    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
