@@ -1,6 +1,7 @@
 """Releases, holds, terms, group figures, and what no organisation sees of another."""
 
 import json
+import re
 from collections.abc import Callable
 
 import pytest
@@ -515,3 +516,46 @@ def test_a_hold_is_in_the_side_file(house: House, held: tuple[str, dict[str, str
     side = house.services.storage.read_small(f"recordings/{held[0]}.json")
 
     assert json.loads(side or b"")["rows"]["recordings"][0]["hold"] == "legal"
+
+
+# The menu.
+
+
+def list_menu(page: str) -> list[str]:
+    """Give the addresses of the bar of pages, its folded part included."""
+    bar = page.partition("<nav")[2].partition("</nav>")[0]
+    return re.findall(r'href="([^"]+)"', bar)
+
+
+@pytest.mark.parametrize(
+    ("role", "places"),
+    [
+        ("clinician", ["/", "/help", "/aggregate", "/retention"]),
+        ("assistant", ["/", "/help", "/retention"]),
+        ("employer", ["/aggregate", "/help"]),
+        ("auditor", ["/trail", "/help"]),
+        ("manager", ["/people", "/help"]),
+    ],
+)
+def test_the_menu_names_what_a_person_may_open(
+    house: House, caller: TestClient, role: str, places: list[str]
+) -> None:
+    page = caller.get("/help", headers=dict(house.log_in(role))).text
+
+    assert list_menu(page) == places
+
+
+def test_the_menu_at_the_machine_names_every_page(client: TestClient) -> None:
+    assert list_menu(client.get("/help").text) == ["/", "/help", "/aggregate", "/retention", "/trail"]
+
+
+def test_terms_can_be_changed_only_by_who_may_erase(house: House, caller: TestClient) -> None:
+    shown = {
+        role: caller.get("/retention", headers=dict(house.log_in(role))).text
+        for role in ("clinician", "assistant")
+    }
+
+    assert {role: 'type="submit" class="button"' in page for role, page in shown.items()} == {
+        "clinician": True,
+        "assistant": False,
+    }
