@@ -161,6 +161,11 @@ class Settings(BaseSettings):
         """Names by which the server may be asked for, beside this computer's own."""
         return frozenset(filter(None, (name.strip().lower() for name in self.hosts.split(","))))
 
+    @property
+    def is_database_inside(self) -> bool:
+        """Whether the rows are in the data folder."""
+        return self.database_url == _build_database_url({"data_dir": self.data_dir})
+
     def for_organisation(self, organisation: str) -> "Settings":
         """Give the settings of one organisation: a folder, a database and a part of the bucket of its own."""
         if organisation == OWN_ORGANISATION:

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
-from app.api.access import UsedSubject, check_confirmed, check_may
+from app.api.access import check_confirmed, check_may, find_subject
 from app.api.analysis_models import (
     PeriodList,
     PeriodView,
@@ -121,20 +121,19 @@ def delete_recording(
     recording_id: str,
     request: Request,
     services: UsedServices,
-    subject: UsedSubject,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
     """Put a recording and all that was made of it into the trash; one that is there stays as it is.
 
-    With ``purge`` it is deleted for good, which needs the permission to erase; without, when its time in the
-    trash is over.
+    With ``purge``, or where the trash keeps nothing, it is deleted for good, which needs the permission to
+    erase; else when its time in the trash is over.
     """
-    if purge:
-        check_may(subject, "erase")
-        check_confirmed(request)
+    is_for_good = purge or not has_trash(services)
+    if is_for_good:
+        check_may_erase(request)
         services.recordings.check_hold(recording_id)
     services.recordings.trash(recording_id)
-    if purge or services.settings.trash_term_s <= 0:
+    if is_for_good:
         purge_recording(services, recording_id)
     return Response(status_code=204)
 
@@ -217,6 +216,22 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
     BadParameter, fusion.errors.UnusableDiary
     """
     return read_periods(validate_model(PeriodList, parse_json(body)).root)
+
+
+def has_trash(services: Services) -> bool:
+    """Tell whether what is deleted waits in the trash; with a term of 0 it goes at once."""
+    return services.retention.find_trash_term_s(services.settings.trash_term_s) > 0
+
+
+def check_may_erase(request: Request) -> None:
+    """Check that who asks may delete for good, and gave the password a short time ago.
+
+    Raises
+    ------
+    NotPermitted, NotConfirmed
+    """
+    check_may(find_subject(request), "erase")
+    check_confirmed(request)
 
 
 def purge_recording(services: Services, recording_id: str) -> None:

@@ -174,7 +174,7 @@ def restore(
     settings = find_settings(data)
     with refusals_printed(lang, settings):
         copied = put_back(settings, file, _read_keys(keys, identity), identity)
-    _print_copied(lang, "restore", copied, folder=str(settings.data_dir))
+    _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
 
 
 def verify(
@@ -256,6 +256,15 @@ def _read_keys(file: Path | None, identity: Path | None) -> "KeyBackup | None":
     from app.upkeep.key_backup import read_key_backup  # noqa: PLC0415
 
     return None if file is None else read_key_backup(file, identity)
+
+
+def _name_places(settings: "Settings") -> dict[str, str]:
+    """Name where files and rows are: the data folder alone, or both places, without a password."""
+    from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
+
+    files, database = settings.object_store or str(settings.data_dir), make_url(settings.database_url)
+    is_one = not settings.object_store and settings.is_database_inside
+    return {"files": files, "rows": "" if is_one else database.render_as_string(hide_password=True)}
 
 
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:

@@ -142,16 +142,10 @@ class Upload(Protocol):
         """Leave nothing behind; harmless after :meth:`keep`."""
 
 
-class Storage(Protocol):
-    """The store of recordings and results; what it keeps is sealed (:mod:`app.storage.sealing`).
-
-    :meth:`fetch` gives a copy in clear on this machine, which the caller releases. It verifies nothing:
-    whatever is shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
+class FileStore(Protocol):
+    """What a store does with files, whether it seals them (:class:`Storage`) or keeps bytes as they come
+    (:class:`app.storage.byte_store.ByteStore`).
     """
-
-    @property
-    def verified(self) -> VerifiedFiles:
-        """The files that were verified."""
 
     @property
     def is_local(self) -> bool:
@@ -167,50 +161,31 @@ class Storage(Protocol):
     def identify(self) -> str:
         """Give the permanent id of this store; the first call creates it."""
 
-    def open_upload(self, max_bytes: int) -> Upload:
-        """Start an upload of a recording under a new name."""
-
-    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
-        """Store a durable sealed file of this machine as a recording; the caller removes it later."""
-
     def fetch(self, name: str) -> Fetched:
-        """Give a file by its name in the store, in clear, unverified.
+        """Give a file by its name in the store, unverified, as a file of ``root/opened`` of its own.
 
-        Raises FileNotFoundError, BrokenSeal, KeyGone, StoreAway.
+        Raises FileNotFoundError, StoreAway; where the store seals, BrokenSeal, KeyGone, too.
         """
 
-    def hash(self, name: str) -> tuple[str, Mark]:
-        """Give the SHA-256 of a file's content, and its mark. Raises FileNotFoundError, BrokenSeal."""
-
-    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
-        """Give a part of a file's content. Raises FileNotFoundError, BrokenSeal, KeyGone."""
-
-    def find_mark(self, name: str) -> Mark | None:
-        """Give the mark of a file, the size of its content first; None where there is none."""
-
-    def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording, its side file and its key; no harm when they are gone."""
+    def release(self, path: Path) -> None:
+        """End the use of a fetched file; a copy is removed."""
 
     def put(self, path: Path, name: str) -> None:
-        """Store a file of this machine as it is under a name of the store (``recordings/...``)."""
+        """Store a file of this machine as it is under a name of the store (``recordings/...``), whole or not
+        at all.
+        """
+
+    def drop_recording(self, recording_id: str) -> None:
+        """Remove a recording, then its side file; where the store seals, its key, too; no harm when gone."""
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Create an empty folder on this machine for the files of one attempt."""
-
-    def keep_attempt(self, analysis_id: str, token: str, recording_id: str) -> None:
-        """Seal the attempt's files, and make them durable and readable from every machine.
-
-        This comes before the row states that the attempt counts.
-        """
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of an attempt that does not count."""
 
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
-
-    def release(self, path: Path) -> None:
-        """End the use of a fetched file; a copy is removed."""
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
         """Refuse an upload that would fill the disk, before its first byte. Raises DiskFull."""
@@ -244,6 +219,39 @@ class Storage(Protocol):
 
     def drop_temporary(self, min_age_s: float) -> int:
         """Remove temporary files that nobody has written to for so long; gives their number."""
+
+
+class Storage(FileStore, Protocol):
+    """The store of recordings and results; what it keeps is sealed (:mod:`app.storage.sealing`).
+
+    :meth:`fetch` gives a copy in clear on this machine, which the caller releases. It verifies nothing:
+    whatever is shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
+    """
+
+    @property
+    def verified(self) -> VerifiedFiles:
+        """The files that were verified."""
+
+    def open_upload(self, max_bytes: int) -> Upload:
+        """Start an upload of a recording under a new name."""
+
+    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
+        """Store a durable sealed file of this machine as a recording; the caller removes it later."""
+
+    def hash(self, name: str) -> tuple[str, Mark]:
+        """Give the SHA-256 of a file's content, and its mark. Raises FileNotFoundError, BrokenSeal."""
+
+    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
+        """Give a part of a file's content. Raises FileNotFoundError, BrokenSeal, KeyGone."""
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give the mark of a file, the size of its content first; None where there is none."""
+
+    def keep_attempt(self, analysis_id: str, token: str, recording_id: str) -> None:
+        """Seal the attempt's files, and make them durable and readable from every machine.
+
+        This comes before the row states that the attempt counts.
+        """
 
 
 @contextmanager

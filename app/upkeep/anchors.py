@@ -13,6 +13,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from app.delivery import Message, send_message
 from app.jobs.trail import Head, read_head
@@ -35,7 +36,7 @@ def find_organisation(settings: Settings) -> str:
 
 
 async def anchor_trail(settings: Settings, reader: Any) -> bool:
-    """Write the head down; False where no place is named, or it cannot be reached (that is logged)."""
+    """Write the head down; False where no place is named, or it does not take it (that is logged)."""
     anchor, head = settings.trail_anchor, read_head(reader)
     if not anchor or not head.seq:
         return False
@@ -43,7 +44,11 @@ async def anchor_trail(settings: Settings, reader: Any) -> bool:
     if is_address(anchor):
         body = json.dumps({"type": "trail.head", "timestamp": head.at, "data": line})
         secret = "whsec_" + base64.b64encode(hashlib.sha256(anchor.encode()).digest()).decode()
-        return await send_message(Message(f"msg_{head.hash[:16]}", anchor, secret, body), allow_private=True)
+        message = Message(f"msg_{head.hash[:16]}", anchor, secret, body)
+        is_taken = await send_message(message, allow_private=True)
+        if not is_taken:  # the path of an address may be a secret
+            logger.warning("the head of the trail is not written to %s", urlsplit(anchor).hostname)
+        return is_taken
     try:
         _append(Path(anchor), json.dumps(line).encode() + b"\n")
     except OSError as error:

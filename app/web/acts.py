@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
 from app.api.analyses import check_queue, run_to_end
+from app.api.recordings import check_may_erase, has_trash
 from app.errors import BadParameter
 from app.jobs.job import Job
 from app.jobs.library import Entry, Library
@@ -61,6 +62,8 @@ async def do(act: Act, request: Request, services: UsedServices, language: UsedL
         ids = form.get("recording", [])
         done: Mapping[str, Any] = await run_to_end(_restore, services, ids)
     else:
+        if act == "delete":
+            await run_to_end(_check_may_delete, request, services)
         done = await run_to_end(_act, act, form, services)
     words = load_wording(language, "page")["acted"]
     values = {
@@ -72,6 +75,12 @@ async def do(act: Act, request: Request, services: UsedServices, language: UsedL
         "query": first(form, "query"),
     }
     return render_page(request, "acted.html", language, values)
+
+
+def _check_may_delete(request: Request, services: Services) -> None:
+    """Check the permission to erase where the trash keeps nothing."""
+    if not has_trash(services):
+        check_may_erase(request)
 
 
 async def _find_entries(request: Request, services: Services) -> Sequence[Entry]:

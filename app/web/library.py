@@ -12,7 +12,7 @@ from fastapi.responses import RedirectResponse, StreamingResponse
 from app.api.analyses import run_to_end
 from app.api.files import build_download_name
 from app.api.names import find_names
-from app.api.recordings import purge_recording
+from app.api.recordings import check_may_erase, has_trash, purge_recording
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library import Library
@@ -143,7 +143,9 @@ def _name_once(name: str, job: Job, names: set[str]) -> str:
 def ask_to_delete(
     recording_id: str, request: Request, services: UsedServices, language: UsedLanguage
 ) -> Response:
-    """Say what goes before anything goes."""
+    """Say what goes before anything goes; without a trash, that it goes for good."""
+    if not has_trash(services):
+        return RedirectResponse(f"{find_base(request)}/recordings/{recording_id}/purge", status_code=303)
     row = services.recordings.get(recording_id, trashed=True)
     values = _describe(services, row, language) | {"for_good": row.state == "trashed"}
     values |= _describe_hold(request, row, language)
@@ -163,7 +165,12 @@ def ask_to_purge(
 
 @router.post("/recordings/{recording_id}/delete")
 def throw_away(recording_id: str, request: Request, services: UsedServices) -> Response:
-    """Put a recording and all that was made of it into the trash; one that is there stays as it is."""
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+
+    A trash that keeps nothing is emptied at the next look, so that erasing is what is asked for.
+    """
+    if not has_trash(services):
+        check_may_erase(request)
     services.recordings.trash(recording_id)
     return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
 

@@ -17,6 +17,7 @@ from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
+from app.access.subjects import Permission, Subject
 from app.errors import NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
@@ -121,6 +122,7 @@ def render_page(
     request: Request, template: str, language: Language, values: dict[str, Any], status: int = 200
 ) -> HTMLResponse:
     """Render a template with the words of the language, and remember a choice of language."""
+    subject: Subject | None = request.scope.get(SUBJECT)
     body = pages.get_template(template).render(
         values,
         words=load_wording(language, "page"),
@@ -129,7 +131,8 @@ def render_page(
         static=find_base(request) + find_assets(),
         plotly=find_base(request) + find_plotly(),
         language_link=turn_language(request, language),
-        subject=request.scope.get(SUBJECT),
+        subject=subject,
+        links=find_links(subject, language),
     )
     response = HTMLResponse(body, status, headers={"Content-Language": language})
     if request.query_params.get("lang") == language:
@@ -142,6 +145,17 @@ def render_page(
             path=find_base(request) or "/",
         )
     return response
+
+
+def find_links(subject: Subject | None, language: Language) -> tuple[tuple[str, str], ...]:
+    """Give the pages of trust that somebody may open: address, without the proxy's part, and title."""
+    words = load_wording(language, "trail")
+    known: tuple[tuple[Permission, str, str], ...] = (
+        ("aggregate", "/aggregate", words["group"]["title"]),
+        ("read", "/retention", words["terms"]["title"]),
+        ("trail", "/trail", words["title"]),
+    )
+    return tuple((address, title) for needed, address, title in known if subject and subject.may(needed))
 
 
 def find_base(request: Request) -> str:

@@ -1,10 +1,13 @@
 """A data folder with its database, and an application over it."""
 
+import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import uvicorn
 from fastapi.testclient import TestClient
 
 from app.jobs import worker
@@ -12,7 +15,7 @@ from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.worker import Bench, open_bench, run_next
-from app.main import create_app
+from app.main import configure_server, create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
@@ -81,6 +84,26 @@ def settings(tmp_path: Path, database: str, objects: str) -> Settings:
         min_free_bytes=0,
         max_upload_bytes=1_000_000,
     )
+
+
+@pytest.fixture
+def patience_s() -> float:
+    """How long the server of :func:`address` waits for a head or a body."""
+    return 1.0
+
+
+@pytest.fixture
+def address(settings: Settings, patience_s: float) -> Iterator[tuple[str, int]]:
+    """Host and port of a server of little patience, over a real socket."""
+    hasty = settings.model_copy(update={"header_patience_s": patience_s, "body_patience_s": patience_s})
+    server = uvicorn.Server(configure_server(create_app(hasty), hasty))
+    listener = socket.create_server(("127.0.0.1", 0))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    thread.start()
+    yield listener.getsockname()
+    server.should_exit = True
+    thread.join()
+    listener.close()
 
 
 @pytest.fixture

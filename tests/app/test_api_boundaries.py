@@ -1,31 +1,13 @@
 """Over a real socket: where one request ends and the next begins is never a matter of opinion (smuggling)."""
 
 import socket
-import threading
-from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-import uvicorn
 
-from app.main import configure_server, create_app
-from app.settings import Settings
 from tests.app.test_api_timeouts import read_all
 
 NEXT = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
-
-
-@pytest.fixture
-def address(settings: Settings) -> Iterator[tuple[str, int]]:
-    hasty = settings.model_copy(update={"header_patience_s": 1.0, "body_patience_s": 1.0})
-    server = uvicorn.Server(configure_server(create_app(hasty), hasty))
-    listener = socket.create_server(("127.0.0.1", 0))
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-    thread.start()
-    yield listener.getsockname()
-    server.should_exit = True
-    thread.join()
-    listener.close()
 
 
 def ask(address: tuple[str, int], *fields: bytes, body: bytes = b"") -> bytes:

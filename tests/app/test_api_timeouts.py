@@ -3,15 +3,13 @@
 import asyncio
 import http.client
 import socket
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 
 import pytest
-import uvicorn
 
-from app.main import configure_server, create_app, listen
+from app.main import listen
 from app.settings import Settings
 from app.storage.sealing import SealedStorage
 
@@ -19,17 +17,8 @@ PATIENCE_S = 0.4
 
 
 @pytest.fixture
-def address(settings: Settings) -> Iterator[tuple[str, int]]:
-    """A server of little patience."""
-    hasty = settings.model_copy(update={"header_patience_s": PATIENCE_S, "body_patience_s": PATIENCE_S})
-    server = uvicorn.Server(configure_server(create_app(hasty), hasty))
-    listener = socket.create_server(("127.0.0.1", 0))
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-    thread.start()
-    yield listener.getsockname()
-    server.should_exit = True
-    thread.join()
-    listener.close()
+def patience_s() -> float:
+    return PATIENCE_S
 
 
 def read_all(line: socket.socket) -> bytes:

@@ -6,6 +6,7 @@ import hashlib
 import hmac
 import json
 import socket
+import ssl
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -41,9 +42,9 @@ class Listener:
     url: str = ""
 
 
-@pytest.fixture
-def listener() -> Iterator[Listener]:
-    """Listen on a free port."""
+@contextmanager
+def open_listener(tls: ssl.SSLContext | None = None) -> Iterator[Listener]:
+    """Listen on a free port of this computer."""
     ears = Listener()
 
     class Ears(BaseHTTPRequestHandler):
@@ -58,13 +59,21 @@ def listener() -> Iterator[Listener]:
             """Be quiet."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Ears)
+    if tls is not None:
+        server.socket = tls.wrap_socket(server.socket, server_side=True)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
-    ears.url = f"http://127.0.0.1:{server.server_address[1]}/hook?from=acromion"
+    ears.url = f"{'https' if tls else 'http'}://127.0.0.1:{server.server_address[1]}/hook?from=acromion"
     yield ears
     server.shutdown()
     thread.join()
     server.server_close()
+
+
+@pytest.fixture
+def listener() -> Iterator[Listener]:
+    with open_listener() as opened:
+        yield opened
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 from sqlalchemy import insert, select, text
@@ -135,6 +136,47 @@ def test_a_restored_backup_holds_every_row_and_every_byte(
     store = JobStore(new)
     assert store.get(finished.id) == finished
     store.close()
+
+
+@pytest.mark.parametrize(("database", "objects"), [("postgresql", "s3")], indirect=True)
+@pytest.mark.parametrize(
+    ("lang", "told"),
+    [
+        ("en", "every row restored into {files} (files) and {rows} (rows)."),
+        ("fr", "toutes les lignes restaurés dans {files} (fichiers) et {rows} (lignes)."),
+    ],
+)
+def test_a_restore_names_the_bucket_and_the_database_without_its_password(
+    *,
+    finished: Job,
+    settings: Settings,
+    acromion: Acromion,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    lang: str,
+    told: str,
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    new = empty_everything(settings, request)
+    with_password = new.database_url.replace("postgres@", "postgres:open-sesame@")
+    os.environ.update(new.model_copy(update={"database_url": with_password}).as_environment())
+
+    output = acromion("restore", tmp_path / "b.zip", "--lang", lang).output
+
+    before, _, folder = with_password.replace("open-sesame", "***").partition("host=")
+    rows = f"{before}host={quote(folder, safe='')}"
+    assert told.format(files=new.object_store, rows=rows) in output
+
+
+def test_a_restore_into_a_data_folder_names_the_folder_alone(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
+
+    output = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new").output
+
+    assert f"every row restored into {tmp_path / 'new'}. Start the server" in output
 
 
 @on_both_set_ups

@@ -202,6 +202,18 @@ def test_the_list_leads_to_the_login_when_the_session_has_ended(
     expect(page).to_have_url(re.compile("/login"))
 
 
+def test_the_menu_is_opened_by_the_keyboard_and_leads_to_the_terms(page: Page, clinic: RunningServer) -> None:
+    log_in(page, clinic)
+    page.locator(".more > summary").focus()
+
+    page.keyboard.press("Enter")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+
+    expect(page.get_by_role("heading", name="How long data is kept")).to_be_visible()
+
+
 @pytest.mark.parametrize("look", LOOKS)
 def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     browser: Browser, clinic: RunningServer, logins: Logins, look: Look
@@ -228,7 +240,9 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     page.goto(f"{clinic.address}login/link/{logins.make_link(person.id, 60)}")
     look_at("new-password")
     log_in(page, clinic, language=look.language)
-    for name in ("account", "people", "confirm"):
+    page.locator(".more > summary").click()
+    look_at("menu")
+    for name in ("account", "people", "confirm", "retention", "aggregate"):
         page.goto(f"{clinic.address}{name}")
         look_at(name)
     page.goto(f"{clinic.address}account")

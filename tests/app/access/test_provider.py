@@ -94,6 +94,18 @@ def come_back(visitor: Visitor, address: str) -> Any:
     return visitor.get(address.removeprefix("http://localhost:8080"))
 
 
+def log_in(provider: TestProvider, visitor: Visitor, path: str = "/login/provider?next=/account") -> Any:
+    """Go to the provider, log in there, and come back."""
+    return come_back(visitor, provider.log_in(go(visitor, path)))
+
+
+def enter(provider: TestProvider, visit: Visit, *roles: str, **more: Any) -> tuple[Visitor, Any]:
+    """Say who logs in (Rosa, by default), and log them in in a browser of their own."""
+    provider.say(*roles, **{"account": "rosa"} | more)
+    visitor = visit()
+    return visitor, log_in(provider, visitor)
+
+
 def is_in(visitor: Visitor) -> bool:
     return visitor.client.get("/api/v1/version").status_code == 200
 
@@ -101,10 +113,7 @@ def is_in(visitor: Visitor) -> bool:
 def test_a_person_is_made_at_the_first_login_with_the_roles_of_the_claim(
     provider: TestProvider, visit: Visit, settings: Settings, accounts: AccountStore
 ) -> None:
-    provider.say("clinician", "auditor", "gardener", account="rosa")
-    visitor = visit()
-
-    answer = come_back(visitor, provider.log_in(go(visitor)))
+    visitor, answer = enter(provider, visit, "clinician", "auditor", "gardener")
 
     assert answer.headers["location"] == "/account"
     assert "Rosa" in visitor.get("/account").text
@@ -115,19 +124,14 @@ def test_a_person_is_made_at_the_first_login_with_the_roles_of_the_claim(
 
 def test_the_same_person_is_known_again(provider: TestProvider, visit: Visit, accounts: AccountStore) -> None:
     for roles in (["clinician"], ["researcher"]):
-        provider.say(*roles, account="rosa")
-        visitor = visit()
-        come_back(visitor, provider.log_in(go(visitor)))
+        enter(provider, visit, *roles)
 
     known = [person for person in accounts.find_people() if person.issuer]
     assert [person.roles for person in known] == [{"researcher"}]
 
 
 def test_nobody_is_made_without_a_role(provider: TestProvider, visit: Visit, accounts: AccountStore) -> None:
-    provider.say("gardener", account="stranger")
-    visitor = visit()
-
-    answer = come_back(visitor, provider.log_in(go(visitor)))
+    visitor, answer = enter(provider, visit, "gardener", account="stranger")
 
     assert answer.status_code == 403
     assert not is_in(visitor)
@@ -139,11 +143,11 @@ def test_whoever_has_no_role_any_more_is_ended_everywhere(
 ) -> None:
     provider.say("clinician", account="rosa")
     first, second = visit(), visit()
-    come_back(first, provider.log_in(go(first)))
+    log_in(provider, first)
     assert is_in(first)
 
     provider.say(account="rosa")
-    come_back(second, provider.log_in(go(second)))
+    log_in(provider, second)
 
     assert not is_in(first)
     assert not is_in(second)
@@ -152,14 +156,12 @@ def test_whoever_has_no_role_any_more_is_ended_everywhere(
 def test_an_ended_person_stays_out_whatever_the_provider_says(
     provider: TestProvider, visit: Visit, accounts: AccountStore
 ) -> None:
-    provider.say("clinician", account="rosa")
-    visitor = visit()
-    come_back(visitor, provider.log_in(go(visitor)))
+    visitor, _ = enter(provider, visit, "clinician")
     person = accounts.find_person_of(provider.issuer, "rosa")
     assert person is not None
     accounts.end_person(person.id)
 
-    assert come_back(visitor, provider.log_in(go(visitor))).status_code == 403
+    assert log_in(provider, visitor).status_code == 403
     assert not is_in(visitor)
 
 
@@ -172,7 +174,7 @@ def test_values_of_the_claim_are_translated(
 
     with open_server(translated, clock) as visit:
         visitor = visit()
-        come_back(visitor, provider.log_in(go(visitor)))
+        log_in(provider, visitor)
 
     person = accounts.find_person_of(provider.issuer, "rosa")
     assert person is not None
@@ -199,20 +201,14 @@ LIES = {
 def test_a_token_that_is_not_to_be_believed_lets_nobody_in(
     provider: TestProvider, visit: Visit, lie: dict[str, Any]
 ) -> None:
-    provider.say("clinician", account="rosa", **lie)
-    visitor = visit()
-
-    answer = come_back(visitor, provider.log_in(go(visitor)))
+    visitor, answer = enter(provider, visit, "clinician", **lie)
 
     assert answer.status_code == 401
     assert not is_in(visitor)
 
 
 def test_the_lies_of_these_tests_are_signed_as_the_truth_is(provider: TestProvider, visit: Visit) -> None:
-    provider.say("clinician", account="rosa", lie={"name": "Rosalind"})
-    visitor = visit()
-
-    come_back(visitor, provider.log_in(go(visitor)))
+    visitor, _ = enter(provider, visit, "clinician", lie={"name": "Rosalind"})
 
     assert "Rosalind" in visitor.get("/account").text
 
@@ -317,9 +313,7 @@ def test_a_provider_that_is_away_is_told(settings: Settings, clock: Clock, add_p
 def test_who_logs_in_by_the_provider_proves_it_again_there(
     provider: TestProvider, visit: Visit, clock: Clock
 ) -> None:
-    provider.say("manager", account="rosa")
-    visitor = visit()
-    come_back(visitor, provider.log_in(go(visitor)))
+    visitor, _ = enter(provider, visit, "manager")
     clock.wait(11 * 60)
     assert visitor.get("/people").headers["location"] == "/confirm?next=%2Fpeople"
     clock.wait(-11 * 60 + 30)  # the provider's clock goes its own way
@@ -335,25 +329,21 @@ def test_who_logs_in_by_the_provider_proves_it_again_there(
 def test_an_old_proof_of_the_provider_confirms_nothing(
     provider: TestProvider, visit: Visit, clock: Clock
 ) -> None:
-    provider.say("manager", account="rosa")
-    visitor = visit()
-    come_back(visitor, provider.log_in(go(visitor)))
+    visitor, _ = enter(provider, visit, "manager")
     provider.say("manager", account="rosa", lie={"auth_time": int(clock()) - 3600})
 
-    answer = come_back(visitor, provider.log_in(go(visitor, "/confirm/provider?next=/people")))
+    answer = log_in(provider, visitor, "/confirm/provider?next=/people")
 
     assert answer.status_code == 401
 
 
 def test_somebody_else_confirms_nothing(provider: TestProvider, visit: Visit, clock: Clock) -> None:
-    provider.say("manager", account="rosa")
-    visitor = visit()
-    come_back(visitor, provider.log_in(go(visitor)))
+    visitor, _ = enter(provider, visit, "manager")
     provider.say("manager", account="mallory")
 
     clock.wait(590)
 
-    answer = come_back(visitor, provider.log_in(go(visitor, "/confirm/provider?next=/people")))
+    answer = log_in(provider, visitor, "/confirm/provider?next=/people")
     clock.wait(20)
 
     assert answer.status_code == 401
@@ -363,9 +353,7 @@ def test_somebody_else_confirms_nothing(provider: TestProvider, visit: Visit, cl
 def test_a_person_of_the_provider_has_no_password(
     provider: TestProvider, visit: Visit, accounts: AccountStore
 ) -> None:
-    provider.say("clinician", account="rosa")
-    visitor = visit()
-    come_back(visitor, provider.log_in(go(visitor)))
+    visitor, _ = enter(provider, visit, "clinician")
     person = accounts.find_person_of(provider.issuer, "rosa")
     assert person is not None
 

@@ -1,6 +1,7 @@
 """Releases, holds, terms, group figures, and what no organisation sees of another."""
 
 import json
+import re
 from collections.abc import Callable
 
 import pytest
@@ -150,6 +151,73 @@ def test_to_purge_by_a_script_asks_for_the_permission_to_erase(house: House, cal
 
     assert caller.delete(f"{address}?purge=true", headers=assistant).status_code == 403
     assert caller.delete(address, headers=assistant).status_code == 204
+
+
+@pytest.fixture
+def trash_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is deleted is gone at once, by the settings of the server."""
+    monkeypatch.setenv("ACROMION_TRASH_TERM_S", "0")
+
+
+def delete_by_every_way(caller: TestClient, recording_id: str, headers: dict[str, str]) -> list[int]:
+    """Delete a recording by the API, its page, and the list; gives the statuses."""
+    form = {"recording": recording_id}
+    return [
+        caller.post("/library/acts/delete", data=form, headers=headers).status_code,
+        caller.post(f"/recordings/{recording_id}/delete", headers=headers).status_code,
+        caller.delete(f"/api/v1/recordings/{recording_id}", headers=headers).status_code,
+    ]
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_without_a_trash_to_delete_asks_for_the_permission_to_erase(house: House, caller: TestClient) -> None:
+    clinician, assistant = dict(house.log_in("clinician")), dict(house.log_in("assistant"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+
+    told = delete_by_every_way(caller, job["recording_id"], assistant)
+
+    assert told == [403, 403, 403]
+    assert house.services.recordings.get(job["recording_id"]).state == "stored"
+    assert delete_by_every_way(caller, job["recording_id"], clinician) == [200, 303, 204]
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_without_a_trash_a_deletion_does_not_end_a_hold(
+    house: House, caller: TestClient, held: tuple[str, dict[str, str]]
+) -> None:
+    recording_id, clinician = held
+
+    deleted = caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
+
+    assert deleted.status_code == 409
+    assert house.services.recordings.get(recording_id).state == "stored"
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_without_a_trash_the_page_of_a_deletion_says_that_it_is_for_good(
+    house: House, caller: TestClient
+) -> None:
+    clinician = dict(house.log_in("clinician"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    address = f"/recordings/{job['recording_id']}"
+
+    led = caller.get(f"{address}/delete", headers=clinician)
+
+    assert led.headers["location"] == f"{address}/purge"
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_a_term_of_the_organisation_makes_a_trash_where_the_server_has_none(
+    house: House, caller: TestClient
+) -> None:
+    assistant = dict(house.log_in("assistant"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=assistant).json()
+    house.services.retention.put("trash", 10)
+
+    deleted = caller.delete(f"/api/v1/recordings/{job['recording_id']}", headers=assistant)
+
+    assert deleted.status_code == 204
+    assert house.services.recordings.get(job["recording_id"], trashed=True).state == "trashed"
 
 
 # Terms.
@@ -448,3 +516,46 @@ def test_a_hold_is_in_the_side_file(house: House, held: tuple[str, dict[str, str
     side = house.services.storage.read_small(f"recordings/{held[0]}.json")
 
     assert json.loads(side or b"")["rows"]["recordings"][0]["hold"] == "legal"
+
+
+# The menu.
+
+
+def list_menu(page: str) -> list[str]:
+    """Give the addresses of the bar of pages, its folded part included."""
+    bar = page.partition("<nav")[2].partition("</nav>")[0]
+    return re.findall(r'href="([^"]+)"', bar)
+
+
+@pytest.mark.parametrize(
+    ("role", "places"),
+    [
+        ("clinician", ["/", "/help", "/aggregate", "/retention"]),
+        ("assistant", ["/", "/help", "/retention"]),
+        ("employer", ["/aggregate", "/help"]),
+        ("auditor", ["/trail", "/help"]),
+        ("manager", ["/people", "/help"]),
+    ],
+)
+def test_the_menu_names_what_a_person_may_open(
+    house: House, caller: TestClient, role: str, places: list[str]
+) -> None:
+    page = caller.get("/help", headers=dict(house.log_in(role))).text
+
+    assert list_menu(page) == places
+
+
+def test_the_menu_at_the_machine_names_every_page(client: TestClient) -> None:
+    assert list_menu(client.get("/help").text) == ["/", "/help", "/aggregate", "/retention", "/trail"]
+
+
+def test_terms_can_be_changed_only_by_who_may_erase(house: House, caller: TestClient) -> None:
+    shown = {
+        role: caller.get("/retention", headers=dict(house.log_in(role))).text
+        for role in ("clinician", "assistant")
+    }
+
+    assert {role: 'type="submit" class="button"' in page for role, page in shown.items()} == {
+        "clinician": True,
+        "assistant": False,
+    }
