@@ -260,6 +260,10 @@ def _read_keys(file: Path | None, identity: Path | None) -> "KeyBackup | None":
 
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
     """Print how many files were copied and which were not whole; exit 1 where there are any."""
+    if copied.people is not None:
+        sentence = "people_kept" if copied.people.present else "people"
+        number, present = str(copied.people.number), str(copied.people.present)
+        print_sentence(language, command, sentence, number=number, present=present)
     if not copied.faults:
         print_sentence(language, command, "done", number=str(copied.promised), **facts)
         return
