@@ -176,7 +176,8 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     offices = application.state.offices = Offices(open_services(settings), prepare_house)
     accounts = open_accounts(settings, clock)
     gate = application.state.gate = open_gate(settings, accounts)
-    application.state.logins = Logins(accounts, settings)
+    logins = application.state.logins = Logins(accounts, settings)
+    logins.credentials.seal_earlier()
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))

@@ -13,10 +13,12 @@ from typing import Any
 from sqlalchemy import Connection, Table, func, insert, select
 
 from app.access.database import AccountDatabase
+from app.access.sealed_secrets import ACCOUNTS, is_sealed
 from app.access.tables import REVISION, organisations, people, recovery_codes, tokens
-from app.errors import DatabaseTooNew
+from app.errors import DatabaseTooNew, KeysNeeded
 from app.jobs.database.dump import read_lines, write_rows
 from app.settings import Settings
+from app.storage.keys import KeyStore
 
 FOLDER = "accounts"
 TABLES = (organisations, people, recovery_codes, tokens)
@@ -46,15 +48,46 @@ def write_accounts(settings: Settings, archive: zipfile.ZipFile) -> CopiedPeople
         database.close()
 
 
-def restore_accounts(database: AccountDatabase, archive: zipfile.ZipFile) -> CopiedPeople:
-    """Add the accounts of a backup where nobody has one yet; whoever calls holds the lock of the tables."""
-    number = sum(1 for _ in _read_rows(archive, people))
-    with database.write(is_act=False, has_lock=True) as connection:
-        present = _count_people(connection)
-        if not present:
-            for table in TABLES:
-                _add_rows(connection, archive, table)
-    return CopiedPeople(number, present)
+@dataclass(frozen=True, slots=True)
+class AccountRows:
+    """The accounts of a backup on their way into an installation; nothing happens where it holds none."""
+
+    database: AccountDatabase
+    archive: zipfile.ZipFile
+    manifest: Mapping[str, Any]
+
+    def prepare(self) -> None:
+        """Make the database, before the tables are locked.
+
+        Raises
+        ------
+        DatabaseTooNew
+        """
+        if holds_accounts(self.manifest):
+            self.database.prepare()
+
+    def check(self, keys: KeyStore) -> None:
+        """Check that the key of their authenticators is here.
+
+        Raises
+        ------
+        KeysNeeded
+        """
+        kept = [str((row["totp_secret"] or b"").decode()) for row in _read_rows(self.archive, people)]
+        if any(map(is_sealed, kept)) and keys.find(ACCOUNTS) is None:
+            raise KeysNeeded(number=len(kept), first=ACCOUNTS)
+
+    def restore(self) -> CopiedPeople | None:
+        """Add them where nobody has an account yet; whoever calls holds the lock of the tables."""
+        if not holds_accounts(self.manifest):
+            return None
+        number = sum(1 for _ in _read_rows(self.archive, people))
+        with self.database.write(is_act=False, has_lock=True) as connection:
+            present = _count_people(connection)
+            if not present:
+                for table in TABLES:
+                    _add_rows(connection, self.archive, table)
+        return CopiedPeople(number, present)
 
 
 def holds_accounts(manifest: Mapping[str, Any]) -> bool:

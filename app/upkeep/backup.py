@@ -26,7 +26,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -53,7 +52,7 @@ from app.jobs.trail import AT_MACHINE, record
 from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
 from app.storage.keys import RecordingKey
-from app.storage.labels import LabelSealer
+from app.storage.labels import LABELS, LabelSealer
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, make_folder
 from app.storage.sealed import HEAD_BYTES, SealedFile, read_head
@@ -66,7 +65,7 @@ from app.storage.store import (
     translate_disk_full,
 )
 from app.upkeep.account_rows import FOLDER as ACCOUNTS
-from app.upkeep.account_rows import CopiedPeople, holds_accounts, restore_accounts, write_accounts
+from app.upkeep.account_rows import AccountRows, CopiedPeople, write_accounts
 from app.upkeep.envelope import Recipients, read_envelope, write_envelope
 from app.upkeep.key_backup import KeyBackup, import_key_backup
 from app.upkeep.recover import catch_up, find_unknown
@@ -355,10 +354,9 @@ def restore(
     lock = FolderLock(place.data_dir)
     try:
         with open_backup(path, identity) as (archive, manifest):
-            people = None
-            if organisation == OWN_ORGANISATION and holds_accounts(manifest):
-                accounts.prepare()
-                people = partial(restore_accounts, accounts, archive)
+            people = AccountRows(accounts, archive, manifest) if organisation == OWN_ORGANISATION else None
+            if people:
+                people.prepare()
             copied = _restore(place, archive, manifest["revision"], keys, people)
         with closing(JobStore(place)) as store:
             catch_up(store, open_storage(place))
@@ -373,7 +371,7 @@ def _restore(
     archive: zipfile.ZipFile,
     revision: str,
     keys: KeyBackup | None,
-    restore_people: Callable[[], CopiedPeople] | None,
+    accounts: AccountRows | None,
 ) -> Copied:
     """Restore files and rows, and before the rows the people."""
     make_schema(settings.database_url)
@@ -383,9 +381,11 @@ def _restore(
             lock_tables(connection)
             _check_no_rows(connection)
             storage = _open_with_keys(settings, archive, keys)
+            if accounts:
+                accounts.check(storage.keys)
             use_sealer(engine, LabelSealer(storage.keys))
             copied = _restore_files(storage, archive)
-            people = restore_people() if restore_people else None
+            people = accounts.restore() if accounts else None
             _drop_tables(connection)
             _restore_rows(connection, archive, revision, storage.keys.find_erased())
             added = {"people": str(people.number)} if people and not people.present else None
@@ -400,6 +400,8 @@ def _open_with_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBacku
     storage = open_storage(settings)
     storage.prepare()
     if keys is not None:
+        if LABELS in keys.wrapped:  # no row is here that the key of an unused place would have sealed
+            storage.keys.destroy(LABELS)
         import_key_backup(storage.keys, keys)
     if storage.keys.wrapped.is_empty():
         promised = _read_promised(archive, storage.keys.find_erased())

@@ -130,6 +130,25 @@ def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(
     store.close()
 
 
+def test_a_webhook_keeps_its_secret(engine: Engine) -> None:
+    with engine.begin() as connection:
+        upgrade(connection, "0009")
+        connection.exec_driver_sql(
+            "INSERT INTO webhooks (id, url, events, secret, created_at)"
+            " VALUES ('wh_1', 'https://a.example', '[]', 'whsec_aa', '2026')"
+        )
+        connection.exec_driver_sql(
+            "INSERT INTO deliveries VALUES ('msg_1', 'wh_1', 'batch.finished', '{}', 0, 0)"
+        )
+        upgrade(connection)
+
+        assert connection.exec_driver_sql("SELECT url, secret FROM webhooks").one() == (
+            "https://a.example",
+            "whsec_aa",
+        )
+        assert connection.exec_driver_sql("SELECT webhook_id FROM deliveries").scalar() == "wh_1"
+
+
 def test_a_migration_that_fails_leaves_the_tables_as_they_were(engine: Engine) -> None:
     make_earlier(engine)
 
