@@ -278,7 +278,7 @@ def _prepare_database(settings: Settings) -> None:
         file = find_database_file(settings.database_url)
         restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
-        copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
+        copy = bring_up_to_date(settings)
         _check_recordings(settings)
     finally:
         lock.release()
