@@ -176,7 +176,8 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     offices = application.state.offices = Offices(open_services(settings), prepare_house)
     accounts = open_accounts(settings, clock)
     gate = application.state.gate = open_gate(settings, accounts)
-    application.state.logins = Logins(accounts, settings)
+    logins = application.state.logins = Logins(accounts, settings)
+    logins.credentials.seal_earlier()
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
@@ -277,7 +278,7 @@ def _prepare_database(settings: Settings) -> None:
         file = find_database_file(settings.database_url)
         restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
-        copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
+        copy = bring_up_to_date(settings)
         _check_recordings(settings)
     finally:
         lock.release()

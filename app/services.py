@@ -279,7 +279,7 @@ def _open_office(settings: Settings, organisation: str) -> Services:
     place = settings.for_organisation(organisation)
     make_folder(place.data_dir)
     make_schema(place.database_url)
-    bring_up_to_date(place.database_url, place.data_dir / "backups")
+    bring_up_to_date(place)
     return open_services(place)
 
 

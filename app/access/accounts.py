@@ -14,6 +14,7 @@ from sqlalchemy.exc import IntegrityError
 from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
+from app.access.sealed_secrets import SecretSealer
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.access.tables import known_browsers, organisations, people, sessions, tickets, tokens
 from app.errors import BadParameter, NotHere
@@ -21,6 +22,7 @@ from app.jobs.queries import format_now
 from app.jobs.trail import NOBODY
 from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
+from app.storage.keys import open_keys
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
@@ -86,6 +88,7 @@ class AccountStore:
 
     def __init__(self, settings: Settings, clock: Callable[[], float] = time.time) -> None:
         self.database, self.clock = AccountDatabase(settings), clock
+        self.secrets = SecretSealer(open_keys(settings))
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:

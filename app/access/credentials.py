@@ -1,5 +1,6 @@
 """What people log in with: the hash of a password, an authenticator, recovery codes, browsers of before."""
 
+import logging
 import secrets
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -9,16 +10,25 @@ from sqlalchemy import ColumnElement, delete, func, insert, select, update
 from app.access.accounts import AccountStore, normalise_login
 from app.access.acts import note_act
 from app.access.hashing import hash_secret
+from app.access.sealed_secrets import is_sealed
 from app.access.tables import known_browsers, people, recovery_codes
+from app.errors import KeyGone
 
+UNOPENED = "?"
+"""In place of an authenticator's secret whose key is not here: no code is right, recovery codes are."""
 BROWSER_BYTES = 32
 BROWSER_TERM_S = 400 * 24 * 3600
 """As long as browsers keep a cookie at most."""
 
+logger = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What is kept of one person's ways in; ``second_factor``: an authenticator's secret, "" for none."""
+    """What is kept of one person's ways in.
+
+    ``second_factor``: an authenticator's secret, "" for none, :data:`UNOPENED` where its key is lost.
+    """
 
     person_id: str
     password_hash: str | None
@@ -30,7 +40,7 @@ class CredentialStore:
     """Rows of what people log in with."""
 
     def __init__(self, accounts: AccountStore) -> None:
-        self._database, self._clock = accounts.database, accounts.clock
+        self._database, self._clock, self._sealer = accounts.database, accounts.clock, accounts.secrets
 
     def find(self, login: str) -> Credentials | None:
         """Find what a person may log in with, by the login name; None where nobody may by this name."""
@@ -50,7 +60,8 @@ class CredentialStore:
 
     def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
         """Keep an authenticator and its recovery codes in place of those before; "" for none."""
-        values = {"totp_secret": secret.encode() or None, "totp_step": step}
+        sealed = self._sealer.seal(person_id, secret).encode() if secret else None
+        values = {"totp_secret": sealed, "totp_step": step}
         with self._database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(values))
             connection.execute(delete(recovery_codes).where(recovery_codes.c.person_id == person_id))
@@ -58,6 +69,19 @@ class CredentialStore:
             if rows:
                 connection.execute(insert(recovery_codes), rows)
             note_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
+
+    def seal_earlier(self) -> int:
+        """Seal the authenticators of an earlier release; gives their number."""
+        if not self._database.is_there:
+            return 0
+        rows = self._database.read_all(select(people.c.id, people.c.totp_secret))
+        open_ones = [row for row in rows if row.totp_secret and not is_sealed(row.totp_secret.decode())]
+        for row in open_ones:
+            sealed = self._sealer.seal(row.id, row.totp_secret.decode()).encode()
+            is_it = (people.c.id == row.id, people.c.totp_secret == row.totp_secret)
+            with self._database.write(is_act=False) as connection:
+                connection.execute(update(people).where(*is_it).values(totp_secret=sealed))
+        return len(open_ones)
 
     def use_step(self, person_id: str, step: int) -> bool:
         """Use up the step of a code; False where it, or a later one, was used: of two at once one wins."""
@@ -102,4 +126,12 @@ class CredentialStore:
         row = self._database.read_one(select(people).where(is_it, people.c.ended_at.is_(None)))
         if row is None:
             return None
-        return Credentials(row.id, row.password_hash, (row.totp_secret or b"").decode(), row.totp_step)
+        secret = self._open(row.id, (row.totp_secret or b"").decode())
+        return Credentials(row.id, row.password_hash, secret, row.totp_step)
+
+    def _open(self, person_id: str, kept: str) -> str:
+        try:
+            return self._sealer.open(person_id, kept)
+        except KeyGone:
+            logger.error("the second factor of %s is sealed, and its key is not here", person_id)
+            return UNOPENED

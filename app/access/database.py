@@ -31,15 +31,30 @@ class AccountDatabase:
         return self._file is None or self._file.exists()
 
     @contextmanager
-    def write(self, *, is_act: bool = True) -> Iterator[Connection]:
+    def write(self, *, is_act: bool = True, has_lock: bool = False) -> Iterator[Connection]:
         """Give a transaction that alone writes: what it reads, nobody changes before it ends.
 
-        ``is_act``: a note for the trail may be among it.
+        ``is_act``: a note for the trail may be among it. ``has_lock``: the caller holds the lock of the
+        tables in another transaction, and opened this database before (:meth:`prepare`).
         """
         with self._open().begin() as connection:
-            lock_tables(connection)
+            if not has_lock:
+                lock_tables(connection)
             yield connection
         self.has_notes = self.has_notes or is_act
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Give a transaction that reads every row as of one moment."""
+        engine = self._open().execution_options(**READ_ONLY)
+        if engine.dialect.name == "postgresql":
+            engine = engine.execution_options(isolation_level="REPEATABLE READ")
+        with engine.connect() as connection:
+            yield connection
+
+    def prepare(self) -> None:
+        """Make the database where there is none."""
+        self._open()
 
     def read_all(self, query: Select[Any]) -> Sequence[Any]:
         """Give every row of a query."""

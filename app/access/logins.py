@@ -11,11 +11,11 @@ from types import ModuleType
 from typing import Literal
 
 from app.access.accounts import AccountStore, Person
-from app.access.credentials import Credentials, CredentialStore
+from app.access.credentials import UNOPENED, Credentials, CredentialStore
 from app.access.hashing import hash_secret
 from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
-from app.access.tickets import TicketStore
+from app.access.tickets import Ticket, TicketStore
 from app.errors import LoginRefused
 from app.settings import Settings
 from app.storage.open import load_extra
@@ -134,7 +134,7 @@ class Logins:
 
     def begin_enrolment(self, person_id: str) -> str:
         """Make a secret for an authenticator; it counts once a code of it was given. Gives the ticket."""
-        secret = self._codes.make_secret()
+        secret = self.accounts.secrets.seal(person_id, self._codes.make_secret())
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
@@ -145,7 +145,7 @@ class Logins:
         TicketSpent, NotInstalled
         """
         found = self.tickets.look("enrol", ticket)
-        secret, person = str(found.told["secret"]), self.accounts.get_person(found.person_id)
+        secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
         return secret, self._codes.draw_secret(secret, person.login)
 
     def enrol(self, ticket: str, code: str) -> tuple[str, Sequence[str]]:
@@ -156,7 +156,7 @@ class Logins:
         LoginRefused, TicketSpent, NotInstalled
         """
         found = self.tickets.look("enrol", ticket)
-        secret = str(found.told["secret"])
+        secret = self._open_secret(found)
         step = self._codes.find_step(secret, code, self.accounts.clock(), 0)
         if step is None:
             raise LoginRefused
@@ -164,6 +164,9 @@ class Logins:
         codes: Sequence[str] = self._codes.make_recovery_codes()
         self.credentials.set_second_factor(found.person_id, secret, step, codes)
         return found.person_id, codes
+
+    def _open_secret(self, ticket: Ticket) -> str:
+        return self.accounts.secrets.open(ticket.person_id, str(ticket.told["secret"]))
 
     def drop_second_factor(self, person_id: str) -> None:
         """Turn the authenticator off; where it is required the next login sets one up."""
@@ -257,6 +260,8 @@ class Logins:
         """Tell whether a code is right, and use it up."""
         typed = code.replace(" ", "")
         if len(typed) == STEP_DIGITS and typed.isdecimal():
+            if found.second_factor == UNOPENED:
+                return False
             now_s = self.accounts.clock()
             step = self._codes.find_step(found.second_factor, typed, now_s, found.last_step)
             return step is not None and self.credentials.use_step(found.person_id, step)

@@ -19,7 +19,7 @@ from app.api.side_files import write_side_files
 from app.api.uploads import drop_upload, forget_unfinished
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold
-from app.jobs.database.seal_rows import seal_rows
+from app.jobs.database.seal_rows import COPIES_FOLDER, drop_open_copies, seal_rows
 from app.jobs.processes.leader import Leader
 from app.jobs.results import complete_headlines
 from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
@@ -108,7 +108,11 @@ def _complete_older(services: Services, earlier: EarlierFiles) -> bool:
     """Complete and seal some rows and files of an earlier release; False when none is left."""
     completed = complete_headlines(services.store, services.results, HEADLINES_AT_ONCE)
     sealed = seal_rows(services.store.engine, ROWS_AT_ONCE)
-    return earlier.seal_next() or completed + sealed > 0
+    if earlier.seal_next() or completed + sealed > 0:
+        return True
+    for name in drop_open_copies(services.settings.data_dir / COPIES_FOLDER):
+        logger.info("%s is removed: the words in it were in clear", name)
+    return False
 
 
 def reconcile(services: Services) -> None:

@@ -10,11 +10,14 @@ import typer
 from app.cli.output import Exit, print_problem
 from app.errors import AppError, BackupRefused, DatabaseAway
 from app.logs import escape_controls, start_logging
+from app.organisation import OWN_ORGANISATION
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
 
 if TYPE_CHECKING:
+    from app.access.accounts import Organisation
     from app.settings import Settings
+    from app.upkeep.account_rows import CopiedPeople
     from app.upkeep.backup import Copied
     from app.upkeep.key_backup import KeyBackup
     from app.upkeep.verify import Fault
@@ -89,6 +92,7 @@ DataOption = Annotated[
     typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
 ]
 LanguageOption = Annotated[Language, typer.Option("--lang")]
+OrganisationOption = Annotated[str, typer.Option("--organisation", metavar="ID", help="Another than own.")]
 RecipientOption = Annotated[
     list[str] | None,
     typer.Option("--recipient", metavar="age1...", help="Who may read it (age); again for several."),
@@ -105,6 +109,7 @@ def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip, .zip.age).")],
     recipient: RecipientOption = None,
     data: DataOption = None,
+    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Write every row and every sealed file into one file, without the keys; the server may run meanwhile.
@@ -114,30 +119,40 @@ def backup(
     from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import back_up  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
+    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        record_command(settings, "store.backed_up")
-        copied = back_up(settings, file, Recipients(tuple(recipient or ())))
+        record_command(find_place(settings, organisation), "store.backed_up")
+        copied = back_up(settings, file, Recipients(tuple(recipient or ())), organisation)
+        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
+    _print_people(lang, "backup", copied.people)
     _print_copied(lang, "backup", copied, file=str(file))
+    _print_further(lang, further)
+    _exit_by(copied)
 
 
 def backup_keys(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write.")],
     recipient: RecipientOption = None,
     data: DataOption = None,
+    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Write the keys of the recordings into one file. Keep it apart; replace it after each erasure."""
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
     from app.upkeep.key_backup import back_up_keys  # noqa: PLC0415
+    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        number = back_up_keys(settings, file, Recipients(tuple(recipient or ())))
+        place = find_place(settings, organisation)
+        number = back_up_keys(place, file, Recipients(tuple(recipient or ())))
+        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
     print_sentence(lang, "backup_keys", "encrypted" if recipient else "in_clear")
     print_sentence(lang, "backup_keys", "done", number=str(number), file=str(file))
+    _print_further(lang, further)
 
 
 def drill(
@@ -163,6 +178,7 @@ def restore(
     keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
+    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Put a backup into an empty data folder (or an empty database and bucket).
@@ -170,11 +186,15 @@ def restore(
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.organisations import find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        copied = put_back(settings, file, _read_keys(keys, identity), identity)
+        find_place(settings, organisation, is_new=True)
+        copied = put_back(settings, file, _read_keys(keys, identity), identity, organisation)
+    _print_people(lang, "restore", copied.people)
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
+    _exit_by(copied)
 
 
 def verify(
@@ -182,11 +202,14 @@ def verify(
     keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
+    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
     with refusals_printed(lang, find_settings(data)):
-        number, faults = _verify_kept(data) if file is None else _verify_backup(file, keys, identity)
+        number, faults = (
+            _verify_kept(data, organisation) if file is None else _verify_backup(file, keys, identity)
+        )
     if file is not None and keys is None:
         print_sentence(lang, "verify", "sealed")
     _print_faults(lang, faults)
@@ -200,14 +223,16 @@ def recover(
     keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
+    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.organisations import find_place  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        done = bring_back(settings, _read_keys(keys, identity))
+        done = bring_back(find_place(settings, organisation, is_new=True), _read_keys(keys, identity))
     for trouble in done.troubles:
         print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
@@ -232,12 +257,13 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _verify_kept(data: Path | None) -> "tuple[int, Sequence[Fault]]":
+def _verify_kept(data: Path | None, organisation: str) -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.acts import record_command  # noqa: PLC0415
+    from app.upkeep.organisations import find_place  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
-    settings = find_settings(data)
+    settings = find_place(find_settings(data), organisation)
     check_whole(settings.database_url)
     record_command(settings, "store.verified")
     kept = find_kept(settings)
@@ -268,14 +294,32 @@ def _name_places(settings: "Settings") -> dict[str, str]:
 
 
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
-    """Print how many files were copied and which were not whole; exit 1 where there are any."""
+    """Print how many files were copied and which were not whole."""
     if not copied.faults:
         print_sentence(language, command, "done", number=str(copied.promised), **facts)
         return
     _print_faults(language, copied.faults)
     counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
     print_sentence(language, command, "not_whole", **counts, **facts)
-    raise typer.Exit(Exit.SOME_FAILED)
+
+
+def _exit_by(copied: "Copied") -> None:
+    if copied.faults:
+        raise typer.Exit(Exit.SOME_FAILED)
+
+
+def _print_people(language: Language, command: str, people: "CopiedPeople | None") -> None:
+    if people is not None:
+        sentence = "people_kept" if people.present else "people"
+        facts = {"number": str(people.number), "present": str(people.present)}
+        print_sentence(language, command, sentence, **facts)
+
+
+def _print_further(language: Language, further: "Sequence[Organisation]") -> None:
+    """Print which organisations have a backup of their own."""
+    if further:
+        names = ", ".join(f"{one.name} ({one.id})" for one in further)
+        print_sentence(language, "backup", "further", names=names)
 
 
 def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:

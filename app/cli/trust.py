@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.admin import DataOption, LanguageOption, find_settings, print_sentence, refusals_printed
+from app.cli.admin import (
+    DataOption,
+    LanguageOption,
+    OrganisationOption,
+    find_settings,
+    print_sentence,
+    refusals_printed,
+)
 from app.cli.output import Exit
 from app.errors import BadParameter
 from app.report.words.wording import Language, load_wording
@@ -19,7 +26,6 @@ if TYPE_CHECKING:
     from app.jobs.store import JobStore
     from app.settings import Settings
 
-OrganisationOption = Annotated[str, typer.Option("--organisation", metavar="ID", help="Another than own.")]
 MOST_SHOWN = 1000
 
 trail = typer.Typer(help="Who did what: prove the trail, ask it, export it.", no_args_is_help=True)

@@ -16,6 +16,7 @@ from app.jobs.database.tables import analyses, batch_items, batches, deliveries,
 from app.jobs.job import JobState
 from app.jobs.queries import RowStore, format_now, select_items
 from app.jobs.trail import record
+from app.storage.labels import LABELS, Label
 
 Event = Literal["analysis.finished", "batch.finished", "live.cue"]
 EVENTS: tuple[Event, ...] = get_args(Event)
@@ -54,7 +55,8 @@ class WebhookStore(RowStore):
         """Add an address, with a secret of its own."""
         secret = "whsec_" + base64.b64encode(secrets.token_bytes(32)).decode()
         hook = Webhook(f"wh_{secrets.token_hex(8)}", url, events, secret, format_now())
-        row = {"id": hook.id, "url": url, "events": json.dumps(events), "secret": secret}
+        sealed = {"url": Label(LABELS, url), "secret": Label(LABELS, secret)}
+        row = {"id": hook.id, "events": json.dumps(events), **sealed}
         with self._engine.begin() as connection:
             connection.execute(insert(webhooks).values(row | {"created_at": hook.created_at}))
             record(connection, "webhook.added", other={"webhook": hook.id})

@@ -41,6 +41,8 @@ VERSION = b"\x01"
 """The first byte of a wrapped key and of what :meth:`RecordingKey.seal` gives."""
 ORGANISATION = "organisation"
 """The name, among the wrapped keys, of the fingerprint of the key that wrapped them."""
+RECORDING = "rec_"
+"""The names of all keys of recordings begin so; others are those of labels, views, accounts."""
 KEY_FILE, LEDGER_FILE = "organisation.key", "erasures.jsonl"
 
 
@@ -178,11 +180,11 @@ class FolderKeys:
         return {name: wrapped for name, wrapped in found if wrapped is not None}
 
     def is_empty(self) -> bool:
-        """Look for any file."""
+        """Look for any file of a recording."""
         if not self.folder.is_dir():
             return True
         with os.scandir(self.folder) as entries:
-            return all(entry.name == ORGANISATION for entry in entries)
+            return not any(entry.name.startswith(RECORDING) for entry in entries)
 
     def remove(self, names: Collection[str]) -> None:
         """Overwrite each file with random bytes, then remove it."""

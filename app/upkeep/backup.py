@@ -1,8 +1,10 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
     manifest.json            {"format": "acromion.backup/2", "revision", "version", "made_at",
+                              "accounts": their revision, where it holds them,
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
     rows/<table>.jsonl       one row a line, all of one transaction
+    accounts/<table>.jsonl   who may log in, in the backup of "own" (:mod:`app.upkeep.account_rows`)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>, as they are stored: sealed
 
 The keys of the recordings are not in it (:mod:`app.upkeep.key_backup`); without them its files are closed. It
@@ -29,8 +31,17 @@ from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
+from app.access.database import AccountDatabase
+from app.access.tables import REVISION as ACCOUNTS_REVISION
 from app.errors import BackupRefused, DatabaseTooNew, KeyGone, KeysNeeded, NotEmpty
-from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
+from app.jobs.database.connect import (
+    READ_ONLY,
+    connect,
+    create_tables,
+    lock_tables,
+    make_schema,
+    read_revision,
+)
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.migrate import upgrade
 from app.jobs.database.sealed_text import use_sealer
@@ -38,9 +49,10 @@ from app.jobs.database.tables import REVISION, analyses, facts, schema_revision,
 from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
+from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
 from app.storage.keys import RecordingKey
-from app.storage.labels import LabelSealer
+from app.storage.labels import LABELS, LabelSealer
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, make_folder
 from app.storage.sealed import HEAD_BYTES, SealedFile, read_head
@@ -52,6 +64,8 @@ from app.storage.store import (
     FolderLock,
     translate_disk_full,
 )
+from app.upkeep.account_rows import FOLDER as ACCOUNTS
+from app.upkeep.account_rows import AccountRows, CopiedPeople, write_accounts
 from app.upkeep.envelope import Recipients, read_envelope, write_envelope
 from app.upkeep.key_backup import KeyBackup, import_key_backup
 from app.upkeep.recover import catch_up, find_unknown
@@ -76,14 +90,19 @@ class Copied:
 
     promised: int
     faults: tuple[Fault, ...]
+    people: CopiedPeople | None = None
 
 
 class _PurgedMeanwhileError(Exception):
     """A file was deleted together with its row while the backup was made."""
 
 
-def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> Copied:
+def back_up(
+    settings: Settings, path: Path, recipients: Recipients = NOBODY, organisation: str = OWN_ORGANISATION
+) -> Copied:
     """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
+
+    It is that of one organisation; the accounts of the installation go with "own".
 
     Raises
     ------
@@ -94,15 +113,19 @@ def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> 
     """
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
-            return _write(settings, path, recipients)
+            return _write(settings, path, recipients, organisation)
     raise BackupRefused(why="recordings are being purged")
 
 
-def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
+def _write(settings: Settings, path: Path, recipients: Recipients, organisation: str) -> Copied:
+    place = settings.for_organisation(organisation)
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        manifest, files = _write_rows(settings, archive)
-        copied = _write_files(settings, archive, files)
+        manifest, files = _write_rows(place, archive)
+        people = write_accounts(settings, archive) if organisation == OWN_ORGANISATION else None
+        if people is not None:
+            manifest[ACCOUNTS] = ACCOUNTS_REVISION
+        copied = replace(_write_files(place, archive, files), people=people)
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
         archive.writestr("manifest.json", json.dumps(manifest, indent=1))
     return copied
@@ -238,7 +261,7 @@ def find_damage(path: Path, keys: FindKey | None = None, identity: Path | None =
         files = tuple(_read_promised(archive))
         found = ((file, _read_file(archive, file.name, keys)) for file in files)
         faults = [fault for file, one in found if (fault := _find_fault(file, one, file.name in known))]
-        rows = (name for name in archive.namelist() if name.startswith("rows/"))
+        rows = (name for name in archive.namelist() if name.startswith(("rows/", f"{ACCOUNTS}/")))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
         return Copied(len(files), tuple(faults))
 
@@ -307,13 +330,18 @@ def _read_rest(member: IO[bytes]) -> bytes:
 
 
 def restore(
-    settings: Settings, path: Path, keys: KeyBackup | None = None, identity: Path | None = None
+    settings: Settings,
+    path: Path,
+    keys: KeyBackup | None = None,
+    identity: Path | None = None,
+    organisation: str = OWN_ORGANISATION,
 ) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
     ``keys``: the backup of the keys, unless they are here. The files are written first, then all rows in one
     transaction: an interrupted restore leaves nothing visible, and can be repeated. Analyses that ran when
-    the backup was made wait again. What the ledger of erasures names does not come back.
+    the backup was made wait again. What the ledger of erasures names does not come back. Accounts come back
+    into "own" where there are none; people who are there stay as they are.
 
     Raises
     ------
@@ -321,23 +349,50 @@ def restore(
     KeysNeeded
         Files are sealed, and no key is here.
     """
-    make_folder(settings.data_dir)
-    lock, engine = FolderLock(settings.data_dir), connect(settings.database_url)
+    place, accounts = settings.for_organisation(organisation), AccountDatabase(settings)
+    make_folder(place.data_dir)
+    lock = FolderLock(place.data_dir)
     try:
-        with open_backup(path, identity) as (archive, manifest), engine.begin() as connection:
+        with open_backup(path, identity) as (archive, manifest):
+            people = AccountRows(accounts, archive, manifest) if organisation == OWN_ORGANISATION else None
+            if people:
+                people.prepare()
+            copied = _restore(place, archive, manifest["revision"], keys, people)
+        with closing(JobStore(place)) as store:
+            catch_up(store, open_storage(place))
+        return copied
+    finally:
+        accounts.close()
+        lock.release()
+
+
+def _restore(
+    settings: Settings,
+    archive: zipfile.ZipFile,
+    revision: str,
+    keys: KeyBackup | None,
+    accounts: AccountRows | None,
+) -> Copied:
+    """Restore files and rows, and before the rows the people."""
+    make_schema(settings.database_url)
+    engine = connect(settings.database_url)
+    try:
+        with engine.begin() as connection:
             lock_tables(connection)
             _check_no_rows(connection)
             storage = _open_with_keys(settings, archive, keys)
+            if accounts:
+                accounts.check(storage.keys)
             use_sealer(engine, LabelSealer(storage.keys))
             copied = _restore_files(storage, archive)
+            people = accounts.restore() if accounts else None
             _drop_tables(connection)
-            _restore_rows(connection, archive, manifest["revision"], storage.keys.find_erased())
-        with closing(JobStore(settings)) as store:
-            catch_up(store, open_storage(settings))
-        return copied
+            _restore_rows(connection, archive, revision, storage.keys.find_erased())
+            added = {"people": str(people.number)} if people and not people.present else None
+            record(connection, "store.restored", other=added, who=AT_MACHINE)
+        return replace(copied, people=people)
     finally:
         engine.dispose()
-        lock.release()
 
 
 def _open_with_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None) -> SealedStorage:
@@ -345,6 +400,8 @@ def _open_with_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBacku
     storage = open_storage(settings)
     storage.prepare()
     if keys is not None:
+        if LABELS in keys.wrapped:  # no row is here that the key of an unused place would have sealed
+            storage.keys.destroy(LABELS)
         import_key_backup(storage.keys, keys)
     if storage.keys.wrapped.is_empty():
         promised = _read_promised(archive, storage.keys.find_erased())
@@ -446,7 +503,6 @@ def _restore_rows(
         upgrade(connection)
     if erased:
         drop_traces(connection, {*erased, *gone})
-    record(connection, "store.restored", who=AT_MACHINE)
 
 
 def _is_restored(table: str, row: Mapping[str, object]) -> bool:

@@ -238,7 +238,7 @@ def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
     storage.prepare()
     lock = FolderLock(settings.data_dir)
     try:
-        bring_up_to_date(settings.database_url, settings.data_dir / "backups")
+        bring_up_to_date(settings)
         with closing(JobStore(settings)) as store:
             store.check_belongs(storage.identify())
             recovered = _recover(store, storage)

@@ -12,6 +12,7 @@ from app.jobs.database.tables import recordings
 from app.jobs.library import Library, LibraryFilter
 from app.jobs.recordings import Description, RecordingFilter, RecordingStore
 from app.jobs.store import JobStore
+from app.jobs.webhooks import EVENTS, WebhookStore
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import StoredRecording
@@ -29,6 +30,32 @@ def find_everywhere(store: JobStore, words: str) -> list[str]:
             for row in rows:
                 found += [f"{table.name}.{name}" for name, value in row.items() if words in str(value)]
     return found
+
+
+@on_both_set_ups
+def test_neither_address_nor_secret_of_a_webhook_stands_open_in_the_rows(store: JobStore) -> None:
+    hook = WebhookStore(store.engine, store.reader).add(f"https://{CANARY}.example", EVENTS)
+
+    assert find_everywhere(store, CANARY) == []
+    assert find_everywhere(store, hook.secret) == []
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_a_webhook_of_an_earlier_release_is_read_and_sealed_in_time(store: JobStore) -> None:
+    with store.engine.begin() as connection:
+        connection.execute(
+            text(
+                "INSERT INTO webhooks (id, url, events, secret, created_at)"
+                f" VALUES ('wh_1', 'https://{CANARY}.example', '[]', 'whsec_{CANARY}', '2026')"
+            )
+        )
+    (before,) = WebhookStore(store.engine, store.reader).find_all()
+
+    assert seal_rows(store.engine, 10) == 1
+
+    assert find_everywhere(store, CANARY) == []
+    assert WebhookStore(store.engine, store.reader).find_all() == (before,)
+    assert (before.url, before.secret) == (f"https://{CANARY}.example", f"whsec_{CANARY}")
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Old tables become new ones, with a copy made before; tables of a later release are left alone."""
 
-import json
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,11 +13,15 @@ from sqlalchemy import Engine, inspect, text
 from app.errors import DatabaseTooNew, DatabaseTooOld
 from app.jobs.batches import BatchStore
 from app.jobs.database.connect import connect, open_database, read_revision
+from app.jobs.database.dump import read_rows
 from app.jobs.database.migrate import configure, migrate, upgrade
+from app.jobs.database.seal_rows import drop_open_copies, seal_row
 from app.jobs.database.tables import REVISION, metadata
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.keys import open_keys
+from app.storage.labels import LabelSealer
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
@@ -56,11 +59,11 @@ def test_a_new_database_gets_its_tables_and_its_revision(engine: Engine, databas
         assert set(metadata.tables) <= set(inspect(connection).get_table_names())
 
 
-def test_a_later_release_s_database_is_refused(engine: Engine, database: str, tmp_path: Path) -> None:
+def test_a_later_release_s_database_is_refused(engine: Engine, database: str, settings: Settings) -> None:
     open_database(database).dispose()
     set_revision(engine, "9999")
 
-    assert migrate(database, tmp_path) is None
+    assert migrate(settings) is None
     with pytest.raises(DatabaseTooNew) as refusal:
         open_database(database)
 
@@ -95,17 +98,75 @@ def make_earlier(engine: Engine) -> None:
         )
 
 
-def test_an_earlier_release_s_rows_are_copied_and_kept(engine: Engine, database: str, tmp_path: Path) -> None:
+def test_an_earlier_release_s_rows_are_copied_and_kept(engine: Engine, settings: Settings) -> None:
     make_earlier(engine)
 
-    copy = migrate(database, tmp_path / "backups")
+    copy = migrate(settings)
 
-    store = JobStore(Settings(data_dir=tmp_path, database_url=database))
+    store = JobStore(settings)
     assert store.get("an_1").file_name == "Équipe.gt3x"
     store.close()
+    assert open_words(copy, settings) == ["Équipe.gt3x"]
+
+
+def open_words(copy: Path | None, settings: Settings) -> list[str]:
+    """Open the names of recordings in a copy of rows; "gone" where the key is destroyed."""
     assert copy is not None
     with zipfile.ZipFile(copy) as archive:
-        assert json.loads(archive.read("rows/recordings.jsonl"))["file_name"] == "Équipe.gt3x"
+        rows = list(read_rows(archive, "recordings"))
+    return [LabelSealer(open_keys(settings)).open(row["file_name"], gone="gone") for row in rows]
+
+
+def test_the_copy_of_the_rows_holds_no_word_in_clear(engine: Engine, settings: Settings) -> None:
+    make_earlier(engine)
+    with engine.begin() as connection:
+        upgrade(connection, "0009")
+        connection.exec_driver_sql(
+            "INSERT INTO webhooks (id, url, events, secret, created_at)"
+            " VALUES ('wh_1', 'https://quipe', '[]', 'quipe', '2026')"
+        )
+
+    copy = migrate(settings)
+
+    assert copy is not None
+    with zipfile.ZipFile(copy) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    assert len(members["rows/webhooks.jsonl"]) > 0
+    assert [name for name, content in members.items() if b"quipe" in content] == []
+
+
+def test_an_erasure_reaches_the_copy_of_the_rows(engine: Engine, settings: Settings) -> None:
+    make_earlier(engine)
+    copy = migrate(settings)
+
+    open_keys(settings).erase("rec_1")
+
+    assert open_words(copy, settings) == ["gone"]
+
+
+def test_a_kept_answer_is_sealed_in_the_copy_once(engine: Engine, settings: Settings) -> None:
+    sealer = LabelSealer(open_keys(settings))
+    row = {"key": "k", "headers": "[]", "body": b"the subject W-17"}
+
+    once = seal_row(sealer, "kept_answers", row)
+
+    assert b"W-17" not in once["body"]
+    assert sealer.open_bytes(once["body"]) == b"the subject W-17"
+    assert seal_row(sealer, "kept_answers", once) == once
+
+
+def test_a_copy_that_an_earlier_release_left_in_clear_is_removed_and_no_other(
+    engine: Engine, settings: Settings
+) -> None:
+    make_earlier(engine)
+    copy = migrate(settings)
+    assert copy is not None
+    with zipfile.ZipFile(copy.with_name("rows-before-0009-1.zip"), "w") as archive:
+        archive.writestr("rows/recordings.jsonl", '{"id": "rec_1", "file_name": "Équipe.gt3x"}\n')
+
+    assert drop_open_copies(copy.parent) == ("rows-before-0009-1.zip",)
+
+    assert [path.name for path in copy.parent.iterdir()] == [copy.name]
 
 
 def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(
@@ -128,6 +189,25 @@ def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(
     assert [job.id for job in batches.find_jobs("ba_1")] == ["an_b", "an_a"]
     assert (batches.get("ba_1").item_count, batches.get("ba_1").duplicate_count) == (2, 0)
     store.close()
+
+
+def test_a_webhook_keeps_its_secret(engine: Engine) -> None:
+    with engine.begin() as connection:
+        upgrade(connection, "0009")
+        connection.exec_driver_sql(
+            "INSERT INTO webhooks (id, url, events, secret, created_at)"
+            " VALUES ('wh_1', 'https://a.example', '[]', 'whsec_aa', '2026')"
+        )
+        connection.exec_driver_sql(
+            "INSERT INTO deliveries VALUES ('msg_1', 'wh_1', 'batch.finished', '{}', 0, 0)"
+        )
+        upgrade(connection)
+
+        assert connection.exec_driver_sql("SELECT url, secret FROM webhooks").one() == (
+            "https://a.example",
+            "whsec_aa",
+        )
+        assert connection.exec_driver_sql("SELECT webhook_id FROM deliveries").scalar() == "wh_1"
 
 
 def test_a_migration_that_fails_leaves_the_tables_as_they_were(engine: Engine) -> None:

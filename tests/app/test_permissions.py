@@ -42,7 +42,7 @@ def test_the_copy_of_the_rows_before_a_migration_has_mode_600(settings: Settings
         upgrade(connection, "0001")
     engine.dispose()
 
-    copy = migrate(settings.database_url, settings.data_dir / "backups")
+    copy = migrate(settings)
 
     assert copy is not None
     assert (mode_of(copy), mode_of(copy.parent)) == (0o600, 0o700)

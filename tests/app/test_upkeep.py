@@ -179,6 +179,22 @@ def test_a_restore_into_a_data_folder_names_the_folder_alone(
     assert f"every row restored into {tmp_path / 'new'}. Start the server" in output
 
 
+def test_words_of_the_organisation_open_in_a_place_that_had_sealed_others(
+    store: JobStore, settings: Settings, acromion: Acromion, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    hook = WebhookStore(store.engine, store.reader).add("https://a.example", EVENTS)
+    acromion("backup", tmp_path / "b.zip")
+    new = empty_everything(settings, request)
+    os.environ.update(new.as_environment())  # put right again by the fixture that set them first
+    open_keys(new).create("labels")
+
+    assert acromion("restore", tmp_path / "b.zip").exit_code == 0
+
+    restored = JobStore(new)
+    assert WebhookStore(restored.engine, restored.reader).find_all() == (hook,)
+    restored.close()
+
+
 @on_both_set_ups
 def test_verify_counts_what_it_read(finished: Job, acromion: Acromion) -> None:
     result = acromion("verify")

@@ -76,16 +76,16 @@ def make_schema(url: str) -> None:
     engine.dispose()
 
 
-def bring_up_to_date(url: str, backups: Path) -> Path | None:
+def bring_up_to_date(settings: Settings) -> Path | None:
     """Migrate the tables of an earlier release; gives the copy of the rows that was made before.
 
     Only for the server and the recovery, before they open the database.
     """
-    engine = connect(url)
+    engine = connect(settings.database_url)
     with engine.connect() as connection:
         older = is_older(connection)
     engine.dispose()
-    return importlib.import_module("app.jobs.database.migrate").migrate(url, backups) if older else None
+    return importlib.import_module("app.jobs.database.migrate").migrate(settings) if older else None
 
 
 def connect(url: str) -> Engine:

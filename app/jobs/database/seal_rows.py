@@ -1,10 +1,19 @@
-"""Seals the words of rows that an earlier release wrote, a few rows at a time while the server runs."""
+"""Seals the words of rows that an earlier release wrote, a few rows at a time while the server runs.
+
+The copy of the rows that is made before a migration (:mod:`app.jobs.database.migrate`) is sealed likewise: an
+erasure reaches it, too. One that an earlier release left in clear is removed once all rows are sealed.
+"""
+
+import zipfile
+from pathlib import Path
+from typing import Any
 
 from sqlalchemy import (
     Column,
     ColumnElement,
     Connection,
     Engine,
+    LargeBinary,
     Table,
     Text,
     and_,
@@ -14,12 +23,55 @@ from sqlalchemy import (
     update,
 )
 
+from app.jobs.database.dump import read_rows
 from app.jobs.database.sealed_text import SealedText
 from app.jobs.database.tables import metadata
-from app.storage.labels import LABELS, MARK, PLAIN, Label
+from app.storage.labels import LABELS, MARK, PLAIN, Label, LabelSealer
 
 OWNERS = {"recordings": "id", "analyses": "recording_id", "batches": "id", "uploads": "recording_id"}
 """The column that names what the words of a table belong to; those of any other, to the organisation."""
+
+
+COPIES_FOLDER, COPIES = "backups", "rows-before-*.zip"
+
+
+def seal_row(sealer: LabelSealer, table: str, row: dict[str, Any]) -> dict[str, Any]:
+    """Give a row, of the tables of any release, with its words sealed; what is sealed stays as it is."""
+    belongs_to = str(row.get(OWNERS.get(table, "")) or LABELS)
+    sealed = dict(row)
+    for name in _find_words(table):
+        value = row.get(name)
+        if isinstance(value, bytes | memoryview):
+            is_sealed = bytes(value).startswith(MARK.encode())
+            sealed[name] = value if is_sealed else sealer.seal_bytes(bytes(value))
+        elif _is_open_text(value):
+            sealed[name] = sealer.seal(Label(belongs_to, str(value)))
+    return sealed
+
+
+def drop_open_copies(backups: Path) -> tuple[str, ...]:
+    """Remove the copies of rows in which words stand open; gives their names."""
+    found = [path for path in sorted(backups.glob(COPIES)) if _holds_open_words(path)]
+    for path in found:
+        path.unlink(missing_ok=True)
+    return tuple(path.name for path in found)
+
+
+def _holds_open_words(copy: Path) -> bool:
+    with zipfile.ZipFile(copy) as archive:
+        return any(
+            _is_open_text(row.get(name))
+            for table in metadata.tables
+            for row in read_rows(archive, table)
+            for name in _find_words(table)
+            if not isinstance(row.get(name), bytes)
+        )
+
+
+def _find_words(table: str) -> tuple[str, ...]:
+    """Find the columns whose content is sealed."""
+    columns = metadata.tables[table].columns
+    return tuple(one.name for one in columns if isinstance(one.type, SealedText | LargeBinary))
 
 
 def seal_rows(engine: Engine, most: int) -> int:

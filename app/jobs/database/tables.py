@@ -16,7 +16,7 @@ from sqlalchemy import (
 
 from app.jobs.database.sealed_text import SealedText
 
-REVISION = "0009"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0010"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 GONE_REQUEST = '{"file_name": ""}'
 """What is read of a request or a description whose key was destroyed."""
@@ -130,9 +130,9 @@ webhooks = Table(
     "webhooks",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("url", Text, nullable=False),
+    Column("url", SealedText(), nullable=False),
     Column("events", Text, nullable=False),
-    Column("secret", String(64), nullable=False),
+    Column("secret", SealedText(), nullable=False),
     Column("created_at", String(32), nullable=False),
 )
 

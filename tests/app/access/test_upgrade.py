@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
@@ -44,11 +43,11 @@ def make_earlier_folder(settings: Settings, number: int) -> None:
     engine.dispose()
 
 
-def check_upgrade(settings: Settings, tmp_path: Path, number: int) -> None:
+def check_upgrade(settings: Settings, number: int) -> None:
     """Upgrade a folder; check that nothing is lost, all is in "own", and the trail begins by saying so."""
     make_earlier_folder(settings, number)
 
-    bring_up_to_date(settings.database_url, tmp_path / "backups")
+    bring_up_to_date(settings)
 
     application = create_app(settings)
     with TestClient(application):
@@ -64,12 +63,12 @@ def check_upgrade(settings: Settings, tmp_path: Path, number: int) -> None:
 
 
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
-def test_a_folder_of_the_release_before_is_whole_and_own(settings: Settings, tmp_path: Path) -> None:
-    check_upgrade(settings, tmp_path, 20)
+def test_a_folder_of_the_release_before_is_whole_and_own(settings: Settings) -> None:
+    check_upgrade(settings, 20)
 
 
 @pytest.mark.slow
 def test_a_thousand_recordings_of_the_release_before_are_whole_and_own(
-    settings: Settings, tmp_path: Path
+    settings: Settings,
 ) -> None:
-    check_upgrade(settings, tmp_path, 1000)
+    check_upgrade(settings, 1000)

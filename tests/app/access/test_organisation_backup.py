@@ -1,0 +1,147 @@
+"""Each organisation has a backup of its own; that of "own" names those it does not hold."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from app.access.accounts import AccountStore
+from app.cli import app
+from app.jobs.database.connect import make_schema
+from app.jobs.store import JobStore
+from app.request import ReportRequest
+from app.settings import Settings
+from app.storage.open import open_storage
+from app.storage.permissions import make_folder
+from tests.app.conftest import on_both_set_ups
+from tests.postgres import PostgresServer
+from tests.swift import SwiftServer
+
+RIVERSIDE = "org_0123456789abcdef"
+
+
+@contextmanager
+def open_rows(settings: Settings) -> Iterator[JobStore]:
+    store = JobStore(settings)
+    try:
+        yield store
+    finally:
+        store.close()
+
+
+def add_recording(settings: Settings, content: bytes) -> str:
+    """Make the place of an organisation, and keep a recording in it; gives the analysis that waits."""
+    make_folder(settings.data_dir)
+    make_schema(settings.database_url)
+    storage = open_storage(settings)
+    storage.prepare()
+    upload = storage.open_upload(1000)
+    upload.write(content)
+    with open_rows(settings) as store:
+        return store.add(upload.keep(), ReportRequest("shift.gt3x", "S-1")).id
+
+
+@pytest.fixture
+def two(settings: Settings, accounts: AccountStore, monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """An installation with a further organisation, each with a recording."""
+    accounts.add_organisation("own", "Own")
+    accounts.add_organisation(RIVERSIDE, "Riverside clinic")
+    add_recording(settings, b"of own")
+    add_recording(settings.for_organisation(RIVERSIDE), b"of Riverside")
+    for name, value in settings.as_environment().items():
+        monkeypatch.setenv(name, value)
+    return settings
+
+
+def run(*words: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    return done.exit_code, done.output
+
+
+def empty_everything(settings: Settings, request: pytest.FixtureRequest) -> Settings:
+    """Give settings of an empty place of the same kind, which commands use from now on."""
+    place = settings.data_dir.with_name("restored")
+    changes = {"data_dir": place, "database_url": f"sqlite:///{place / 'acromion.sqlite3'}"}
+    if settings.object_store:
+        swift: SwiftServer = request.getfixturevalue("swift")
+        postgres: PostgresServer = request.getfixturevalue("postgres")
+        postgres.empty()
+        changes |= {"database_url": settings.database_url, "object_store": swift.make_bucket()}
+    new = settings.model_copy(update=changes)
+    os.environ.update(new.as_environment())  # put right again by the fixture that set them first
+    return new
+
+
+@on_both_set_ups
+def test_a_further_organisation_is_restored_into_its_own_place(
+    two: Settings, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    chosen = ("--organisation", RIVERSIDE)
+    assert run("backup", tmp_path / "r.zip", *chosen)[0] == 0
+    assert run("backup-keys", tmp_path / "r.keys", *chosen)[0] == 0
+    new = empty_everything(two, request)
+
+    code, told = run("restore", tmp_path / "r.zip", "--keys", tmp_path / "r.keys", *chosen)
+
+    assert code == 0, told
+    assert run("verify", *chosen) == (0, "1 files checked: each holds the bytes its row says.\n")
+    with open_rows(new.for_organisation(RIVERSIDE)) as store:
+        (job,) = map(store.get, store.find_analyses())
+        assert (job.file_name, job.request.subject) == ("shift.gt3x", "S-1")
+    assert not (new.data_dir / "recordings").exists()
+
+
+@on_both_set_ups
+def test_the_backup_of_own_names_last_what_it_does_not_hold(two: Settings, tmp_path: Path) -> None:
+    code, told = run("backup", tmp_path / "b.zip")
+
+    assert code == 0
+    assert told.splitlines()[-1] == (
+        f"Not in it, for each has a backup of its own (--organisation ID): Riverside clinic ({RIVERSIDE})"
+    )
+
+
+def test_so_does_the_backup_of_its_keys(two: Settings, tmp_path: Path) -> None:
+    assert f"Riverside clinic ({RIVERSIDE})" in run("backup-keys", tmp_path / "k")[1].splitlines()[-1]
+
+
+def test_the_backup_of_a_further_organisation_holds_no_accounts(two: Settings, tmp_path: Path) -> None:
+    _, told = run("backup", tmp_path / "r.zip", "--organisation", RIVERSIDE)
+
+    assert "Accounts" not in told
+    assert "Riverside" not in told.splitlines()[-1]
+
+
+def test_accounts_come_back_into_own_alone(
+    two: Settings, accounts: AccountStore, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    accounts.add_person("own", "clara", "Clara", ["clinician"])
+    run("backup", tmp_path / "b.zip")
+    run("backup-keys", tmp_path / "b.keys")
+    new = empty_everything(two, request)
+
+    keys = ("--keys", tmp_path / "b.keys")
+    assert run("restore", tmp_path / "b.zip", *keys, "--organisation", RIVERSIDE)[0] == 0
+
+    assert list(new.data_dir.rglob("accounts.sqlite3")) == []
+
+
+@pytest.mark.parametrize("name", ["org_none", "../../elsewhere", "org_/../.."])
+def test_an_organisation_that_is_not_there_is_not_backed_up(two: Settings, tmp_path: Path, name: str) -> None:
+    code, told = run("backup", tmp_path / "b.zip", "--organisation", name)
+
+    assert code == 3
+    assert "E-NOT-FOUND" in told
+    assert [path.name for path in (two.data_dir / "organisations").iterdir()] == [RIVERSIDE]
+
+
+def test_nothing_is_restored_outside_the_folder_of_organisations(two: Settings, tmp_path: Path) -> None:
+    run("backup", tmp_path / "b.zip")
+
+    code, told = run("restore", tmp_path / "b.zip", "--organisation", "../../elsewhere")
+
+    assert code == 3
+    assert "E-NOT-FOUND" in told

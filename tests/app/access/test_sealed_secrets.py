@@ -1,0 +1,141 @@
+"""Secrets of authenticators: a dump of the accounts shows none, and they open with the keys alone."""
+
+import json
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select, text, update
+
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.access.tables import people, tickets
+from app.errors import KeysNeeded, LoginRefused
+from app.jobs.store import JobStore
+from app.main import create_app
+from app.settings import Settings
+from app.storage.keys import open_keys
+from app.upkeep.backup import back_up, restore
+from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
+
+HERE = Caller("192.0.2.1", "")
+
+
+def dump(accounts: AccountStore) -> str:
+    """Give every row of every table of the accounts, as bytes are."""
+    found = []
+    with accounts.database.read() as connection:
+        for table in people.metadata.sorted_tables:
+            rows = connection.execute(text(f'SELECT * FROM "{table.name}"')).all()
+            found += [
+                bytes(value).decode() if isinstance(value, bytes | memoryview) else str(value)
+                for row in rows
+                for value in row
+            ]
+    return "\n".join(found)
+
+
+def log_in(logins: Logins, clock: Clock) -> str:
+    step = logins.give_password("clara", PASSWORD, HERE)
+    return logins.give_code(step.ticket, make_code(clock), HERE).session
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_no_secret_of_an_authenticator_stands_open_in_the_accounts(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+
+    assert SECRET not in dump(accounts)
+    assert log_in(logins, clock)
+
+
+def test_a_secret_that_is_being_set_up_does_not_either(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson
+) -> None:
+    ticket = logins.begin_enrolment(add_person().id)
+
+    shown, _ = logins.show_enrolment(ticket)
+
+    assert len(shown) == 32
+    assert shown not in dump(accounts)
+    assert json.loads(accounts.database.read_value(select(tickets.c.told)))["secret"].startswith("~1~")
+
+
+def keep_open(accounts: AccountStore, person_id: str) -> None:
+    """Keep the secret as the release before did."""
+    with accounts.database.write() as connection:
+        connection.execute(update(people).where(people.c.id == person_id).values(totp_secret=SECRET.encode()))
+
+
+def test_a_secret_of_an_earlier_release_is_read(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    keep_open(accounts, add_person().id)
+
+    assert log_in(logins, clock)
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_a_secret_of_an_earlier_release_is_sealed_by_a_start(
+    settings: Settings, accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    keep_open(accounts, add_person().id)
+    assert SECRET in dump(accounts)
+
+    with TestClient(create_app(settings)):
+        pass
+
+    assert SECRET not in dump(accounts)
+    assert log_in(logins, clock)
+
+
+def test_without_the_key_no_code_is_right(
+    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+    open_keys(settings).destroy("accounts")
+
+    with pytest.raises(LoginRefused):
+        log_in(logins, clock)
+
+
+def test_without_the_key_a_recovery_code_lets_in(
+    settings: Settings, logins: Logins, add_person: AddPerson
+) -> None:
+    logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
+    open_keys(settings).destroy("accounts")
+
+    step = logins.give_password("clara", PASSWORD, HERE)
+
+    assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
+
+
+def test_a_secret_does_not_open_as_another_persons(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    clara, dora = add_person("clara"), add_person("dora")
+    hers = select(people.c.totp_secret).where(people.c.id == dora.id).scalar_subquery()
+    with accounts.database.write() as connection:
+        connection.execute(update(people).where(people.c.id == clara.id).values(totp_secret=hers))
+
+    with pytest.raises(LoginRefused):
+        log_in(logins, clock)
+
+
+def test_accounts_whose_key_is_missing_are_not_restored(
+    settings: Settings, add_person: AddPerson, tmp_path: Path
+) -> None:
+    add_person()
+    JobStore(settings).close()
+    back_up(settings, tmp_path / "b.zip")
+    place = tmp_path / "restored"
+    url = f"sqlite:///{place / 'acromion.sqlite3'}"
+    new = settings.model_copy(update={"data_dir": place, "database_url": url})
+
+    with pytest.raises(KeysNeeded):
+        restore(new, tmp_path / "b.zip")
+
+    there = AccountStore(new)
+    assert there.find_people() == []
+    there.database.close()
