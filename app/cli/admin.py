@@ -1,5 +1,6 @@
 """The commands of the person who runs Acromion: serve, worker, backup, restore, verify, recover, doctor."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -167,7 +168,8 @@ def drill(
     with refusals_printed(lang, find_settings(None)):
         done = try_out(file, keys, identity)
     _print_faults(lang, done.faults)
-    facts = {"number": str(done.files), "minutes": f"{done.minutes:.1f}", "faults": str(len(done.faults))}
+    minutes = math.ceil(done.minutes * 10) / 10  # a short drill took no 0.0 minutes
+    facts = {"number": str(done.files), "minutes": f"{minutes:.1f}", "faults": str(len(done.faults))}
     print_sentence(lang, "drill", "bad" if done.faults else "good", **facts)
     if done.faults:
         raise typer.Exit(Exit.SOME_FAILED)

@@ -1,5 +1,6 @@
 """Old tables become new ones, with a copy made before; tables of a later release are left alone."""
 
+import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from fastapi.testclient import TestClient
 from sqlalchemy import Engine, inspect, text
 
 from app.errors import DatabaseTooNew, DatabaseTooOld
@@ -18,6 +20,7 @@ from app.jobs.database.migrate import configure, migrate, upgrade
 from app.jobs.database.seal_rows import drop_open_copies, seal_row
 from app.jobs.database.tables import REVISION, metadata
 from app.jobs.store import JobStore
+from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.keys import open_keys
@@ -153,6 +156,30 @@ def test_a_kept_answer_is_sealed_in_the_copy_once(engine: Engine, settings: Sett
     assert b"W-17" not in once["body"]
     assert sealer.open_bytes(once["body"]) == b"the subject W-17"
     assert seal_row(sealer, "kept_answers", once) == once
+
+
+def test_a_copy_that_a_crash_has_cut_short_is_removed(settings: Settings, engine: Engine) -> None:
+    folder = settings.data_dir / "backups"
+    folder.mkdir(parents=True)
+    (folder / "rows-before-0009-1.zip").write_bytes(b"PK\x03\x04 and no end")
+
+    assert drop_open_copies(folder) == ("rows-before-0009-1.zip",)
+    assert list(folder.iterdir()) == []
+
+
+def test_the_server_removes_a_copy_in_clear_once_all_is_sealed(settings: Settings, engine: Engine) -> None:
+    copy = settings.data_dir / "backups" / "rows-before-0009-1.zip"
+    copy.parent.mkdir(parents=True)
+    with zipfile.ZipFile(copy, "w") as archive:
+        archive.writestr("rows/recordings.jsonl", '{"id": "rec_1", "file_name": "Équipe.gt3x"}\n')
+
+    with TestClient(create_app(settings)):
+        for _ in range(200):
+            if not copy.exists():
+                break
+            time.sleep(0.05)
+
+    assert not copy.exists()
 
 
 def test_a_copy_that_an_earlier_release_left_in_clear_is_removed_and_no_other(

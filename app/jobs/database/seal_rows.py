@@ -50,11 +50,16 @@ def seal_row(sealer: LabelSealer, table: str, row: dict[str, Any]) -> dict[str, 
 
 
 def drop_open_copies(backups: Path) -> tuple[str, ...]:
-    """Remove the copies of rows in which words stand open; gives their names."""
-    found = [path for path in sorted(backups.glob(COPIES)) if _holds_open_words(path)]
+    """Remove the copies of rows in which words stand open, and those cut short; gives their names."""
+    found = [path for path in sorted(backups.glob(COPIES)) if _is_cut(path) or _holds_open_words(path)]
     for path in found:
         path.unlink(missing_ok=True)
     return tuple(path.name for path in found)
+
+
+def _is_cut(copy: Path) -> bool:
+    """Tell whether a crash has cut a copy short: nothing can be had from it, and words may stand open."""
+    return not zipfile.is_zipfile(copy)
 
 
 def _holds_open_words(copy: Path) -> bool:
