@@ -377,19 +377,24 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
     assert [session.state for session in hub.sessions()] == ["stopped"]
 
 
-def test_a_board_on_a_serial_port_becomes_a_recording(
-    client: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    board = Board(tmp_path)
-    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(board.path),))
-    opening = SerialPort.__init__
+@pytest.fixture
+def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Board]:
+    """A board on a serial port; it writes 1,500 rows once the port is open, which forgets what came before."""
+    made, opening = Board(tmp_path), SerialPort.__init__
+    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(made.path),))
     writing: list[threading.Thread] = []
 
     def open_and_write(port: SerialPort, name: str, baud: int = 115_200) -> None:
         opening(port, name, baud)
-        writing.append(board.write_meanwhile(PREAMBLE + HEADER + write_rows(0, 1500)))
+        writing.append(made.write_meanwhile(PREAMBLE + HEADER + write_rows(0, 1500)))
 
     monkeypatch.setattr(SerialPort, "__init__", open_and_write)
+    yield made
+    writing[0].join()
+    made.unplug()
+
+
+def test_a_board_on_a_serial_port_becomes_a_recording(client: TestClient, board: Board) -> None:
     asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
     with connect(client, **asked) as socket:
         session = socket.receive_json()
@@ -397,30 +402,23 @@ def test_a_board_on_a_serial_port_becomes_a_recording(
             pass
         socket.send_json({"type": "stop"})
         ended = read_until(socket, "ended")
-    writing[0].join()
-    board.unplug()
 
     assert (session["device"], session["keeps"]) == ("lsm9ds1", True)
     assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
 
 
 def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_with_its_report(
-    client: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    client: TestClient, board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", 0.1)
-    board = Board(tmp_path)
-    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(board.path),))
     asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
     with connect(client, **asked) as socket:
-        writing = board.write_meanwhile(PREAMBLE + HEADER + write_rows(0, 1500))
         session = socket.receive_json()["session"]
         while socket.receive_json()["status"]["frames"] < 1500:
             pass
-    writing.join()
 
     hub = find_hub(client.app.state.offices.own)  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
-    board.unplug()
 
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
     with connect(client, type="resume", session=session) as socket:
