@@ -379,7 +379,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
 
 @pytest.fixture
 def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Board]:
-    """A board on a serial port; it writes 1,500 rows once the port is open, which forgets what came before."""
+    """A board on a serial port; it writes 1,500 rows once its port is open, which drops earlier ones."""
     made, opening = Board(tmp_path), SerialPort.__init__
     monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(made.path),))
     writing: list[threading.Thread] = []
