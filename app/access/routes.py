@@ -232,6 +232,10 @@ _ROUTES: Mapping[Needed, str] = {
 _CONFIRMED = """
     GET  /recordings/{recording_id}/purge
     POST /recordings/{recording_id}/purge
+    POST /recordings/{recording_id}/hold
+    DELETE /api/v1/recordings/{recording_id}/hold
+    POST /retention
+    PUT  /api/v1/retention/{kind}
     GET  /library/{name}.csv
     GET  /library/reports.zip
     POST /library/acts/reports.zip

@@ -142,6 +142,7 @@ def backup_keys(
     lang: LanguageOption = "en",
 ) -> None:
     """Write the keys of the recordings into one file. Keep it apart; replace it after each erasure."""
+    from app.upkeep.acts import record_command  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
     from app.upkeep.key_backup import back_up_keys  # noqa: PLC0415
     from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
@@ -150,6 +151,7 @@ def backup_keys(
     with refusals_printed(lang, settings):
         place = find_place(settings, organisation)
         number = back_up_keys(place, file, Recipients(tuple(recipient or ())))
+        record_command(place, "keys.backed_up")
         further = find_further(settings) if organisation == OWN_ORGANISATION else ()
     print_sentence(lang, "backup_keys", "encrypted" if recipient else "in_clear")
     print_sentence(lang, "backup_keys", "done", number=str(number), file=str(file))

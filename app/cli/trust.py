@@ -18,7 +18,7 @@ from app.cli.admin import (
     refusals_printed,
 )
 from app.cli.output import Exit
-from app.errors import BadParameter
+from app.errors import BadParameter, NotHere
 from app.report.words.wording import Language, load_wording
 
 if TYPE_CHECKING:
@@ -186,16 +186,17 @@ def _quote(value: str) -> str:
 
 @contextmanager
 def _opened(language: Language, settings: "Settings") -> "Iterator[JobStore]":
-    """Open a database for whoever sits at the machine; refusals are printed."""
+    """Open a database for whoever sits at the machine; a place without one is refused."""
+    from app.jobs.database.connect import find_database_file  # noqa: PLC0415
     from app.jobs.store import JobStore  # noqa: PLC0415
     from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
 
-    with (
-        refusals_printed(language, settings),
-        acting(AT_MACHINE),
-        closing(JobStore(settings)) as store,
-    ):
-        yield store
+    with refusals_printed(language, settings), acting(AT_MACHINE):
+        file = find_database_file(settings.database_url)
+        if file and not Path(file).exists():
+            raise NotHere(id=str(settings.data_dir))
+        with closing(JobStore(settings)) as store:
+            yield store
 
 
 @contextmanager

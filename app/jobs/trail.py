@@ -27,6 +27,7 @@ Act = Literal[
     "server.started",
     "server.stopped",
     "store.backed_up",
+    "keys.backed_up",
     "store.restored",
     "store.recovered",
     "store.verified",
@@ -394,4 +395,7 @@ def parse_moment(text_: str) -> str:
         return ""
     moment = datetime.fromisoformat(text_)
     known = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-    return known.astimezone(UTC).isoformat(timespec="microseconds")
+    try:
+        return known.astimezone(UTC).isoformat(timespec="microseconds")
+    except OverflowError as error:  # before the year 1, or after 9999
+        raise ValueError(text_) from error

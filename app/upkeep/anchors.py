@@ -81,9 +81,9 @@ def read_anchors(path: Path, organisation: str) -> tuple[Head, ...]:
 
 
 def find_anchors(settings: Settings, file: Path | None = None) -> Sequence[Head] | None:
-    """Give the heads written down in a file, else in that of the settings; None where there is no file."""
+    """Give the heads written down in a file, else in that of the settings; None where there is none."""
     named = settings.trail_anchor
     place = file or (Path(named) if named and not is_address(named) else None)
     if place is None or not place.exists():
         return None
-    return read_anchors(place, find_organisation(settings))
+    return read_anchors(place, find_organisation(settings)) or None

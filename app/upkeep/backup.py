@@ -494,8 +494,8 @@ def _restore_rows(
             row
             for row in rows
             if _is_restored(table.name, row)
-            and erased.isdisjoint((row.get("id"), row.get("recording_id")))
-            and gone.isdisjoint((row.get("id"), row.get("analysis_id")))
+            # the trail outlives what it speaks of, and its chain holds only whole
+            and (table.name == trail.name or not _is_erased(row, erased, gone))
         ]
         if kept:
             connection.execute(insert(table), kept)
@@ -503,6 +503,12 @@ def _restore_rows(
         upgrade(connection)
     if erased:
         drop_traces(connection, {*erased, *gone})
+
+
+def _is_erased(row: Mapping[str, object], erased: frozenset[str], gone: Collection[str]) -> bool:
+    """Tell a row of an erased recording, or of its analyses."""
+    ids = {row.get("id"), row.get("recording_id"), row.get("analysis_id")}
+    return not ids.isdisjoint(erased) or not ids.isdisjoint(gone)
 
 
 def _is_restored(table: str, row: Mapping[str, object]) -> bool:

@@ -9,6 +9,7 @@ report is rendered, and the notebook is run.
 
 import json
 import re
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -75,7 +76,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made |= {name: (ROOT / name).read_bytes() for name in SHARED_FILES}
     for language in LANGUAGES:
         made |= _render_example(language)
-    made["openapi.json"] = json.dumps(create_app(Settings()).openapi(), indent=1)
+    with tempfile.TemporaryDirectory() as folder:
+        made["openapi.json"] = json.dumps(create_app(Settings(data_dir=Path(folder))).openapi(), indent=1)
     for name, content in made.items():
         files.append(File.generated(config, name, content=content))
     for notebook in [file for file in files if file.src_uri.endswith(".ipynb")]:

@@ -187,7 +187,7 @@ def test_everyone_can_use_it(browser: Browser, server: RunningServer, right: str
 def test_cues_are_quiet_until_chosen_and_can_be_paused(page: Page, server: RunningServer) -> None:
     page.goto(f"{server.address}live?lang=en")
     expect(page.locator("input[name=rule]:checked")).to_have_count(0)
-    page.click("summary")
+    page.click("main summary")
     page.check("input[value=hold]")
     page.fill("input[name=hold-angle]", "10")
     page.fill("input[name=hold-limit]", "1")

@@ -138,3 +138,41 @@ def test_backup_verify_and_restore_leave_a_line(
         ("machine", "store.backed_up"),
         ("machine", "store.verified"),
     ]
+
+
+def test_the_backup_of_the_keys_leaves_a_line(settings: Settings, store: JobStore, tmp_path: Path) -> None:
+    run(settings, "backup-keys", str(tmp_path / "keys.zip"))
+
+    assert [line.act for line in find_lines(store.reader, TrailQuestion(who="machine"))] == ["keys.backed_up"]
+
+
+def test_a_file_without_a_head_proves_no_end(settings: Settings, store: JobStore, tmp_path: Path) -> None:
+    (tmp_path / "empty.jsonl").write_text("x{\n")
+
+    code, told = run(settings, "trail", "verify", "--anchor", str(tmp_path / "empty.jsonl"))
+
+    assert code == 0
+    assert "nowhere else" in told
+
+
+def test_a_place_without_a_database_is_refused_and_gets_none(settings: Settings, tmp_path: Path) -> None:
+    nowhere = settings.model_copy(
+        update={
+            "data_dir": tmp_path / "no",
+            "database_url": f"sqlite:///{tmp_path / 'no' / 'acromion.sqlite3'}",
+        }
+    )
+
+    code, told = run(nowhere, "trail", "verify")
+
+    assert code != 0
+    assert "E-NOT-FOUND" in told
+    assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("moment", ["0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59-14:00"])
+def test_a_moment_beyond_the_calendar_is_refused(settings: Settings, store: JobStore, moment: str) -> None:
+    code, told = run(settings, "trail", "show", "--from", moment)
+
+    assert code != 0
+    assert "E-PARAMETER" in told
