@@ -8,13 +8,14 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, Engine, Row, delete, insert, select
+from sqlalchemy import Connection, Engine, Row, delete, func, insert, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.tables import acts, people
-from app.jobs.database.connect import connect, read_revision
+from app.jobs.database.connect import connect, find_database_file, read_revision
 from app.jobs.database.tables import REVISION, trail
 from app.jobs.trail import Act, find_actor, record
 from app.settings import Settings
@@ -97,8 +98,8 @@ def carry_acts_by_command(database: "AccountDatabase", settings: Settings) -> No
 
 def _open_tables(settings: Settings) -> Engine | None:
     """Open the tables of an organisation, where there are any of this release."""
-    file = settings.data_dir / "acromion.sqlite3"
-    if settings.database_url.startswith("sqlite") and not file.exists():
+    file = find_database_file(settings.database_url)
+    if file and not Path(file).exists():
         return None
     engine = connect(settings.database_url)
     with suppress(SQLAlchemyError), engine.connect() as connection:
@@ -110,8 +111,9 @@ def _open_tables(settings: Settings) -> Engine | None:
 
 def _write_line(engine: Engine, row: Row[Any]) -> None:
     """Write the line of a note, unless it stands there."""
-    late = select(trail.c.at, trail.c.act, trail.c.other).order_by(trail.c.seq.desc()).limit(_LATE_LINES)
+    is_late = trail.c.seq > select(func.max(trail.c.seq)).scalar_subquery() - _LATE_LINES
+    is_it = (trail.c.at == row.at, trail.c.act == row.act, trail.c.other == row.other)
     with engine.begin() as connection:
-        if (row.at, row.act, row.other) not in map(tuple, connection.execute(late)):
+        if connection.execute(select(trail.c.seq).where(is_late, *is_it)).first() is None:
             told = json.loads(row.other) if row.other else None
             record(connection, row.act, other=told, who=row.who, at=row.at)

@@ -126,10 +126,10 @@ def collect_outcomes(out: Path) -> Collected:
 
 def _list_undone(outcomes: Sequence[Outcome], count: int) -> list[Shard]:
     """List the slices whose recordings are not all done."""
-    undone = {id(outcome.task) for outcome in outcomes if outcome.code == Interrupted.code}
+    undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
     tasks = [outcome.task for outcome in outcomes]
     shards = [Shard(number, count) for number in range(1, count + 1)]
-    return [shard for shard in shards if undone.intersection(map(id, shard.select(tasks)))]
+    return [shard for shard in shards if any(task.name in undone for task in shard.select(tasks))]
 
 
 def _encode_plan(tasks: Sequence[Task], request: ReportRequest) -> bytes:
