@@ -235,7 +235,8 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     look_at("login")
     page.locator("input[name=login]").fill("clara")
     page.locator("input[name=password]").fill("wrong wrong wrong")
-    page.locator("main button").click()
+    with page.expect_navigation():
+        page.locator("main button").click()
     look_at("wrong")
     page.goto(f"{clinic.address}login/link/{logins.make_link(person.id, 60)}")
     look_at("new-password")
@@ -246,7 +247,8 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
         page.goto(f"{clinic.address}{name}")
         look_at(name)
     page.goto(f"{clinic.address}account")
-    page.locator("form[action$='/account/second-factor'] button").click()
+    with page.expect_navigation():
+        page.locator("form[action$='/account/second-factor'] button").click()
     look_at("enrol")
 
     context.close()
