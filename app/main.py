@@ -29,25 +29,25 @@ from app.access.gate import Gate
 from app.access.logins import Logins
 from app.access.opening import open_accounts, open_gate
 from app.api.about import router as about_routes
-from app.api.access import CHECKED, Access
-from app.api.analyses import router as analysis_routes
-from app.api.analyses import run_to_end
-from app.api.batches import router as batch_routes
-from app.api.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
-from app.api.idempotency import Idempotency
+from app.api.library.analyses import router as analysis_routes
+from app.api.library.analyses import run_to_end
+from app.api.library.batches import router as batch_routes
+from app.api.library.mappings import router as mapping_routes
+from app.api.library.recordings import router as recording_routes
+from app.api.library.uploads import router as upload_routes
 from app.api.live import router as live_routes
 from app.api.live_library import take_in_cut
-from app.api.mappings import router as mapping_routes
+from app.api.middleware.access import CHECKED, Access
+from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
+from app.api.middleware.idempotency import Idempotency
+from app.api.middleware.plain_text import PlainText
+from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
+from app.api.middleware.side_files import SideFiles
 from app.api.pairs import router as pair_routes
-from app.api.plain_text import PlainText
-from app.api.problems import Refusal, respond_to_refusal, translate_error
-from app.api.recordings import router as recording_routes
-from app.api.side_files import SideFiles
 from app.api.tokens import router as token_routes
 from app.api.trust import router as trust_routes
-from app.api.uploads import router as upload_routes
 from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
 from app.errors import (
@@ -565,7 +565,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
-        proxy_headers=False,  # app.api.callers reads what a proxy says, only from the one that is set
+        proxy_headers=False,  # middleware/callers.py reads what a proxy says, only from the one that is set
         access_log=False,
         log_config=None,
     )

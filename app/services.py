@@ -22,8 +22,8 @@ from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
 from app.jobs.governance.retention import RetentionStore
 from app.jobs.idempotency import ResponseStore
-from app.jobs.library import SavedViews
-from app.jobs.mappings import MappingStore
+from app.jobs.library.listing import SavedViews
+from app.jobs.library.mappings import MappingStore
 from app.jobs.queue import WayIn
 from app.jobs.recordings import RecordingStore, UploadStore
 from app.jobs.results import ResultReader

@@ -20,7 +20,7 @@ from fastapi.testclient import TestClient
 import app.jobs.trail
 from app.access.accounts import AccountStore
 from app.access.subjects import ROLES
-from app.api.readings import KnownReadings
+from app.api.middleware.readings import KnownReadings
 from app.main import create_app
 from app.settings import Settings
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from fastapi.testclient import TestClient
 from sqlalchemy import insert
 
-from app.api.recording_models import write_cursor
+from app.api.library.recording_models import write_cursor
 from app.jobs.database.tables import analyses, recordings
 from app.jobs.queries import label_row
 from app.jobs.store import JobStore

@@ -1,7 +1,7 @@
 """The permission that each route asks for, in one table; a route without a line is refused, and fails a test.
 
 ``public`` routes are answered to anybody. A WebSocket's method is written ``WS``. Where a trash keeps
-nothing, what deletes asks for ``erase``, too (:func:`app.api.recordings.check_may_erase`).
+nothing, what deletes asks for ``erase``, too (:func:`app.api.library.recordings.check_may_erase`).
 """
 
 from collections.abc import Iterator, Mapping

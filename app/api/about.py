@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
-from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
+from app.api.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
 from app.errors import NotHere, list_refusals
 from app.formats import FORMATS, find_added_formats
 from app.report.export.columns import describe_dictionary

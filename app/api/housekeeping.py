@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import anyio
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
-from app.api.analyses import run_to_end
-from app.api.recordings import forget_samples, purge_recording
-from app.api.side_files import write_side_files
-from app.api.uploads import drop_upload, forget_unfinished
+from app.api.library.analyses import run_to_end
+from app.api.library.recordings import forget_samples, purge_recording
+from app.api.library.uploads import drop_upload, forget_unfinished
+from app.api.middleware.side_files import write_side_files
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold
 from app.jobs.database.seal_rows import COPIES_FOLDER, drop_open_copies, seal_rows

@@ -19,7 +19,7 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.api.live_library import LIVE_FOLDER, LiveLibrary
-from app.api.problems import PROBLEM_RESPONSES
+from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.jobs.trail import record
 from app.live.early import EarlyFile, EarlyPort

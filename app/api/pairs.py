@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.analysis_models import view_settings
-from app.api.files import MEDIA_TYPES, build_file_headers, format_ascii, is_known
-from app.api.problems import PROBLEM_RESPONSES
+from app.api.library.analysis_models import view_settings
+from app.api.library.files import MEDIA_TYPES, build_file_headers, format_ascii, is_known
+from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
 from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
 from app.report.pairs import OnePerson

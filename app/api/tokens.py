@@ -10,9 +10,9 @@ from starlette.requests import HTTPConnection
 from app.access.accounts import Token
 from app.access.subjects import Permission, Subject
 from app.access.tokens import DAYS, MOST_DAYS, format_end, make_token
-from app.api.access import UsedSubject
-from app.api.callers import find_logins
-from app.api.problems import PROBLEM_RESPONSES
+from app.api.middleware.access import UsedSubject
+from app.api.middleware.callers import find_logins
+from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import NotPermitted
 
 router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from app.api.access import UsedSubject
-from app.api.problems import PROBLEM_RESPONSES
+from app.api.middleware.access import UsedSubject
+from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.jobs.governance.aggregate import StudyGroup
 from app.jobs.governance.releases import Release
 from app.jobs.recordings import HoldReason

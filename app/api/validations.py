@@ -11,8 +11,8 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
 from starlette.datastructures import FormData, UploadFile
 
-from app.api.files import serve_file
-from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
+from app.api.library.files import serve_file
+from app.api.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.errors import BadParameter, NotHere
 from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, find_nearest

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.problems import PROBLEM_RESPONSES
+from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.delivery import check_address
 from app.jobs.webhooks import EVENTS, USUAL_EVENTS, Webhook
 from app.services import UsedServices

@@ -13,6 +13,8 @@ from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, recordings, result_files, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.job import JobState
+from app.jobs.library.studies import join_study
+from app.jobs.library.words import Words, build_places, find_index
 from app.jobs.queries import (
     PURGING,
     REFERENCE,
@@ -29,9 +31,7 @@ from app.jobs.queries import (
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
-from app.jobs.studies import join_study
 from app.jobs.trail import Act, record
-from app.jobs.words import Words, build_places, find_index
 from app.request import ReportRequest
 from app.storage.labels import LABELS, Label
 from app.storage.store import StoredRecording

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import NoSuchFile, NotFinished, ResultDamaged
-from app.jobs.figures import HeadlineFigures, read_headline
 from app.jobs.job import Job, JobState
+from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.store import JobStore
 from app.jobs.trail import touch
 from app.storage.store import ResultFile, Storage, borrow_result

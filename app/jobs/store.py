@@ -12,8 +12,10 @@ from app.errors import Interrupted, NotHere, StoreMismatch
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
-from app.jobs.figures import HeadlineFigures, adopt_description, insert_headline, update_headline
 from app.jobs.job import Claim, Claimer, Job, JobState
+from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline, update_headline
+from app.jobs.library.studies import follow_recording, join_study
+from app.jobs.library.words import WordIndex, use_index
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import (
     WayIn,
@@ -28,10 +30,8 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.studies import follow_recording, join_study
 from app.jobs.trail import record
 from app.jobs.versions import identify_work, renumber, select_same
-from app.jobs.words import WordIndex, use_index
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.keys import open_keys

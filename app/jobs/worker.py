@@ -31,9 +31,9 @@ from app.jobs.children.attempt import (
 )
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import translate_database_errors, translate_start_errors
-from app.jobs.figures import HeadlineFigures, read_headline
 from app.jobs.job import Job
-from app.jobs.mappings import MappingStore
+from app.jobs.library.figures import HeadlineFigures, read_headline
+from app.jobs.library.mappings import MappingStore
 from app.jobs.organisations import find_organisations
 from app.jobs.processes.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
 from app.jobs.side_files import SideWriter

@@ -19,7 +19,7 @@ from typing import Literal
 from app.errors import KeysNeeded, UnknownRecordings
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
-from app.jobs.library import SavedViews
+from app.jobs.library.listing import SavedViews
 from app.jobs.queries import TRASHED
 from app.jobs.side_files import (
     Rows,

@@ -11,7 +11,7 @@ from app.access.accounts import LONGEST_S
 from app.access.hashing import hash_secret
 from app.access.subjects import Permission, Role, Subject, collect_permissions
 from app.access.tokens import DAYS, MOST_DAYS, make_token
-from app.api.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
+from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
 from app.api.tokens import UsedPerson
 from app.errors import AppError, BadParameter, LoginRefused, NotPermitted, TooManyTries, WeakPassword
 from app.report.words.wording import Language, load_wording

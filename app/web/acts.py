@@ -8,11 +8,11 @@ from urllib.parse import parse_qsl
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
-from app.api.analyses import check_queue, run_to_end
-from app.api.recordings import check_may_erase, has_trash
+from app.api.library.analyses import check_queue, run_to_end
+from app.api.library.recordings import check_may_erase, has_trash
 from app.errors import BadParameter
 from app.jobs.job import Job
-from app.jobs.library import Entry, Library
+from app.jobs.library.listing import Entry, Library
 from app.report.export.columns import encode_summary
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL
 from app.report.words.wording import fill, load_wording

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from app.api.analyses import check_queue
-from app.api.batches import retry_failed
+from app.api.library.analyses import check_queue
+from app.api.library.batches import retry_failed
 from app.batch.inputs import Participant, assign_participants, read_participants
 from app.batch.plan import Task
 from app.errors import BadParameter

@@ -9,13 +9,13 @@ from zipfile import ZIP_STORED, ZipFile
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse, StreamingResponse
 
-from app.api.analyses import run_to_end
-from app.api.files import build_download_name
+from app.api.library.analyses import run_to_end
+from app.api.library.files import build_download_name
+from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.names import find_names
-from app.api.recordings import check_may_erase, has_trash, purge_recording
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
-from app.jobs.library import Library
+from app.jobs.library.listing import Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results

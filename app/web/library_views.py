@@ -8,9 +8,19 @@ from urllib.parse import urlencode
 
 from fastapi import Request
 
-from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
-from app.jobs.library import FALLING, GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order, Took
+from app.jobs.library.figures import HeadlineFigures
+from app.jobs.library.listing import (
+    FALLING,
+    GROUPS,
+    ORDERS,
+    Entry,
+    Group,
+    Library,
+    LibraryFilter,
+    Order,
+    Took,
+)
 from app.report.words.numbers import format_duration, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
@@ -181,7 +191,7 @@ def _build_figures(headline: HeadlineFigures, words: Words, language: Language) 
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:
-    """Draw a day in short (:func:`app.jobs.figures.summarise_day`) as an SVG path, 100 by 20, 0 to 120 deg.
+    """Draw a day of :func:`app.jobs.library.figures.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
 
     Gives the path with its lowest and highest angle; "" for each where no angle is known.
     """

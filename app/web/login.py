@@ -12,8 +12,8 @@ from app.access.credentials import BROWSER_TERM_S
 from app.access.logins import EXTRA, Entered
 from app.access.secret import StartSecret
 from app.access.subjects import Permission, Subject
-from app.api.access import UsedSubject, find_gate
-from app.api.callers import (
+from app.api.middleware.access import UsedSubject, find_gate
+from app.api.middleware.callers import (
     BROWSER_COOKIE,
     SESSION_COOKIE,
     STATE_COOKIE,

@@ -8,12 +8,12 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, Field
 
-from app.api.files import respond_with_file
+from app.api.library.files import respond_with_file
 from app.api.pairs import build_pair_download_name
 from app.errors import RecordedProblem
 from app.jobs.children.pairs import PairedJobs, PairReport
 from app.jobs.job import Job
-from app.jobs.library import Entry, Library
+from app.jobs.library.listing import Entry, Library
 from app.report.change import format_rows
 from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording

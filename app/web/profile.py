@@ -9,12 +9,12 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
-from app.api.files import respond_with_file
+from app.api.library.files import respond_with_file
 from app.api.pairs import MOST_DAYS, build_pair_download_name
 from app.errors import CannotProfile, RecordedProblem
 from app.jobs.children.pairs import PairReport, ProfiledJobs
 from app.jobs.job import Job
-from app.jobs.library import Entry, Library, LibraryFilter
+from app.jobs.library.listing import Entry, Library, LibraryFilter
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, load_wording

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
-from app.api.guard import REPORT_POLICY
+from app.api.middleware.guard import REPORT_POLICY
 from app.report.words.wording import Language, find_nearest, load_wording
 from app.services import UsedLanguage, UsedServices
 from app.web.rendering import find_base, turn_language

@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
 from app.access.subjects import Subject
-from app.api.access import UsedSubject
+from app.api.middleware.access import UsedSubject
 from app.api.names import find_names
 from app.api.trust import MOST_LINES, TrailQuery, build_question
 from app.errors import BadParameter

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.datastructures import FormData
 
-from app.api.guard import REPORT_POLICY
+from app.api.middleware.guard import REPORT_POLICY
 from app.api.validations import find_validation, open_form, queue_validation
 from app.errors import AppError, NoSuchFile, find_outcome_of_code
 from app.jobs.job import Job, JobState

@@ -10,7 +10,7 @@ from statistics import median
 from typing import Any
 
 from app.jobs.job import Job, JobState
-from app.jobs.library import Took
+from app.jobs.library.listing import Took
 from app.report.words.columns import format_columns
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import (

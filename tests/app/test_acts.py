@@ -10,14 +10,14 @@ from fastapi.testclient import TestClient
 from sqlalchemy import delete, update
 
 from app.jobs.database.tables import answers, saved_views
-from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Claimer, Job, JobState
-from app.jobs.library import VIEWS_FILE, Library, LibraryFilter, SavedViews
+from app.jobs.library.figures import HeadlineFigures
+from app.jobs.library.listing import VIEWS_FILE, Library, LibraryFilter, SavedViews
+from app.jobs.library.studies import identify_study
 from app.jobs.recordings import RecordingStore
 from app.jobs.results import ResultReader, complete_headlines
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
-from app.jobs.studies import identify_study
 from app.main import create_app
 from app.request import Conclusion
 from app.settings import Settings

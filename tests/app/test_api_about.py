@@ -8,8 +8,8 @@ from fastapi.testclient import TestClient
 from openapi_spec_validator import validate
 from starlette.requests import Request
 
-from app.api import guard
 from app.api.housekeeping import grow_older
+from app.api.middleware import guard
 from app.errors import list_refusals
 from app.formats import FORMATS
 from app.report.words.messages import find_flag_codes

@@ -9,8 +9,8 @@ from fastapi.testclient import TestClient
 from starlette.requests import Request
 from starlette.types import Message
 
-from app.api.guard import _BodyWatch, takes_file
-from app.api.problems import respond_to_refusal
+from app.api.middleware.guard import _BodyWatch, takes_file
+from app.api.middleware.problems import respond_to_refusal
 from app.errors import FileTooLarge, ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
 from app.main import check_exposure, create_app

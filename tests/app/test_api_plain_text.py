@@ -3,7 +3,7 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api import guard
+from app.api.middleware import guard
 from app.settings import Settings
 
 JSON = {"content-type": "application/json"}

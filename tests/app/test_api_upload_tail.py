@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.api.uploads import store_tail
+from app.api.library.uploads import store_tail
 from app.errors import NotHere
 from app.jobs.store import JobStore
 from app.main import create_app

@@ -17,7 +17,7 @@ from fastapi.responses import FileResponse
 from fastapi.testclient import TestClient
 from starlette.types import Message
 
-from app.api.files import serve_file
+from app.api.library.files import serve_file
 from app.errors import NotHere, ResultDamaged, StoreDamaged
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job, JobState

@@ -9,7 +9,7 @@ from sqlalchemy import insert, text
 from app.jobs.database.seal_rows import seal_rows
 from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import recordings
-from app.jobs.library import Library, LibraryFilter
+from app.jobs.library.listing import Library, LibraryFilter
 from app.jobs.recordings import Description, RecordingFilter, RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import OperationalError
 
-from app.api.analyses import run_to_end
+from app.api.library.analyses import run_to_end
 from app.jobs.database.connect import open_database
 from app.jobs.job import Claimer, JobState
 from app.jobs.processes.cluster import install, revive_if_leading

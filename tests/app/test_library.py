@@ -6,9 +6,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
-from app.jobs.figures import HeadlineFigures, summarise_day
 from app.jobs.job import Claimer, Job
-from app.jobs.library import Library, LibraryFilter
+from app.jobs.library.figures import HeadlineFigures, summarise_day
+from app.jobs.library.listing import Library, LibraryFilter
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.main import create_app

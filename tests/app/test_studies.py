@@ -4,8 +4,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
+from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
-from app.jobs.studies import identify_study
 from app.request import ReportRequest
 from tests.app.conftest import AddJob
 

@@ -214,6 +214,12 @@ def test_the_menu_is_opened_by_the_keyboard_and_leads_to_the_terms(page: Page, c
     expect(page.get_by_role("heading", name="How long data is kept")).to_be_visible()
 
 
+def submit(page: Page, button: str) -> None:
+    """Press a button and wait until the page that answers is there."""
+    with page.expect_navigation():
+        page.locator(button).click()
+
+
 @pytest.mark.parametrize("look", LOOKS)
 def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     browser: Browser, clinic: RunningServer, logins: Logins, look: Look
@@ -235,8 +241,7 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     look_at("login")
     page.locator("input[name=login]").fill("clara")
     page.locator("input[name=password]").fill("wrong wrong wrong")
-    with page.expect_navigation():
-        page.locator("main button").click()
+    submit(page, "main button")
     look_at("wrong")
     page.goto(f"{clinic.address}login/link/{logins.make_link(person.id, 60)}")
     look_at("new-password")
@@ -247,8 +252,7 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
         page.goto(f"{clinic.address}{name}")
         look_at(name)
     page.goto(f"{clinic.address}account")
-    with page.expect_navigation():
-        page.locator("form[action$='/account/second-factor'] button").click()
+    submit(page, "form[action$='/account/second-factor'] button")
     look_at("enrol")
 
     context.close()

@@ -266,7 +266,7 @@ window.Accelerometer = class extends Accelerometer {
 
 
 def test_the_phone_s_own_sensors_are_read(page: Page, server: RunningServer) -> None:
-    # Emulated: the phone lies still, its y 120 deg from the vertical. Its clock counts the readings, for a busy
+    # Emulated: the phone lies still, its y 120 deg from the vertical. Its clock counts the readings: a busy
     # machine hands them over at no even rate.
     page.add_init_script(EVEN_CLOCK)
     page.context.grant_permissions(["accelerometer", "gyroscope"])

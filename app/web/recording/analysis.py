@@ -11,13 +11,13 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import BaseModel
 
-from app.api.access import find_subject, may
-from app.api.callers import find_origin
+from app.api.middleware.access import find_subject, may
+from app.api.middleware.callers import find_origin
+from app.api.middleware.problems import Refusal
 from app.api.names import find_names, find_person_name
-from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
-from app.jobs.library import Entry
+from app.jobs.library.listing import Entry
 from app.jobs.recordings import StoredRow
 from app.jobs.regeneration import can_regenerate
 from app.jobs.regeneration import retry as retry_job

@@ -10,10 +10,10 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from app.api.analyses import check_queue
+from app.api.library.analyses import check_queue
 from app.errors import BadParameter
 from app.jobs.job import Job, JobState
-from app.jobs.mappings import UNNAMED
+from app.jobs.library.mappings import UNNAMED
 from app.report.words.columns import format_columns
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, load_wording

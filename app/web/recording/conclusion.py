@@ -8,7 +8,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
-from app.api.access import UsedSubject
+from app.api.middleware.access import UsedSubject
 from app.api.names import find_person_name
 from app.errors import BadParameter
 from app.jobs.job import Job, JobState

@@ -14,9 +14,9 @@ from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
 from app.jobs.governance.retention import DAY_S, RetentionStore
 from app.jobs.job import Job
+from app.jobs.library.studies import identify_study
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.studies import identify_study
 from app.jobs.trail import TrailQuestion, check_chain, find_lines
 from app.jobs.worker import Bench
 from app.request import ReportRequest

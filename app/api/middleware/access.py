@@ -24,8 +24,8 @@ from app.access.accounts import TOKEN_PREFIX
 from app.access.gate import Credentials, Gate
 from app.access.routes import CONFIRMED, Needed, find_needed
 from app.access.subjects import Permission, Subject
-from app.api.callers import SESSION_COOKIE, name_cookie
-from app.api.readings import KnownReadings, Recorder
+from app.api.middleware.callers import SESSION_COOKIE, name_cookie
+from app.api.middleware.readings import KnownReadings, Recorder
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.jobs.trail import NOBODY, set_actor
 from app.services import SERVICES, SUBJECT, Offices

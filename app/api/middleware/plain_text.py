@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.guard import SAFE_METHODS, takes_file
+from app.api.middleware.guard import SAFE_METHODS, takes_file
 from app.errors import AppError, BadParameter
 
 _UNFIT = re.compile(r"[\0\ud800-\udfff]")

@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
-from app.api.plain_text import check_json
+from app.api.middleware.plain_text import check_json
 from app.errors import (
     AppError,
     BadParameter,

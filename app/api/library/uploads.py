@@ -21,10 +21,10 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
-from app.api.analysis_models import DeclaredOptions
-from app.api.intake import PIECE_BYTES, check_room, copy_body, read_small_body
-from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
-from app.api.recording_models import RecordingWords
+from app.api.library.analysis_models import DeclaredOptions
+from app.api.library.intake import PIECE_BYTES, check_room, copy_body, read_small_body
+from app.api.library.recording_models import RecordingWords
+from app.api.middleware.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
 from app.errors import (
     BadChecksum,
     BadParameter,

@@ -15,7 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.analysis_models import (
+from app.api.library.analysis_models import (
     RESULT_NAMES,
     AnalysisList,
     AnalysisQuery,
@@ -28,10 +28,10 @@ from app.api.analysis_models import (
     read_periods,
     view_analysis,
 )
-from app.api.files import serve_bytes, serve_file
-from app.api.intake import receive_recording
-from app.api.problems import PROBLEM_RESPONSES
-from app.api.recording_models import cut_page, read_cursor
+from app.api.library.files import serve_bytes, serve_file
+from app.api.library.intake import receive_recording
+from app.api.library.recording_models import cut_page, read_cursor
+from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.batch.settings_file import encode_settings
 from app.errors import Busy
 from app.jobs.job import Job, JobState

@@ -7,7 +7,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.guard import SAFE_METHODS
+from app.api.middleware.guard import SAFE_METHODS
 from app.errors import AppError
 from app.services import Services, find_services
 

@@ -12,7 +12,7 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from starlette.types import Message, Receive, Scope, Send
 
-from app.api.guard import REPORT_POLICY
+from app.api.middleware.guard import REPORT_POLICY
 from app.errors import NoSuchRange, ResultDamaged
 from app.jobs.job import Job
 from app.report.export.naming import Origin, format_file_name

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 from fastapi import Request, Response
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from app.api.analysis_models import parse_device_clock, parse_subject
+from app.api.library.analysis_models import parse_device_clock, parse_subject
 from app.errors import BadParameter
 from app.jobs.recordings import Description, Place, RecordingFilter, StoredRow
 from app.report.words.wording import Language

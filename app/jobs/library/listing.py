@@ -1,6 +1,6 @@
 """The library: every recording with its current report, filtered, counted and paged in SQL.
 
-Words are searched and sorted by in memory (:mod:`app.jobs.words`).
+Words are searched and sorted by in memory (:mod:`app.jobs.library.words`).
 
 The current report is that of the newest analysis; where that has none, the newest earlier report remains. A
 batch shows each analysis that it asked for.
@@ -29,8 +29,9 @@ from sqlalchemy import (
 )
 
 from app.jobs.database.tables import analyses, answers, recordings, saved_views
-from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
+from app.jobs.library.figures import HeadlineFigures
+from app.jobs.library.words import Words, build_places, find_index, sort_key
 from app.jobs.queries import (
     STORED,
     RowStore,
@@ -42,7 +43,6 @@ from app.jobs.queries import (
     sort_tags,
 )
 from app.jobs.trail import record
-from app.jobs.words import Words, build_places, find_index, sort_key
 from app.storage.labels import LABELS, Label
 from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION

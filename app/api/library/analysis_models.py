@@ -20,7 +20,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from app.api.problems import ProblemView, view_problem
+from app.api.middleware.problems import ProblemView, view_problem
 from app.errors import BadParameter
 from app.jobs.job import Job
 from app.report.export.csv import encode_table

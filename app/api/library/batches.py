@@ -7,9 +7,9 @@ from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.analyses import build_request, check_queue
-from app.api.analysis_models import AnalysisSettings
-from app.api.problems import PROBLEM_RESPONSES, validate_model
+from app.api.library.analyses import build_request, check_queue
+from app.api.library.analysis_models import AnalysisSettings
+from app.api.middleware.problems import PROBLEM_RESPONSES, validate_model
 from app.errors import CANCELLED, NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState

@@ -6,8 +6,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
-from app.api.access import check_confirmed, check_may, find_subject
-from app.api.analysis_models import (
+from app.api.library.analysis_models import (
     PeriodList,
     PeriodView,
     check_periods,
@@ -15,9 +14,14 @@ from app.api.analysis_models import (
     view_periods,
     write_periods,
 )
-from app.api.intake import RecordingForm, read_digest, read_small_body, receive_recording, store_recording
-from app.api.problems import PROBLEM_RESPONSES, parse_json, validate_model
-from app.api.recording_models import (
+from app.api.library.intake import (
+    RecordingForm,
+    read_digest,
+    read_small_body,
+    receive_recording,
+    store_recording,
+)
+from app.api.library.recording_models import (
     RecordingList,
     RecordingPatch,
     RecordingQuery,
@@ -27,7 +31,9 @@ from app.api.recording_models import (
     read_cursor,
     view_recording,
 )
-from app.api.uploads import finish_upload, get_upload_row
+from app.api.library.uploads import finish_upload, get_upload_row
+from app.api.middleware.access import check_confirmed, check_may, find_subject
+from app.api.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion, StoreDamaged
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
