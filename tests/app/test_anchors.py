@@ -1,6 +1,5 @@
 """The head of the trail goes to an https address: what is sent, and what a receiver that is away stops."""
 
-import asyncio
 import base64
 import hashlib
 import hmac
@@ -19,6 +18,7 @@ from app.settings import Settings
 from app.upkeep.anchors import anchor_trail
 from tests.app.conftest import AddJob
 from tests.app.test_api_webhooks import Listener, open_listener
+from tests.loops import run_coroutine
 
 NOBODY = "https://127.0.0.1:9/heads"
 
@@ -42,7 +42,7 @@ def receiver(
 
 def anchor(settings: Settings, store: JobStore, address: str) -> bool:
     """Write the head down at an address; tells whether that was taken."""
-    return asyncio.run(anchor_trail(settings.model_copy(update={"trail_anchor": address}), store.reader))
+    return run_coroutine(anchor_trail(settings.model_copy(update={"trail_anchor": address}), store.reader))
 
 
 def test_an_address_is_sent_the_head_of_the_trail(

@@ -15,6 +15,7 @@ from app.errors import FileTooLarge, ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
 from app.main import check_exposure, create_app
 from app.settings import Settings
+from tests.loops import run_coroutine
 
 CHANGES = ("/api/v1/analyze", "/api/v1/analyses/an_1/cancel", "/analyses/an_1/cancel")
 
@@ -242,14 +243,14 @@ def test_a_body_that_dribbles_is_given_up(body: bytes) -> None:
             await watch.receive()
 
     with pytest.raises(SlowUpload):
-        asyncio.run(listen())
+        run_coroutine(listen())
 
 
 def test_a_body_that_stops_is_given_up() -> None:
     watch = _BodyWatch(lambda: send_slowly(b"x", 60), min_rate_bytes_per_s=1000, body_timeout_s=0.05)
 
     with pytest.raises(SlowUpload):
-        asyncio.run(watch.receive())
+        run_coroutine(watch.receive())
 
 
 def test_a_body_that_flows_is_heard_to_its_end() -> None:
@@ -258,7 +259,7 @@ def test_a_body_that_flows_is_heard_to_its_end() -> None:
     async def listen() -> int:
         return sum([len((await watch.receive())["body"]) for _ in range(10)])
 
-    assert asyncio.run(listen()) == 10_000
+    assert run_coroutine(listen()) == 10_000
 
 
 def test_nothing_is_awaited_after_a_last_piece_that_makes_the_body_too_large() -> None:
@@ -273,7 +274,7 @@ def test_nothing_is_awaited_after_a_last_piece_that_makes_the_body_too_large() -
             await watch.receive()
         await watch.finish()
 
-    asyncio.run(refuse())
+    run_coroutine(refuse())
 
 
 def test_a_slow_upload_is_answered_and_the_line_closed() -> None:

@@ -12,6 +12,7 @@ import pytest
 from app.main import listen
 from app.settings import Settings
 from app.storage.sealing import SealedStorage
+from tests.loops import run_coroutine
 
 PATIENCE_S = 0.4
 
@@ -142,4 +143,4 @@ async def read_no_delay(listener: socket.socket) -> int:
 
 def test_an_answer_is_not_held_back_until_the_caller_confirms_its_head(settings: Settings) -> None:
     with closing(listen(settings.model_copy(update={"host": "127.0.0.1", "port": 0}))) as listener:
-        assert asyncio.run(read_no_delay(listener)) != 0
+        assert run_coroutine(read_no_delay(listener)) != 0

@@ -29,6 +29,7 @@ from app.services import Services, find_services
 from app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
+from tests.loops import run_coroutine
 
 URL = "/api/v1/webhooks"
 
@@ -96,7 +97,7 @@ def tell_webhooks(services: Services, elapsed_s: float) -> None:
         await sender.start_due(elapsed_s)
         await sender.finish()
 
-    asyncio.run(tell())
+    run_coroutine(tell())
 
 
 @contextmanager
@@ -296,7 +297,7 @@ def test_one_that_never_answers_keeps_no_other_waiting(
         open_client.post("/api/v1/analyze", content=b"x")
         run_next(bench(stand_ins.write_report))
 
-        asyncio.run(keep_both())
+        run_coroutine(keep_both())
 
     assert len(listener.heard) == 1
 
@@ -330,14 +331,14 @@ def test_terms_pass_while_one_never_answers(
         open_client.post("/api/v1/analyze", content=b"x")
         run_next(bench(stand_ins.write_report))
 
-        asyncio.run(keep_house())
+        run_coroutine(keep_house())
 
     assert aged.is_set()
 
 
 def deliver(url: str, limit_s: float) -> bool:
     message = Message("msg_1", url, "whsec_" + base64.b64encode(b"key").decode(), "{}")
-    return asyncio.run(send_message(message, allow_private=True, limit_s=limit_s))
+    return run_coroutine(send_message(message, allow_private=True, limit_s=limit_s))
 
 
 def test_one_that_dribbles_its_answer_is_given_up() -> None:

@@ -40,6 +40,7 @@ from app.storage.store import (
 )
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups
+from tests.loops import run_coroutine
 
 ALTERED = stand_ins.RESULTS.replace(b"12.34", b"92.34")
 Finish = Callable[..., Job]
@@ -628,7 +629,7 @@ def send_results(client: TestClient, job: Job, sent: list[bytes], spoil: Callabl
         sent.append(message.get("body", b""))
         spoil(Path(answer.path))
 
-    asyncio.run(answer(scope, receive, send))
+    run_coroutine(answer(scope, receive, send))
 
 
 def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(

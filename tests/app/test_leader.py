@@ -18,6 +18,7 @@ from app.jobs.processes.lease import identify_self
 from app.jobs.store import JobStore
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
+from tests.loops import run_coroutine
 from tests.ways_in.servers import wait_for
 
 on_postgresql = pytest.mark.parametrize("database", ["postgresql"], indirect=True)
@@ -127,4 +128,4 @@ def test_upkeep_is_waited_for_when_the_server_ends() -> None:
             await task
         assert ended.is_set()
 
-    asyncio.run(cut_short())
+    run_coroutine(cut_short())
