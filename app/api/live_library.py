@@ -101,7 +101,8 @@ def _take_in_left(services: Services, folder: Path, session_id: str) -> bool:
 
     keys = services.storage.keys
     files = open_left(folder, keys, session_id)
-    has_rows = write_early_rows(files) if files.early.exists() else has_content(files.raw)
+    is_early = files.early.exists()
+    has_rows = write_early_rows(files.early, files.raw, files.key) if is_early else has_content(files.raw)
     if has_rows:
         head = next(restate(lambda: read_unfinished(files.raw, files.key)), b"")
         subject, side, has_cues = _read_head(head)

@@ -3,11 +3,11 @@
 import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,7 @@ from app.request import Language, ReportRequest
 from fusion.errors import FusionError
 
 if TYPE_CHECKING:
+    from app.live.early import EarlyPort
     from app.live.recorder import Recorder
     from app.live.source import Source
     from fusion.live import LiveStatus
@@ -60,18 +61,26 @@ def live(
     lang: LanguageOption = "en",
 ) -> None:
     """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
-    from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415  the science, and only this needs it
+    from app.live.early_rows import describe_asked  # noqa: PLC0415  the science, and only this needs it
+    from app.live.ports import names_port  # noqa: PLC0415
+    from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415
     from app.live.recorder import Recorder  # noqa: PLC0415
+    from app.live.replay import open_replay  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
     _print_cut_sessions(out, lang)
     rules = _parse_rules(cue)
-    opened = _open_source(source, speed, baud, lang)
     path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
+    wearer = Wearer(request.subject, side, arm_axis)
+    if names_port(source):
+        about = describe_asked(source, wearer, rules)
+        opened = _open(source, lang, lambda: _open_lines(source, baud, path, about))
+    else:
+        opened = _open(source, lang, lambda: open_replay(Path(source), speed))
     try:
         out.mkdir(parents=True, exist_ok=True)
-        recorder = Recorder(path, opened.facts, Wearer(request.subject, side, arm_axis), rules)
+        recorder = Recorder(path, opened.facts, wearer, rules)
     except OSError as error:
         opened.close()
         print_problem(str(path), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
@@ -89,13 +98,17 @@ def _parse_rules(texts: list[str] | None) -> "tuple[CueRule, ...]":
         raise typer.BadParameter(f"write {CUE_HINT}", param_hint="--cue") from None
 
 
-def _open_source(source: str, speed: float, baud: int, language: Language) -> "Source":
+def _open_lines(source: str, baud: int, path: Path, about: Mapping[str, Any]) -> "Source":
     from app.live.lines import open_lines  # noqa: PLC0415
-    from app.live.ports import names_port  # noqa: PLC0415
-    from app.live.replay import open_replay  # noqa: PLC0415
+    from app.live.session_files import EARLY  # noqa: PLC0415
 
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return open_lines(source, baud, path.with_suffix(EARLY), about)
+
+
+def _open(source: str, language: Language, open_it: "Callable[[], Source]") -> "Source":
     try:
-        return open_lines(source, baud) if names_port(source) else open_replay(Path(source), speed)
+        return open_it()
     except (FusionError, AppError) as refusal:
         print_problem(source, refusal.code, refusal.facts, language)
     except OSError as error:
@@ -106,17 +119,9 @@ def _open_source(source: str, speed: float, baud: int, language: Language) -> "S
 def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: Language) -> None:
     """Take frames until the source ends or Ctrl-C, or SIGTERM, stops the session."""
     screen = _Screen(language)
-    if recorder.session.arm_axis is None:
-        recorder.session.ask_pose(countdown_s)
     try:
         with _stopping_on(signal.SIGTERM):
-            while (frames := source.read()) is not None:
-                screen.print_cues(recorder.take_cues(recorder.take(frames)))
-                status = recorder.status()
-                if status.pose == "none":
-                    screen.print_refusal(status)
-                    recorder.session.ask_pose(countdown_s)
-                screen.show(status)
+            _take_frames(source, recorder, countdown_s, screen)
     except KeyboardInterrupt:
         pass
     except (FusionError, AppError) as refusal:
@@ -124,9 +129,48 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
     except OSError as error:  # the disk took no more
         print_problem(str(recorder.path), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
     finally:
+        if source.early is not None:
+            _take_rest(source, source.early, recorder)
         source.close()
     _stop(recorder, language)
     screen.show_last(recorder.status())
+
+
+def _take_frames(source: "Source", recorder: "Recorder", countdown_s: float, screen: "_Screen") -> None:
+    """Take frames until the source ends; the pose is asked for once what came early is made up for."""
+    early = source.early
+    if early is None:
+        _ask_pose(recorder, countdown_s)
+    while (frames := source.read()) is not None:
+        screen.print_cues(recorder.take_cues(recorder.take(frames)))
+        if early is not None and not early.is_behind:
+            _release(early, recorder)
+            early = None
+            _ask_pose(recorder, countdown_s)
+        status = recorder.status()
+        if status.pose == "none" and early is None:
+            screen.print_refusal(status)
+            recorder.session.ask_pose(countdown_s)
+        screen.show(status)
+
+
+def _ask_pose(recorder: "Recorder", countdown_s: float) -> None:
+    if recorder.session.arm_axis is None:
+        recorder.session.ask_pose(countdown_s)
+
+
+def _release(early: "EarlyPort", recorder: "Recorder") -> None:
+    """Keep what came early no longer: the raw file has it."""
+    recorder.sync()
+    early.release()
+
+
+def _take_rest(source: "Source", early: "EarlyPort", recorder: "Recorder") -> None:
+    """Take what came before the session was stopped; where that fails, its file stays for the next start."""
+    with suppress(FusionError, AppError, OSError):
+        while early.is_behind and (frames := source.read()) is not None:
+            recorder.take(frames)
+        _release(early, recorder)
 
 
 def _stop(recorder: "Recorder", language: Language) -> None:
@@ -225,8 +269,10 @@ def _draw_bar(elevation_deg: float | None) -> str:
 
 def _print_cut_sessions(out: Path, language: Language) -> None:
     """Name the sessions of this folder that were cut: their rows are kept, and what is lost is said."""
+    from app.live.early_rows import take_early  # noqa: PLC0415
     from app.live.raw_file import find_cut  # noqa: PLC0415
 
+    take_early(out)
     words = load_wording(language, "live")["terminal"]
     for cut in find_cut(out):
         facts = {"name": cut.path.name, "elapsed": format_elapsed(cut.elapsed_s)}

@@ -12,7 +12,7 @@ import queue
 import struct
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,30 +31,28 @@ _PIECE = struct.Struct("<dI")
 
 
 class EarlyFile:
-    """A sealed file of bytes as they came; what is asked of the session stands first, as JSON."""
+    """A file of bytes as they came; what is asked of the session stands first, as JSON."""
 
-    def __init__(self, path: Path, key: RecordingKey, about: Mapping[str, Any]) -> None:
-        """Create the file.
+    def __init__(self, path: Path, key: RecordingKey | None, about: Mapping[str, Any]) -> None:
+        """Create the file, sealed where there is a key.
 
         Raises
         ------
         FileExistsError, OSError
         """
         self._path, self._file = path, create_file(path)
-        self._sealer = Sealer(self._file.write, key)
+        self._write: Callable[[bytes], object] = (
+            self._file.write if key is None else Sealer(self._file.write, key).write
+        )
         asked = json.dumps(about).encode()
-        self._sealer.write(_ABOUT.pack(len(asked)) + asked)
+        self.size_bytes = 0
+        self._add(_ABOUT.pack(len(asked)) + asked)
         self._synced_s, self._is_synced = 0.0, False
         self.sync()
 
-    @property
-    def size_bytes(self) -> int:
-        """How much it holds."""
-        return self._sealer.size_bytes
-
     def write(self, piece: bytes, came_s: float) -> None:
         """Hand a piece to the system."""
-        self._sealer.write(_PIECE.pack(came_s, len(piece)) + piece)
+        self._add(_PIECE.pack(came_s, len(piece)) + piece)
         self._file.flush()
         self._is_synced = False
 
@@ -73,6 +71,10 @@ class EarlyFile:
         """Close and remove it."""
         self.close()
         self._path.unlink(missing_ok=True)
+
+    def _add(self, content: bytes) -> None:
+        self._write(content)
+        self.size_bytes += len(content)
 
 
 class EarlyPort:

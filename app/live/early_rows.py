@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
-from app.live.cue_log import format_rule, parse_rule
+from app.live.cue_log import find_limit, format_rule, parse_rule
 from app.live.early import read_about, read_pieces
-from app.live.raw_file import RawFile, RawHeader, Wearer
-from app.live.session_files import SessionFiles, read_unfinished
+from app.live.raw_file import PREFIX, RawFile, RawHeader, Wearer
+from app.live.session_files import EARLY, read_unfinished
+from app.storage.keys import RecordingKey
 from fusion.errors import FusionError
 from fusion.live import Frames
 from fusion.live.cues import CueRule
@@ -16,26 +18,50 @@ from fusion.live.lines import LineReader
 from fusion.recording import MICROSECONDS
 
 
-def write_early_rows(files: SessionFiles) -> bool:
+def write_early_rows(early: Path, raw: Path, key: RecordingKey | None) -> bool:
     """Write the raw file anew from what came early, which is removed; False where that held no row.
+
+    Both files are sealed where there is a key.
 
     Raises
     ------
     OSError, BrokenSeal
     """
-    content = b"".join(read_unfinished(files.early, files.key))
-    files.raw.unlink(missing_ok=True)
+    content = b"".join(read_unfinished(early, key))
+    raw.unlink(missing_ok=True)
     reader = LineReader()
     found: list[tuple[Frames, float]] = []
     with suppress(FusionError, ValueError):  # what came until then is kept
         found.extend(_read_frames(reader, content))
     rows = [frames for frames, _ in found if len(frames)]
     if rows:
-        with RawFile(files.raw, _make_header(reader, read_about(content), *found[0]), files.key) as raw:
+        with RawFile(raw, _make_header(reader, read_about(content), *found[0]), key) as opened:
             for frames in rows:
-                raw.write(frames)
-    files.early.unlink()
+                opened.write(frames)
+    early.unlink()
     return bool(rows)
+
+
+def take_early(folder: Path) -> None:
+    """Make raw files of what came early in sessions of a terminal that were cut; one that fails stays.
+
+    They bear names of their own: another program may be writing the session of the same moment.
+    """
+    for early in sorted(folder.glob(f"{PREFIX}*{EARLY}")):
+        with suppress(OSError, ValueError):
+            write_early_rows(early, early.with_name(f"{early.stem}-early.csv"), None)
+
+
+def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
+    """Give what the file of early bytes says of a session, for its raw file."""
+    cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)} for rule in rules]
+    return {
+        "name": name,
+        "subject": wearer.subject,
+        "side": wearer.side,
+        "axis": wearer.arm_axis,
+        "cues": cues,
+    }
 
 
 def _read_frames(reader: LineReader, content: bytes) -> Iterator[tuple[Frames, float]]:

@@ -20,7 +20,6 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
-from app.live.early import EarlyPort
 from app.live.lines import LineSource
 from app.live.ports import PushedPort
 from app.live.raw_file import UNKNOWN, Wearer
@@ -107,8 +106,8 @@ class RunningSession:
         self._is_stopping = threading.Event()
         self._ends_s: float | None = None
         port = source.port if isinstance(source, LineSource) else None
-        self._early = port if isinstance(port, EarlyPort) else None
-        self._pushed = port.inner if isinstance(port, EarlyPort) else port
+        self._early = source.early if isinstance(source, LineSource) else None
+        self._pushed = self._early.inner if self._early is not None else port
         self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
 
     def describe(self) -> dict[str, Any]:

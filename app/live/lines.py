@@ -1,15 +1,19 @@
 """Lines of a board over a serial port, UDP or TCP, as a source."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from app.errors import LiveSourceFailed
-from app.live.ports import BAUD, Port, open_port
-from app.live.source import Source, SourceFacts
+from app.live.early import EarlyFile, EarlyPort
+from app.live.ports import Port, open_port
+from app.live.source import SourceFacts
+from fusion.errors import FusionError
 from fusion.live import Frames, LiveSession
 from fusion.live.lines import LineReader
 from fusion.recording import MICROSECONDS
@@ -63,6 +67,11 @@ class LineSource:
         return self._facts
 
     @property
+    def early(self) -> EarlyPort | None:
+        """The port, where what it brings is kept until the raw file has it."""
+        return self.port if isinstance(self.port, EarlyPort) else None
+
+    @property
     def torn_lines(self) -> int:
         """Lines that held no whole row."""
         return self._reader.torn
@@ -108,18 +117,31 @@ def _find_start(first: Frames, heard_s: float) -> datetime:
     return datetime.now().astimezone() - timedelta(seconds=ago_s)
 
 
-def open_lines(source: str, baud: int = BAUD) -> Source:
+def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) -> LineSource:
     """Listen to a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
-    The kernels are compiled before it is opened: what comes meanwhile would be in memory only.
+    What comes before a raw file can be written is in the file ``early``, with ``about``
+    (:mod:`app.live.early`); that of a port which cannot be understood is removed.
 
     Raises
     ------
     LiveSourceFailed
     fusion.errors.FusionError
+    OSError
+        The file cannot be written.
     """
+    port = open_port(source, baud)
+    try:
+        kept = EarlyPort(port, EarlyFile(early, None, about))
+    except OSError:
+        port.close()
+        raise
     _compile_kernels()
-    return LineSource(open_port(source, baud), source)
+    try:
+        return LineSource(kept, source, now_s=kept.now_s)
+    except (FusionError, LiveSourceFailed):
+        early.unlink(missing_ok=True)
+        raise
 
 
 def _compile_kernels() -> None:

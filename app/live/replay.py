@@ -22,6 +22,8 @@ class ReplaySource:
     Its arm's axis is that of an analysis of the file; None where the file has no pose that can be used.
     """
 
+    early = None  # the recording is on the disk already
+
     def __init__(
         self,
         recording: Recording,

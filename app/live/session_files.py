@@ -78,14 +78,17 @@ def open_left(folder: Path, keys: KeyStore, session_id: str) -> SessionFiles:
     return SessionFiles(folder, session_id, keys.get(_name_key(session_id)), is_kept=True)
 
 
-def read_unfinished(path: Path, key: RecordingKey) -> Iterator[bytes]:
-    """Give what a sealed file that was never closed holds, piece by piece.
+def read_unfinished(path: Path, key: RecordingKey | None) -> Iterator[bytes]:
+    """Give what a file that was never closed holds, piece by piece; it is sealed where there is a key.
 
     Raises
     ------
     OSError, BrokenSeal
     """
     with path.open("rb") as file:
+        if key is None:
+            yield file.read()
+            return
         head = read_head(file.read(HEAD_BYTES))
         if head is None:
             raise BrokenSeal

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
+from app.live.early import EarlyPort
 from fusion.live import Frames
 from fusion.recording import Float64Array
 
@@ -43,6 +44,10 @@ class Source(Protocol):
     @property
     def facts(self) -> SourceFacts:
         """What is known of it."""
+
+    @property
+    def early(self) -> EarlyPort | None:
+        """Its port, where what that brings is kept until the raw file has it."""
 
     def read(self) -> Frames | None:
         """Wait a moment for the next frames and give them, none if none came; None when it has ended."""

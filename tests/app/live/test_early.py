@@ -125,7 +125,7 @@ def test_what_came_early_and_was_not_read_yet_keeps_its_moment(files: SessionFil
 def test_of_early_rows_a_raw_file_is_made(files: SessionFiles, tmp_path: Path) -> None:
     write_early(files, BOARD + write_rows(0, 150), write_rows(150, 301)[:-5])
 
-    assert write_early_rows(files)
+    assert write_early_rows(files.early, files.raw, files.key)
 
     recording = open_raw(files, tmp_path / "opened.csv")
     assert not files.early.exists()
@@ -136,7 +136,7 @@ def test_of_early_rows_a_raw_file_is_made(files: SessionFiles, tmp_path: Path) -
 def test_fewer_rows_than_tell_a_rate_otherwise_are_kept_too(files: SessionFiles, tmp_path: Path) -> None:
     write_early(files, BOARD + write_rows(0, 60))
 
-    assert write_early_rows(files)
+    assert write_early_rows(files.early, files.raw, files.key)
 
     assert sum(map(len, open_raw(files, tmp_path / "opened.csv").segments)) == 60
 
@@ -145,7 +145,7 @@ def test_fewer_rows_than_tell_a_rate_otherwise_are_kept_too(files: SessionFiles,
 def test_what_holds_no_row_that_can_be_read_leaves_nothing(files: SessionFiles, said: str) -> None:
     write_early(files, said)
 
-    assert not write_early_rows(files)
+    assert not write_early_rows(files.early, files.raw, files.key)
 
     assert list(files.folder.iterdir()) == []
 
@@ -154,7 +154,7 @@ def test_a_raw_file_that_was_begun_meanwhile_is_written_anew(files: SessionFiles
     write_early(files, BOARD + write_rows(0, 300))
     files.raw.write_bytes(b"begun")
 
-    write_early_rows(files)
+    write_early_rows(files.early, files.raw, files.key)
 
     assert sum(map(len, open_raw(files, tmp_path / "opened.csv").segments)) == 300
 

@@ -25,7 +25,7 @@ from tests.app.live.made import FIRST_POSE, make_frames, make_worn
 class BreakingSource:
     """Frames of 22 s, then an error."""
 
-    facts = SourceFacts("other", "made", 100.0)
+    facts, early = SourceFacts("other", "made", 100.0), None
     is_closed = False
 
     def __init__(self, error: Exception) -> None:

@@ -2,6 +2,8 @@
 
 import json
 import re
+import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +23,11 @@ from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_worn
 from tests.app.live.test_raw_file import HEADER, START
+from tests.fusion.test_live_lines import HEADER as COLUMNS
+from tests.fusion.test_live_lines import PREAMBLE, write_rows
+from tests.ways_in.servers import wait_for
+
+BOARD = PREAMBLE + COLUMNS
 
 
 def write_log(path: Path, recording: Recording, *, stopped: bool = True) -> Path:
@@ -93,7 +100,7 @@ def test_a_strapped_axis_stands_in_the_raw_file(log: Path, tmp_path: Path) -> No
 class MadeSource:
     """Frames of a sensor whose axis nobody knows, as fast as they are asked for."""
 
-    facts = SourceFacts("other", "made", 100.0)
+    facts, early = SourceFacts("other", "made", 100.0), None
 
     def __init__(self, recording: Recording) -> None:
         self._frames = replay_frames(recording, 0.5)
@@ -171,3 +178,63 @@ def test_a_rule_that_cannot_be_is_a_usage_error(log: Path, tmp_path: Path, rule:
 
     assert code == 2
     assert "hold:60:10" in output
+
+
+@pytest.fixture
+def udp_port() -> int:
+    """A port of this machine that nobody listens to."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def start_on(udp_port: int, out: Path) -> subprocess.Popen[bytes]:
+    """Start the command for a board that sends over UDP."""
+    words = ["live", f"udp://127.0.0.1:{udp_port}", "-o", str(out), "--subject", "S007", "--axis", "z"]
+    return subprocess.Popen([sys.executable, "-m", "app", *words], stdout=subprocess.PIPE)
+
+
+def send_rows(udp_port: int, out: Path, *texts: str) -> None:
+    """Send the lines of a board, a datagram each, once somebody listens."""
+    wait_for(lambda: any(out.glob("live-*.early")))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board:
+        for text in texts:
+            board.sendto(text.encode(), ("127.0.0.1", udp_port))
+
+
+def test_rows_that_a_kill_found_before_their_rate_was_known_are_a_raw_file_at_the_next_start(
+    log: Path, tmp_path: Path, udp_port: int
+) -> None:
+    out = tmp_path / "out"
+    with start_on(udp_port, out) as running:
+        send_rows(udp_port, out, BOARD, write_rows(0, 150))
+        wait_for(lambda: write_rows(149, 150).encode() in next(out.glob("live-*.early")).read_bytes())
+        running.kill()
+
+    _, output = run(str(log), "-o", str(out), "--speed", "20")
+
+    (raw,) = out.glob("live-*-early.csv")
+    found = read_recording(raw)
+    assert f"{raw.name} was cut off" in output
+    assert (sum(map(len, found.segments)), found.arm_axis) == (150, "+z")
+    assert list(out.glob("*.early")) == []
+
+
+def test_once_the_raw_file_has_the_rows_they_are_kept_no_second_time(tmp_path: Path, udp_port: int) -> None:
+    out = tmp_path / "out"
+    with start_on(udp_port, out) as running:
+        send_rows(udp_port, out, BOARD, *(write_rows(k, k + 100) for k in range(0, 1500, 100)))
+        wait_for(lambda: not any(out.glob("*.early")))
+        running.send_signal(signal.SIGTERM)
+
+    (raw,) = out.glob("live-*.csv")
+    assert len(re.findall(r"^\d+,", raw.read_text(), re.MULTILINE)) == 1500
+
+
+def test_a_port_whose_lines_nobody_can_read_leaves_nothing(tmp_path: Path, udp_port: int) -> None:
+    out = tmp_path / "out"
+    with start_on(udp_port, out) as running:
+        send_rows(udp_port, out, "a,b,c,d,e,f,g\n" + "1,2,3,4,5,6,7\n" * 300)
+
+    assert running.returncode == 3
+    assert list(out.iterdir()) == []

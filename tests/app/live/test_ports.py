@@ -127,7 +127,7 @@ def test_a_board_that_is_unplugged_comes_back_into_the_same_session(
 
 def test_a_port_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(LiveSourceFailed) as refusal:
-        open_lines(str(tmp_path / "none"))
+        open_lines(str(tmp_path / "none"), 115_200, tmp_path / "live-a.early", {})
 
     assert refusal.value.facts["why"] == "port"
 
