@@ -74,13 +74,14 @@ class JobRow:
     ``version`` changes whenever anything shown changes; ``report`` is the address of what can be opened,
     without its ending; ``key`` stays the same while the recording's analyses follow one another.
     ``asks_columns``: a person may cure its refusal by naming the columns. ``compared``: both files, of
-    a comparison with a reference.
+    a comparison with a reference. ``file_meta``: what ``meta`` states, but whose arm it is.
     """
 
     id: str
     key: str
     name: str
     meta: tuple[str, ...]
+    file_meta: tuple[str, ...]
     state: str
     state_word: str
     stage_word: str
@@ -118,6 +119,7 @@ def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] 
         key=f"of-{job.recording_id}",
         name=job.file_name,
         meta=_format_meta(job, words, language),
+        file_meta=_format_file_meta(job, words, language),
         state=job.state.value,
         state_word=state_word,
         stage_word=str(words["stage"][job.stage or "starting"]),
@@ -275,9 +277,13 @@ def _format_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
     request = job.request
     subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
     side = str(words["row"][request.side]) if request.side else _format_no_side(job, words)
-    version = fill(words["row"]["version"], {"n": str(request.version)}) if _has_version(job) else ""
-    meta = (version, subject, side, format_size(job.size_bytes, language), format_time(job.created_at))
-    return tuple(filter(None, meta))
+    *version, size, created = _format_file_meta(job, words, language)
+    return tuple(filter(None, (*version, subject, side, size, created)))
+
+
+def _format_file_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
+    version = fill(words["row"]["version"], {"n": str(job.request.version)}) if _has_version(job) else ""
+    return tuple(filter(None, (version, format_size(job.size_bytes, language), format_time(job.created_at))))
 
 
 def _format_no_side(job: Job, words: Words) -> str:

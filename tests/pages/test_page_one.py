@@ -31,9 +31,10 @@ def day(page: Page, server: RunningServer, right: str) -> Page:
 
 
 def test_the_page_opens_with_who_when_and_which_arm(shown: Page) -> None:
-    head = plain(shown.locator(".head").inner_text())
+    opening = plain(shown.locator("main .intro").inner_text())
 
-    assert head.startswith("Subject S012 Recorded 2 March 2026, 07:00 to 07:03 Arm right")
+    assert opening.startswith("S012 Recorded 2 March 2026, 07:00 to 07:03 Arm right")
+    assert opening.count("S012") == 1
 
 
 def test_the_tiles_are_those_of_page_1_of_the_report(shown: Page, server: RunningServer, right: str) -> None:
