@@ -307,6 +307,14 @@ def test_an_upgrade_without_the_keys_is_refused_and_makes_none(
     assert "fingerprint" in find_plain(store, dump(store))
 
 
+def test_an_upgrade_goes_on_over_a_recording_that_is_being_erased(
+    earlier: Earlier, store: JobStore, settings: Settings, storage: SealedStorage
+) -> None:
+    storage.keys.erase(store.get(earlier.analysis_id).recording_id)
+
+    assert migrate(settings) is not None
+
+
 # Copies that come back.
 
 

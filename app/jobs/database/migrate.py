@@ -56,7 +56,8 @@ def _check_keys(connection: Connection, sealer: LabelSealer) -> None:
     if not sealer.keys.wrapped.is_empty():
         return
     is_sealed = type_coerce(recordings.c.file_name, Text).startswith(MARK)
-    sealed = connection.execute(select(recordings.c.id).where(is_sealed)).scalars().all()
+    found = connection.execute(select(recordings.c.id).where(is_sealed)).scalars()
+    sealed = sorted(set(found) - sealer.keys.find_erased())  # what is being purged has no key
     if sealed:
         raise KeysNeeded(number=len(sealed), first=sealed[0])
 
