@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import Connection, Select, func, insert, select
 
 from app.errors import NotHere
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, answers, batch_items, batches
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
@@ -125,10 +126,12 @@ def _select_jobs_of(batch_id: str) -> Select[Any]:
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
     """Give the analysis of each key that has one, the oldest."""
     found: dict[str, str] = {}
+    sealer = find_sealer(connection.engine)
+    asked = {sealer.key_digest(key): key for key in keys}
     for first in range(0, len(keys), KEYS_PER_QUERY):
         query = select_same(keys[first : first + KEYS_PER_QUERY])
         for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
-            found.setdefault(key, analysis_id)
+            found.setdefault(asked[key], analysis_id)
     return found
 
 

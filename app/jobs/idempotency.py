@@ -29,7 +29,10 @@ _TABLES = {"an": analyses, "rec": recordings, "ba": batches}  # in the order in 
 
 @dataclass(frozen=True, slots=True)
 class KeptResponse:
-    """A response as it was sent; ``status`` None: it is still being made."""
+    """A response as it was sent; ``status`` None: it is still being made.
+
+    ``fingerprint``: the digest of its request; keyed, where the response comes from its row.
+    """
 
     fingerprint: str
     status: int | None
@@ -66,6 +69,10 @@ class ResponseStore(RowStore):
                 "body": find_sealer(self._engine).seal_bytes(kept.body),
             }
             connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(values))
+
+    def is_of(self, kept: KeptResponse, fingerprint: str) -> bool:
+        """Tell whether a kept response answers the request of this fingerprint."""
+        return kept.fingerprint == find_sealer(self._engine).key_digest(fingerprint)
 
     def free(self, key: str) -> None:
         """Free a key whose request had no final response."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
 
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import JobState
 from app.jobs.queries import select_jobs
@@ -27,7 +28,10 @@ Item = tuple[str, str, ReportRequest]
 
 
 def identify_work(sha256: str, request: ReportRequest) -> str:
-    """Hash input, settings and engine: the same three give the same report, whichever version it is."""
+    """Hash input, settings and engine: the same three give the same report, whichever version it is.
+
+    Rows hold it keyed (:class:`~app.jobs.database.sealed_text.KeyedDigest`): it would confirm a guessed name.
+    """
     plain = replace(request, version=1, changes=(), reason="")
     parts = (sha256, plain.to_json(), identify_engine())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -84,9 +88,9 @@ def renumber(connection: Connection, analysis_id: str) -> None:
 def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
 ) -> dict[str, _History]:
-    histories = {recording_id: _History() for recording_id in digests}
+    histories, sealer = {recording_id: _History() for recording_id in digests}, find_sealer(connection.engine)
     for recording_id, key, request in _read_earlier(connection, set(digests), states):
-        is_ours = key == identify_work(digests[recording_id], request)
+        is_ours = key == sealer.key_digest(identify_work(digests[recording_id], request))
         histories[recording_id].add(request, is_ours=is_ours)
     return histories
 

@@ -3,9 +3,12 @@
 A label is sealed with the key of what it belongs to: a recording, a study, or the organisation (``LABELS``).
 The sealed text names the key, so that it can be opened wherever it stands, and opens no more once that key is
 destroyed. Words that say nothing (:data:`PLAIN`) stay as they are.
+
+Where rows are found by a digest of words, that is keyed, too: without the key nobody can try a guess.
 """
 
 import base64
+import hmac
 import threading
 from collections import OrderedDict
 from collections.abc import Collection
@@ -18,6 +21,7 @@ LABELS = "labels"
 """The key of words that belong to the organisation as a whole."""
 PLAIN = frozenset({"", "[]", "{}", "null"})
 MARK = "~1~"
+DIGEST_MARK = "~k1~"
 MOST_KEYS = 200_000
 
 
@@ -35,13 +39,14 @@ class LabelSealer:
     def __init__(self, keys: KeyStore) -> None:
         self.keys = keys
         self._held: OrderedDict[str, RecordingKey | None] = OrderedDict()
+        self._digest_key = b""
         self._turn = threading.Lock()
 
     def seal(self, label: Label) -> str:
         """Give the text as a row holds it."""
         if label.text in PLAIN:
             return label.text
-        key = self._find(label.owner) or self._hold(label.owner, self.keys.create(label.owner))
+        key = self._create(label.owner)
         sealed = key.seal(label.text.encode(), LABELS)
         return f"{MARK}{label.owner}~{base64.b64encode(sealed).decode()}"
 
@@ -69,6 +74,20 @@ class LabelSealer:
             return stored
         return base64.b64decode(self.open(stored.decode(), gone=""))
 
+    def key_digest(self, digest: str) -> str:
+        """Give a digest as a row holds it, keyed; one that is keyed already, and none at all, as they are."""
+        if not digest or digest.startswith(DIGEST_MARK):
+            return digest
+        return DIGEST_MARK + base64.urlsafe_b64encode(self.sign("row", digest)).decode().rstrip("=")
+
+    def sign(self, about: str, text: str) -> bytes:
+        """Give the HMAC-SHA256 of a text; ``about`` says what it is, and is bound to it.
+
+        Its key comes from that of :data:`LABELS`, which goes with the rows to another installation.
+        """
+        self._digest_key = self._digest_key or self._create(LABELS).derive(b"", b"digest")
+        return hmac.digest(self._digest_key, f"{about}\n{text}".encode(), "sha256")
+
     def destroy(self, owners: Collection[str]) -> None:
         """Destroy the keys of studies that are gone; those of recordings are destroyed with their bytes."""
         with self._turn:
@@ -80,6 +99,10 @@ class LabelSealer:
         if len(self._held) < MOST_KEYS // 2:
             for owner, key in self.keys.find_all().items():
                 self._hold(owner, key)
+
+    def _create(self, owner: str) -> RecordingKey:
+        """Give the key of an owner, which is made at its first use."""
+        return self._find(owner) or self._hold(owner, self.keys.create(owner))
 
     def _find(self, owner: str) -> RecordingKey | None:
         with self._turn:

@@ -12,7 +12,9 @@ from fastapi.testclient import TestClient
 
 from app.jobs import worker
 from app.jobs.children.attempt import MakeReport
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.job import Job
+from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
 from app.jobs.worker import Bench, open_bench, run_next
 from app.main import configure_server, create_app
@@ -34,6 +36,11 @@ on_both_set_ups = pytest.mark.parametrize(
     ids=["embedded", "distributed"],
     indirect=True,
 )
+
+
+def find_study(store: JobStore, name: str) -> str:
+    """Give the id of the study of a name."""
+    return identify_study(find_sealer(store.engine), name)
 
 
 def do_next(bench: Bench) -> bool:

@@ -13,7 +13,6 @@ from app.jobs.database.tables import answers, saved_views
 from app.jobs.job import Claimer, Job, JobState
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.library.listing import VIEWS_FILE, Library, LibraryFilter, SavedViews
-from app.jobs.library.studies import identify_study
 from app.jobs.recordings import RecordingStore
 from app.jobs.results import ResultReader, complete_headlines
 from app.jobs.side_files import read_side_rows
@@ -23,7 +22,7 @@ from app.request import Conclusion
 from app.settings import Settings
 from app.storage.store import ResultFile, Storage, describe_files
 from fusion.conventions import METHOD_VERSION
-from tests.app.conftest import AddJob
+from tests.app.conftest import AddJob, find_study
 
 ME = Claimer("here", 1, "")
 
@@ -287,7 +286,7 @@ def test_the_chosen_join_a_study_that_goes_on_with_their_next_analyses(
     told = do(caller, "study", *jobs, study="spring")
     do(caller, "again", *jobs)
 
-    study = LibraryFilter(batch=identify_study("spring"))
+    study = LibraryFilter(batch=find_study(store, "spring"))
     assert "2 recordings are in the study spring." in told
     assert list_names(library, study) == {"a", "b"}
     assert {entry.job.state for entry in library.find_page(study, 10)} == {JobState.QUEUED}

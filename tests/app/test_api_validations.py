@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.jobs.children.attempt import load_and_make_report
-from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
@@ -20,7 +19,7 @@ from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench
+from tests.app.conftest import AddJob, OpenBench, find_study
 
 TIMES = [k / 20 for k in range(600)]
 ANGLES = "time_s,elevation_deg\n" + "".join(
@@ -232,18 +231,22 @@ def test_the_page_draws_both_angles_where_both_were_measured(
     )  # as sent to 0.001 deg, kept to 0.01
 
 
-def test_a_comparison_joins_the_study_that_it_names(client: TestClient, bench: OpenBench) -> None:
+def test_a_comparison_joins_the_study_that_it_names(
+    client: TestClient, store: JobStore, bench: OpenBench
+) -> None:
     own = compare(client, bench, study="Spring").rpartition("/")[2]
-    study = client.get(f"/batches/{identify_study('Spring')}").text
+    study = client.get(f"/batches/{find_study(store, 'Spring')}").text
 
     assert f'src="/validations/{own}/plot.svg"' in study
     assert "RMSE 0.00°, bias 0.00°, 95\u202f% limits 0.0° to 0.0°" in study
     assert "ours.csv beside truth.csv" in study
 
 
-def test_a_comparison_is_no_line_of_the_table_of_its_study(client: TestClient, bench: OpenBench) -> None:
+def test_a_comparison_is_no_line_of_the_table_of_its_study(
+    client: TestClient, store: JobStore, bench: OpenBench
+) -> None:
     compare(client, bench, study="Spring")
-    tables = f"/api/v1/batches/{identify_study('Spring')}"
+    tables = f"/api/v1/batches/{find_study(store, 'Spring')}"
 
     assert len(client.get(f"{tables}/summary.csv").text.splitlines()) == 1  # the names of the columns
     listed = client.post(

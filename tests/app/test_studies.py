@@ -4,14 +4,12 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
-from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
 from app.request import ReportRequest
-from tests.app.conftest import AddJob
+from tests.app.conftest import AddJob, find_study
 
 on_both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 NAME = "Packing line"
-ID = identify_study(NAME)
 
 
 @pytest.fixture
@@ -19,24 +17,29 @@ def batches(store: JobStore) -> BatchStore:
     return BatchStore(store.engine, store.reader)
 
 
-def hold(batches: BatchStore) -> list[str]:
-    return [job.id for job in batches.find_jobs(ID)]
+@pytest.fixture
+def study_id(store: JobStore) -> str:
+    return find_study(store, NAME)
+
+
+def hold(batches: BatchStore, study_id: str) -> list[str]:
+    return [job.id for job in batches.find_jobs(study_id)]
 
 
 @on_both
 def test_recordings_added_under_one_name_are_one_study(
-    store: JobStore, batches: BatchStore, add_job: AddJob
+    store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
 ) -> None:
     first, second = add_job(b"1"), add_job(b"2")
 
-    assert {store.join_study(NAME, first.id), store.join_study(NAME, second.id)} == {ID}
-    assert hold(batches) == [first.id, second.id]
-    assert (batches.get(ID).name, batches.get(ID).item_count) == (NAME, 2)
+    assert {store.join_study(NAME, first.id), store.join_study(NAME, second.id)} == {study_id}
+    assert hold(batches, study_id) == [first.id, second.id]
+    assert (batches.get(study_id).name, batches.get(study_id).item_count) == (NAME, 2)
 
 
 @on_both
 def test_a_recording_added_again_is_there_once_by_its_latest_analysis(
-    store: JobStore, batches: BatchStore, add_job: AddJob
+    store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
 ) -> None:
     first = add_job(b"1")
     store.join_study(NAME, first.id)
@@ -44,19 +47,19 @@ def test_a_recording_added_again_is_there_once_by_its_latest_analysis(
 
     store.join_study(NAME, again.id)
 
-    assert hold(batches) == [again.id]
-    assert batches.get(ID).item_count == 1
+    assert hold(batches, study_id) == [again.id]
+    assert batches.get(study_id).item_count == 1
 
 
 def test_a_study_goes_on_with_what_a_person_corrected(
-    store: JobStore, batches: BatchStore, add_job: AddJob
+    store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
 ) -> None:
     first = add_job(b"1")
     store.join_study(NAME, first.id)
 
     corrected = store.add_correction((first.recording_id, first.sha256), ReportRequest("a.csv", side="left"))
 
-    assert hold(batches) == [corrected.id]
+    assert hold(batches, study_id) == [corrected.id]
 
 
 def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient, store: JobStore) -> None:
@@ -70,18 +73,18 @@ def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient,
     assert [item["id"] for item in kept] == [asked.id]
 
 
-def test_a_recording_sent_by_curl_joins_the_study_that_it_names(client: TestClient) -> None:
+def test_a_recording_sent_by_curl_joins_the_study_that_it_names(client: TestClient, study_id: str) -> None:
     client.put("/api/v1/analyze", params={"file_name": "a.csv", "study": NAME}, content=b"1")
 
-    assert client.get(f"/api/v1/batches/{ID}").json()["item_count"] == 1
+    assert client.get(f"/api/v1/batches/{study_id}").json()["item_count"] == 1
 
 
-def test_what_is_analysed_already_joins_too(client: TestClient) -> None:
+def test_what_is_analysed_already_joins_too(client: TestClient, study_id: str) -> None:
     sent = client.put("/api/v1/analyze", params={"file_name": "a.csv"}, content=b"1").json()
 
     client.post("/api/v1/analyses", json={"recording_ids": [sent["recording_id"]], "study": NAME})
 
-    held = client.get("/api/v1/analyses", params={"batch_id": ID}).json()["items"]
+    held = client.get("/api/v1/analyses", params={"batch_id": study_id}).json()["items"]
     assert [item["recording_id"] for item in held] == [sent["recording_id"]]
 
 
@@ -89,15 +92,15 @@ def test_what_is_analysed_already_joins_too(client: TestClient) -> None:
 
 
 @pytest.fixture
-def study(client: TestClient) -> str:
+def study(client: TestClient, study_id: str) -> str:
     """A study of two recordings; gives the address of its list of participants."""
     for k in range(2):
         client.put("/api/v1/analyze", params={"file_name": f"{k}.csv", "study": NAME}, content=bytes([k]))
-    return f"/batches/{ID}/participants"
+    return f"/batches/{study_id}/participants"
 
 
-def read_whose(client: TestClient) -> dict[str, tuple[str, str | None]]:
-    held = client.get("/api/v1/analyses", params={"batch_id": ID}).json()["items"]
+def read_whose(client: TestClient, study: str) -> dict[str, tuple[str, str | None]]:
+    held = client.get("/api/v1/analyses", params={"batch_id": study.split("/")[2]}).json()["items"]
     return {item["file_name"]: (item["settings"]["subject"], item["settings"]["side"]) for item in held}
 
 
@@ -105,7 +108,7 @@ def test_the_list_says_whose_arm_is_in_which_file(client: TestClient, study: str
     told = client.post(study, content="fichier;sujet;côté\n0.csv;S01;gauche\n7.csv;S07;droit\n").json()
 
     assert told == {"changed": 1, "unknown": ["7.csv"]}
-    assert read_whose(client) == {"0.csv": ("S01", "left"), "1.csv": ("", None)}
+    assert read_whose(client, study) == {"0.csv": ("S01", "left"), "1.csv": ("", None)}
 
 
 def test_the_list_is_written_on_the_recordings_too(client: TestClient, study: str) -> None:
@@ -136,15 +139,17 @@ def test_the_same_list_again_changes_nothing(client: TestClient, study: str) -> 
 )
 def test_a_list_with_a_fault_changes_nothing(client: TestClient, study: str, listed: str) -> None:
     assert client.post(study, content=listed).status_code == 422
-    assert read_whose(client) == {"0.csv": ("", None), "1.csv": ("", None)}
+    assert read_whose(client, study) == {"0.csv": ("", None), "1.csv": ("", None)}
 
 
 def test_a_list_for_a_study_that_is_not_there_is_refused(client: TestClient) -> None:
     assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404
 
 
-def test_the_pages_of_studies_show_no_address_of_the_api(client: TestClient, study: str) -> None:
-    for page in (client.get("/batches").text, client.get(f"/batches/{ID}").text):
+def test_the_pages_of_studies_show_no_address_of_the_api(
+    client: TestClient, study: str, study_id: str
+) -> None:
+    for page in (client.get("/batches").text, client.get(f"/batches/{study_id}").text):
         assert "POST /api" not in page
 
 

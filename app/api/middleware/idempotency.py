@@ -45,14 +45,16 @@ class Idempotency:
         if known is None:
             await self._run_first(key, responses, scope, listener)
         else:
-            response = await self._repeat(known, scope, listener)
+            response = await self._repeat(known, responses, scope, listener)
             await response(scope, receive, send)
 
-    async def _repeat(self, known: KeptResponse, scope: Scope, listener: "_Listener") -> Response:
+    async def _repeat(
+        self, known: KeptResponse, responses: ResponseStore, scope: Scope, listener: "_Listener"
+    ) -> Response:
         """Give the kept response once the whole request has proved to be the same; else the refusal."""
         if known.status is None:
             return self._respond(Request(scope), KeyInUse())
-        if not await _is_same(known, listener):
+        if not responses.is_of(known, await listener.read_to_end()):
             return self._respond(Request(scope), KeyReused())
         if known.status == GONE:
             return self._respond(Request(scope), PurgedSince())
@@ -91,6 +93,13 @@ class _Listener:
             self.is_drained = self.is_drained or not message.get("more_body", False)
         return message
 
+    async def read_to_end(self) -> str:
+        """Read what is left of the request; gives its fingerprint."""
+        while not self.is_drained:
+            if (await self.receive())["type"] == "http.disconnect":
+                break
+        return self.digest.hexdigest()
+
     async def send(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             self.status = message["status"]
@@ -107,13 +116,6 @@ class _Listener:
 
     def keep(self) -> KeptResponse:
         return KeptResponse(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
-
-
-async def _is_same(known: KeptResponse, listener: _Listener) -> bool:
-    while not listener.is_drained:
-        if (await listener.receive())["type"] == "http.disconnect":
-            break
-    return listener.digest.hexdigest() == known.fingerprint
 
 
 def _find_key(scope: Scope) -> str:

@@ -1,7 +1,8 @@
 """Seals the words of rows that an earlier release wrote, a few rows at a time while the server runs.
 
 The copy of the rows that is made before a migration (:mod:`app.jobs.database.migrate`) is sealed likewise: an
-erasure reaches it, too. One that an earlier release left in clear is removed once all rows are sealed.
+erasure reaches it, too. One that an earlier release left in clear, or with digests that are not keyed, is
+removed once all rows are sealed.
 """
 
 import zipfile
@@ -24,9 +25,9 @@ from sqlalchemy import (
 )
 
 from app.jobs.database.dump import read_rows
-from app.jobs.database.sealed_text import SealedText
+from app.jobs.database.sealed_text import KeyedDigest, SealedText
 from app.jobs.database.tables import metadata
-from app.storage.labels import LABELS, MARK, PLAIN, Label, LabelSealer
+from app.storage.labels import DIGEST_MARK, LABELS, MARK, PLAIN, Label, LabelSealer
 
 OWNERS = {"recordings": "id", "analyses": "recording_id", "batches": "id", "uploads": "recording_id"}
 """The column that names what the words of a table belong to; those of any other, to the organisation."""
@@ -36,10 +37,13 @@ COPIES_FOLDER, COPIES = "backups", "rows-before-*.zip"
 
 
 def seal_row(sealer: LabelSealer, table: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Give a row, of the tables of any release, with its words sealed; what is sealed stays as it is."""
+    """Give a row, of the tables of any release, with words sealed and digests keyed, unless they are."""
     belongs_to = str(row.get(OWNERS.get(table, "")) or LABELS)
     sealed = dict(row)
-    for name in _find_words(table):
+    for name in _find_columns(table, KeyedDigest):
+        if row.get(name):
+            sealed[name] = sealer.key_digest(str(row[name]))
+    for name in _find_columns(table, SealedText, LargeBinary):
         value = row.get(name)
         if isinstance(value, bytes | memoryview):
             is_sealed = bytes(value).startswith(MARK.encode())
@@ -64,19 +68,21 @@ def _is_cut(copy: Path) -> bool:
 
 def _holds_open_words(copy: Path) -> bool:
     with zipfile.ZipFile(copy) as archive:
-        return any(
-            _is_open_text(row.get(name))
-            for table in metadata.tables
-            for row in read_rows(archive, table)
-            for name in _find_words(table)
-            if not isinstance(row.get(name), bytes)
-        )
+        rows = ((table, row) for table in metadata.tables for row in read_rows(archive, table))
+        return any(_is_open_row(table, row) for table, row in rows)
 
 
-def _find_words(table: str) -> tuple[str, ...]:
-    """Find the columns whose content is sealed."""
-    columns = metadata.tables[table].columns
-    return tuple(one.name for one in columns if isinstance(one.type, SealedText | LargeBinary))
+def _is_open_row(table: str, row: dict[str, Any]) -> bool:
+    words = (row.get(name) for name in _find_columns(table, SealedText, LargeBinary))
+    digests = (row.get(name) or DIGEST_MARK for name in _find_columns(table, KeyedDigest))
+    return any(_is_open_text(one) for one in words if not isinstance(one, bytes)) or any(
+        not one.startswith(DIGEST_MARK) for one in digests
+    )
+
+
+def _find_columns(table: str, *types: type) -> tuple[str, ...]:
+    """Find the columns of some types."""
+    return tuple(one.name for one in metadata.tables[table].columns if isinstance(one.type, types))
 
 
 def seal_rows(engine: Engine, most: int) -> int:

@@ -1,8 +1,8 @@
-"""A column whose words are sealed on their way into the database, and opened on their way out."""
+"""Columns of words, sealed on their way into the database and opened on their way out; columns of digests."""
 
 from typing import Any
 
-from sqlalchemy import Dialect, Engine, Text, TypeDecorator
+from sqlalchemy import Dialect, Engine, String, Text, TypeDecorator
 
 from app.storage.labels import PLAIN, Label, LabelSealer, is_sealed
 
@@ -31,6 +31,23 @@ class SealedText(TypeDecorator[str]):
     def process_result_value(self, value: Any, dialect: Dialect) -> str | None:
         """Open what was sealed."""
         return None if value is None else _find_sealer(dialect).open(str(value), self.gone)
+
+
+class KeyedDigest(TypeDecorator[str]):
+    """A digest that is keyed on its way in, and so is what it is compared with: rows are found by it.
+
+    It comes out as it is stored; what is keyed already passes unchanged.
+    """
+
+    impl = String
+    cache_ok = True
+
+    def __init__(self) -> None:
+        super().__init__(64)
+
+    def process_bind_param(self, value: Any, dialect: Dialect) -> str | None:
+        """Key a digest."""
+        return None if value is None else _find_sealer(dialect).key_digest(str(value))
 
 
 def use_sealer(engine: Engine, sealer: LabelSealer) -> None:

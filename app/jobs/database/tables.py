@@ -14,9 +14,9 @@ from sqlalchemy import (
     Text,
 )
 
-from app.jobs.database.sealed_text import SealedText
+from app.jobs.database.sealed_text import KeyedDigest, SealedText
 
-REVISION = "0010"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0011"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 GONE_REQUEST = '{"file_name": ""}'
 """What is read of a request or a description whose key was destroyed."""
@@ -77,7 +77,7 @@ analyses = Table(
     Column("problem_code", String(32)),
     Column("problem_facts", SealedText("{}")),
     Column("awaits", String(64)),
-    Column("key", String(64)),
+    Column("key", KeyedDigest()),
     Column("priority", Integer, nullable=False, server_default="1"),
     Column("turn", Integer, nullable=False, server_default="0"),
     Column("batch_id", String(32)),
@@ -117,8 +117,8 @@ batch_items = Table(
 kept_answers = Table(
     "kept_answers",
     metadata,
-    Column("key", String(64), primary_key=True),
-    Column("fingerprint", String(64), nullable=False),
+    Column("key", KeyedDigest(), primary_key=True),
+    Column("fingerprint", KeyedDigest(), nullable=False),
     Column("status", Integer),
     Column("headers", SealedText("[]")),
     Column("body", LargeBinary),

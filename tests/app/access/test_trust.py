@@ -14,7 +14,6 @@ from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
 from app.jobs.governance.retention import DAY_S, RetentionStore
 from app.jobs.job import Job
-from app.jobs.library.studies import identify_study
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, check_chain, find_lines
@@ -23,7 +22,7 @@ from app.request import ReportRequest
 from app.services import Services
 from app.storage.store import Storage
 from tests.app.access.conftest import House
-from tests.app.conftest import AddJob, do_next
+from tests.app.conftest import AddJob, do_next, find_study
 from tests.crash.program import write_digest
 
 both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -337,10 +336,6 @@ def put_reports(store: JobStore, storage: Storage, study: str, people: dict[str,
         with store.engine.begin() as connection:
             connection.execute(update(analyses).where(analyses.c.id == job.id).values(state="succeeded"))
             connection.execute(insert(answers).values(row | {"above_60_percent": above_percent}))
-
-
-def find_study(_store: JobStore, name: str) -> str:
-    return identify_study(name)
 
 
 @pytest.fixture
