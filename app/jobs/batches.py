@@ -30,10 +30,14 @@ class Batch:
 
     id: str
     name: str
-    item_count: int
     duplicate_count: int
     created_at: str
     counts: Mapping[JobState, int]
+
+    @property
+    def item_count(self) -> int:
+        """How many analyses are in it now."""
+        return sum(self.counts.values())
 
     @property
     def is_over(self) -> bool:
@@ -87,7 +91,7 @@ class BatchStore(RowStore):
         if row is None:
             raise NotHere(id=batch_id)
         counts = {state: found.get(state, 0) for state in JobState}
-        return Batch(row.id, row.name, row.item_count, row.duplicate_count, row.created_at, counts)
+        return Batch(row.id, row.name, row.duplicate_count, row.created_at, counts)
 
     def find_newest(self, limit: int) -> tuple[Batch, ...]:
         """Give the batches asked for last, the newest first."""

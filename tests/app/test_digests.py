@@ -350,6 +350,7 @@ def test_a_recovered_study_is_one_that_goes_on(settings: Settings, monkeypatch: 
     (study,) = held.find_newest(10)
     assert (study.id, study.name) == (find_study(store, STUDY), STUDY)
     assert [job.id for job in held.find_jobs(study.id)] == [*before, third]
+    assert study.item_count == 3
     store.close()
 
 

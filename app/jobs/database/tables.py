@@ -100,7 +100,7 @@ batches = Table(
     metadata,
     Column("id", String(32), primary_key=True),
     Column("name", SealedText(), nullable=False),
-    Column("item_count", Integer, nullable=False),
+    Column("item_count", Integer, nullable=False),  # as it was asked for; those in it now are counted
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
 )

@@ -38,8 +38,6 @@ def join_study(connection: Connection, name: str, analysis_id: str) -> str:
         place = select(func.coalesce(func.max(batch_items.c.place) + 1, 0)).where(mine).scalar_subquery()
         row = {"batch_id": study_id, "place": place, "analysis_id": analysis_id}
         connection.execute(insert(batch_items).values(row))
-        more = {"item_count": batches.c.item_count + 1}
-        connection.execute(update(batches).where(batches.c.id == study_id).values(more))
     recording_id = increment_revision_of(connection, analysis_id)
     record(connection, "study.joined", recording_id, analysis_id, other={"study": study_id})
     return study_id
