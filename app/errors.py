@@ -519,10 +519,10 @@ class KeyMismatch(ServerRefused):
 
 
 class KeysNeeded(ServerRefused):
-    """Recordings are sealed, and their keys are not here."""
+    """Recordings (or the accounts' authenticators) are sealed, and their keys are not here."""
 
     code = "E-KEYS-NEEDED"
-    fact_meanings = name_facts(number="recordings", first="id of one")
+    fact_meanings = name_facts(number="recordings", first="id of one", people="people with an authenticator")
 
 
 class UnknownRecordings(ServerRefused):

@@ -2,6 +2,7 @@
 
 The accounts have a database of their own. An act and its note are one commit there; the line of the trail
 follows, and the note goes once the line stands. A crash in between leaves the note, and no second line.
+The line has the time at which it was chained, and names the moment of the act.
 """
 
 import json
@@ -17,7 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.access.tables import acts, people
 from app.jobs.database.connect import connect, find_database_file, read_revision
 from app.jobs.database.tables import REVISION, trail
-from app.jobs.trail import Act, find_actor, record
+from app.jobs.trail import Act, find_actor, record, write_codes
 from app.settings import Settings
 
 if TYPE_CHECKING:
@@ -112,8 +113,8 @@ def _open_tables(settings: Settings) -> Engine | None:
 def _write_line(engine: Engine, row: Row[Any]) -> None:
     """Write the line of a note, unless it stands there."""
     is_late = trail.c.seq > select(func.max(trail.c.seq)).scalar_subquery() - _LATE_LINES
-    is_it = (trail.c.at == row.at, trail.c.act == row.act, trail.c.other == row.other)
+    told = json.loads(row.other) if row.other else {}
+    is_it = (trail.c.act == row.act, trail.c.other == write_codes(told, row.at))
     with engine.begin() as connection:
         if connection.execute(select(trail.c.seq).where(is_late, *is_it)).first() is None:
-            told = json.loads(row.other) if row.other else None
-            record(connection, row.act, other=told, who=row.who, at=row.at)
+            record(connection, row.act, other=told, who=row.who, done_at=row.at)

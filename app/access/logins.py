@@ -76,7 +76,7 @@ class Logins:
         """
         found = self.credentials.find(login)
         budgets = self._limit(found, caller, limit_account(login.strip().lower()))
-        self.throttle.take(budgets)
+        self._take(budgets, found)
         self._check_password(found, password)
         if found is None:
             raise LoginRefused
@@ -98,7 +98,7 @@ class Logins:
         person_id = self.tickets.look("code", ticket).person_id
         found = self.credentials.find_of(person_id)
         budgets = self._limit(found, caller, limit_code(person_id))
-        self.throttle.take(budgets)
+        self._take(budgets, found)
         if found is None or not self._is_code(found, code):
             logger.warning("login refused: the second factor")
             self.accounts.note_refusal(person_id)
@@ -123,7 +123,7 @@ class Logins:
         """
         found = self.credentials.find_of(subject.id)
         budgets = self._limit(found, caller, limit_code(subject.id))
-        self.throttle.take(budgets)
+        self._take(budgets, found)
         if found is None or not self._is_proof(found, proof):
             logger.warning("confirmation refused")
             raise LoginRefused
@@ -236,6 +236,9 @@ class Logins:
         if caller.browser and self.credentials.knows_browser(caller.browser, known_as):
             return (limit_browser(caller.browser),)
         return (of_person, limit_address(caller.address))
+
+    def _take(self, budgets: Sequence[Budget], found: Credentials | None) -> None:
+        self.throttle.take(budgets, found.person_id if found is not None else "")
 
     def _limit_login(self, person_id: str) -> Sequence[Budget]:
         return (limit_account(self.accounts.get_person(person_id).login),)

@@ -2,23 +2,28 @@
 
 A try counts before it is looked at, so that many at once get no more than many in a row. Who knows a password
 gets his try back. A stranger's tries delay the account and his address, never a browser that is known.
+Tries that had to wait are a line of the trail, once for each account, address or browser in 15 minutes.
 """
 
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from ipaddress import ip_address, ip_network
 from math import ceil
 
 from sqlalchemy import Connection, delete, insert, select, update
 
+from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
 from app.access.tables import tries
 from app.errors import TooManyTries
+from app.organisation import OWN_ORGANISATION
 
 FORGET_S = 3600.0
 """So long after the last wrong try nothing is held against anybody."""
+TOLD_S = 15 * 60.0
+"""So long a further try that had to wait is no further line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +45,8 @@ class Throttle:
     def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
         self._database, self._clock = database, clock
 
-    def take(self, budgets: Collection[Budget]) -> None:
-        """Count a try, or refuse it before anything is computed.
+    def take(self, budgets: Collection[Budget], person_id: str = "") -> None:
+        """Count a try, or refuse it before anything is computed; ``person_id``: whom it is about, if known.
 
         Raises
         ------
@@ -52,10 +57,12 @@ class Throttle:
             connection.execute(delete(tries).where(tries.c.blocked_until_s < now_s - FORGET_S))
             counts = [_read(connection, budget) for budget in budgets]
             wait_s = max(until_s for _, until_s in counts) - now_s
-            if wait_s <= 0:
-                for budget, (failures, _) in zip(budgets, counts, strict=True):
-                    until_s = now_s + budget.find_delay_s(failures + 1)
-                    _write(connection, budget, failures + 1, until_s)
+            for budget, (failures, until_s) in zip(budgets, counts, strict=True):
+                if wait_s <= 0:
+                    delay_s = budget.find_delay_s(failures + 1)
+                    _write(connection, budget, failures + 1, now_s + delay_s)
+                elif until_s > now_s:
+                    _tell(connection, budget, person_id, now_s)
         if wait_s > 0:
             raise TooManyTries(wait_s=ceil(wait_s))
 
@@ -92,7 +99,7 @@ def limit_code(person_id: str) -> Budget:
 
 def limit_address(address: str) -> Budget:
     """Count tries from one address; of IPv6 one network, as a household has."""
-    return Budget(f"{_ADDRESS}{_find_network(address)}", 10, 900.0)
+    return Budget(f"{_ADDRESS}{find_network(address)}", 10, 900.0)
 
 
 def limit_browser(browser: str) -> Budget:
@@ -100,7 +107,8 @@ def limit_browser(browser: str) -> Budget:
     return Budget(f"browser:{hash_secret(browser)}", 10, 900.0)
 
 
-def _find_network(address: str) -> str:
+def find_network(address: str) -> str:
+    """Give what an address is counted by: itself, or of IPv6 its network."""
     try:
         known = ip_address(address)
     except ValueError:
@@ -118,3 +126,17 @@ def _write(connection: Connection, budget: Budget, failures: int, until_s: float
     changed = connection.execute(update(tries).where(tries.c.key == budget.key).values(values))
     if not changed.rowcount:
         connection.execute(insert(tries).values(key=budget.key, **values))
+
+
+def _tell(connection: Connection, budget: Budget, person_id: str, now_s: float) -> None:
+    """Note that tries had to wait, unless that was noted a short time ago.
+
+    An address says nothing of a person: its line lies with "own", as that of a name that nobody has.
+    """
+    told, kind = replace(budget, key=f"told:{budget.key}"), budget.key.partition(":")[0]
+    if _read(connection, told)[1] > now_s:
+        return
+    _write(connection, told, 0, now_s + TOLD_S)
+    about = "" if budget.key.startswith(_ADDRESS) else person_id
+    organisation = "" if about else OWN_ORGANISATION
+    note_act(connection, "login.throttled", about, organisation=organisation, by=kind)

@@ -15,6 +15,7 @@ from app.cli.conformance import conformance
 from app.cli.export import export
 from app.cli.inspection import inspect, version
 from app.cli.live import live
+from app.cli.output import PipedOutput
 from app.cli.profile import profile
 from app.cli.run import collect, exposure, run
 from app.cli.samples import demo, simulate
@@ -41,6 +42,10 @@ app.add_typer(account, name="account")
 
 def main() -> None:
     """Enter from the command ``acromion``."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        out = sys.stdout
+        buffering = (out.line_buffering, out.write_through)
+        sys.stdout = PipedOutput(out.buffer, out.encoding, out.errors, None, *buffering)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a sign that the terminal cannot write must end no run
             stream.reconfigure(errors="replace")

@@ -1,7 +1,9 @@
 """Output of the command line: a line for each outcome and each problem, and the exit code."""
 
 import importlib
+import io
 import json
+import os
 import signal
 import sys
 import threading
@@ -40,6 +42,35 @@ class Exit(IntEnum):
     USAGE = 2
     NOTHING_DONE = 3
     INTERRUPTED = 130
+    NOBODY_READS = 141
+    """That of a program which SIGPIPE ends."""
+
+
+class PipedOutput(io.TextIOWrapper):
+    """Standard output whose reader may leave (``| head``): the command then ends, and says nothing.
+
+    The end is no error, so that nothing that handles errors takes it for one of a file or of the disk.
+    """
+
+    def write(self, text: str) -> int:
+        """Write, or end the command."""
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            self._end()
+
+    def flush(self) -> None:
+        """Flush, or end the command."""
+        try:
+            super().flush()
+        except BrokenPipeError:
+            self._end()
+
+    def _end(self) -> NoReturn:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.fileno())  # what is left is written at the exit
+        os.close(nowhere)
+        raise SystemExit(Exit.NOBODY_READS)
 
 
 @dataclass(frozen=True, slots=True)

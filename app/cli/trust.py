@@ -45,8 +45,7 @@ def verify_trail(
     from app.jobs.trail import check_chain  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.anchors import find_anchors  # noqa: PLC0415
 
-    settings = find_settings(data).for_organisation(organisation)
-    with _opened(lang, settings) as store:
+    with _opened(lang, data, organisation) as (settings, store):
         anchors = find_anchors(settings, anchor)
         number, faults = check_chain(store.reader, anchors or ())
     for fault in faults:
@@ -74,8 +73,7 @@ def show_trail(
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
     from app.jobs.trail import TrailQuestion, find_lines  # noqa: PLC0415
 
-    settings = find_settings(data).for_organisation(organisation)
-    with _opened(lang, settings) as store:
+    with _opened(lang, data, organisation) as (_, store):
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:
             ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
@@ -98,7 +96,7 @@ def begin_hold(
     from app.jobs.recordings import HOLD_REASONS  # noqa: PLC0415
     from app.jobs.trail import AT_MACHINE  # noqa: PLC0415
 
-    with _opened_recordings(lang, find_settings(data).for_organisation(organisation)) as recordings:
+    with _opened_recordings(lang, data, organisation) as recordings:
         code = next((one for one in HOLD_REASONS if one == reason), None)
         if code is None:
             raise BadParameter(name="reason", value=reason[:20], allowed=", ".join(HOLD_REASONS))
@@ -114,7 +112,7 @@ def end_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """End the hold of a recording."""
-    with _opened_recordings(lang, find_settings(data).for_organisation(organisation)) as recordings:
+    with _opened_recordings(lang, data, organisation) as recordings:
         recordings.let_go(recording)
     print_sentence(lang, "trail", "let_go", id=recording)
 
@@ -129,7 +127,7 @@ def retention(
     """Show how long each kind is kept, or change the term of one."""
     from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
 
-    with _opened(lang, find_settings(data).for_organisation(organisation)) as store:
+    with _opened(lang, data, organisation) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             terms.put(kind, _read_days(days))
@@ -185,23 +183,30 @@ def _quote(value: str) -> str:
 
 
 @contextmanager
-def _opened(language: Language, settings: "Settings") -> "Iterator[JobStore]":
-    """Open a database for whoever sits at the machine; a place without one is refused."""
+def _opened(
+    language: Language, data: Path | None, organisation: str
+) -> "Iterator[tuple[Settings, JobStore]]":
+    """Open an organisation's database for whoever sits at the machine; a place without one is refused."""
     from app.jobs.database.connect import find_database_file  # noqa: PLC0415
     from app.jobs.store import JobStore  # noqa: PLC0415
     from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
+    from app.upkeep.organisations import find_place  # noqa: PLC0415
 
+    settings = find_settings(data)
     with refusals_printed(language, settings), acting(AT_MACHINE):
-        file = find_database_file(settings.database_url)
+        place = find_place(settings, organisation)
+        file = find_database_file(place.database_url)
         if file and not Path(file).exists():
-            raise NotHere(id=str(settings.data_dir))
-        with closing(JobStore(settings)) as store:
-            yield store
+            raise NotHere(id=str(place.data_dir))
+        with closing(JobStore(place)) as store:
+            yield place, store
 
 
 @contextmanager
-def _opened_recordings(language: Language, settings: "Settings") -> "Iterator[RecordingStore]":
+def _opened_recordings(
+    language: Language, data: Path | None, organisation: str
+) -> "Iterator[RecordingStore]":
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
 
-    with _opened(language, settings) as store:
+    with _opened(language, data, organisation) as (_, store):
         yield RecordingStore(store.engine, store.reader)

@@ -3,6 +3,9 @@
 A line stands in the commit of its act: :func:`record` notes it on the connection, and the engine writes what
 was noted when the transaction commits. The head of the chain is locked last, so that no deadlock comes of it;
 a rollback drops the lines with the act. A line holds ids and codes: no figure, name or subject code.
+
+The time of a line is that of its chaining, and never before that of the line before. Where the act was done
+at another moment, its codes begin with that (``done_at``).
 """
 
 import hashlib
@@ -15,7 +18,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Engine, Select, event, insert, select, text
+from sqlalchemy import ColumnElement, Connection, Engine, Select, case, event, func, insert, select, text
 
 from app.jobs.database.tables import analyses, trail
 
@@ -73,6 +76,7 @@ Act = Literal[
     "live.ended",
     "retention.changed",
     "refused",
+    "refused.more",
     "organisation.added",
     "person.added",
     "person.changed",
@@ -80,6 +84,7 @@ Act = Literal[
     "people.read",
     "login.succeeded",
     "login.failed",
+    "login.throttled",
     "login.ended",
     "password.changed",
     "second_factor.changed",
@@ -135,14 +140,14 @@ def touch(recording_id: str, analysis_id: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line that is not chained yet; ``other`` is JSON of further ids and codes."""
+    """A line that is not chained yet; ``codes`` are further ids and codes."""
 
-    at: str
     who: str
     act: str
     recording_id: str
     analysis_id: str
-    other: str
+    codes: Mapping[str, str | int]
+    done_at: str
 
 
 def record(  # noqa: PLR0913 - the columns of a line
@@ -153,11 +158,11 @@ def record(  # noqa: PLR0913 - the columns of a line
     *,
     other: Mapping[str, str | int] | None = None,
     who: str | None = None,
-    at: str = "",
+    done_at: str = "",
 ) -> None:
     """Note an act; its line is written when the transaction of the connection commits.
 
-    ``at``: when it was done, where that is not now.
+    ``done_at``: when it was done, where that was before.
 
     Raises
     ------
@@ -167,10 +172,8 @@ def record(  # noqa: PLR0913 - the columns of a line
     codes = {} if other is None else dict(other)
     if act not in ACTS or not all(_CODE.fullmatch(str(code)) for code in codes.values()):
         raise ValueError(act)
-    at = at or datetime.now(UTC).isoformat(timespec="microseconds")
-    written = json.dumps(codes, sort_keys=True) if codes else ""
-    line = Line(at, find_actor() if who is None else who, act, recording_id, analysis_id, written)
-    _find_noted(connection).append(line)
+    who = find_actor() if who is None else who
+    _find_noted(connection).append(Line(who, act, recording_id, analysis_id, codes, done_at))
 
 
 def record_alone(
@@ -190,6 +193,20 @@ def record_readings(
             of_it = recording_id or _find_recording(connection, analysis_id)
             known = analysis_id if of_it else ""
             record(connection, act, recording_id=of_it, analysis_id=known, other=other)
+
+
+def record_refusal(engine: Engine, kind: str, asked: str, other: Mapping[str, str | int]) -> None:
+    """Write the line of an id that was refused, with its kind (``rec``, ``an`` …); "" where there is none.
+
+    An id of another organisation is written like one of nobody.
+    """
+    with engine.begin() as connection:
+        if kind == "an":
+            record(connection, "refused", _find_recording(connection, asked), asked, other=other)
+        elif kind == "rec":
+            record(connection, "refused", asked, other=other)
+        else:
+            record(connection, "refused", other={**other, "asked": asked} if asked else other)
 
 
 def keep_trail(engine: Engine) -> None:
@@ -219,23 +236,51 @@ def _write_noted(connection: Connection) -> None:
 
 
 def _append(connection: Connection, lines: Iterable[Line]) -> None:
-    """Chain lines to the head, which is locked until the commit."""
+    """Chain lines to the head, which is locked until the commit.
+
+    Where the clock is behind the head (it was put back, or is another machine's) a line has the time of the
+    head, and the clock's as the moment of its act.
+    """
     if connection.dialect.name == "postgresql":
         locked = text("SELECT pg_advisory_xact_lock(:key, hashtext(current_schema()))")
         connection.execute(locked, {"key": _LOCK})
     head = connection.execute(_select_head()).one_or_none()
-    seq, prev = (head.seq, head.hash) if head else (0, _GENESIS)
+    seq, prev, at = (head.seq, head.hash, head.at) if head else (0, _GENESIS, "")
+    now = datetime.now(UTC).isoformat(timespec="microseconds")
     rows = []
     for line in lines:
         seq += 1
-        row = asdict(line) | {"seq": seq, "prev": prev}
+        row = asdict(line) | {"seq": seq, "at": max(now, at), "prev": prev}
+        done_at, codes = row.pop("done_at") or (now if now < at else ""), row.pop("codes")
+        row["other"] = write_codes(codes, done_at)
         prev = row["hash"] = hash_line(row)
         rows.append(row)
     connection.execute(insert(trail), rows)
 
 
+_DONE = '{"done_at": "'
+"""How the codes of a line begin that was chained later than its act; the moment has 32 characters."""
+
+
+def write_codes(codes: Mapping[str, str | int], done_at: str = "") -> str:
+    """Write the codes of a line as JSON, sorted, the moment of its act before them."""
+    told = ({"done_at": done_at} if done_at else {}) | dict(sorted(codes.items()))
+    return json.dumps(told) if told else ""
+
+
+def read_done_at(other: str) -> str:
+    """Give the moment of an act from the codes of its line; "" where it is the line's time."""
+    return other[len(_DONE) :].partition('"')[0] if other.startswith(_DONE) else ""
+
+
+def _find_moment() -> ColumnElement[str]:
+    """Give the moment of an act in a query."""
+    told = func.substr(trail.c.other, len(_DONE) + 1, 32)
+    return case((trail.c.other.startswith(_DONE, autoescape=True), told), else_=trail.c.at)
+
+
 def _select_head() -> Select[Any]:
-    return select(trail.c.seq, trail.c.hash).order_by(trail.c.seq.desc()).limit(1)
+    return select(trail.c.at, trail.c.seq, trail.c.hash).order_by(trail.c.seq.desc()).limit(1)
 
 
 HASHED = ("seq", "at", "who", "act", "recording_id", "analysis_id", "other", "prev")
@@ -270,10 +315,18 @@ class TrailFault:
 
 def read_head(reader: Engine) -> Head:
     """Give the head of the chain; line 0 where there is none."""
-    query = select(trail.c.at, trail.c.seq, trail.c.hash).order_by(trail.c.seq.desc()).limit(1)
     with reader.connect() as connection:
-        row = connection.execute(query).one_or_none()
+        row = connection.execute(_select_head()).one_or_none()
     return Head(row.at, row.seq, row.hash) if row else Head("", 0, _GENESIS)
+
+
+def is_of_no_recording(reader: Engine) -> bool:
+    """Tell whether the trail is there from its first line on, and none is of a recording."""
+    first = select(trail.c.seq).where(trail.c.seq == 1)
+    any_of_one = select(trail.c.seq).where(trail.c.recording_id != "").limit(1)
+    with reader.connect() as connection:
+        has_first = connection.execute(first).first() is not None
+        return has_first and connection.execute(any_of_one).first() is None
 
 
 def check_chain(reader: Engine, anchors: Sequence[Head] = ()) -> tuple[int, tuple[TrailFault, ...]]:
@@ -340,7 +393,8 @@ MOST_IDS = 500
 class TrailQuestion:
     """Which lines are asked for; what is left out lets any through.
 
-    ``begin`` and ``end`` are ISO 8601 in UTC; a line at ``end`` is left out. ``recording_ids``: None for any.
+    ``begin`` and ``end`` are moments of acts, ISO 8601 in UTC; one at ``end`` is left out. ``recording_ids``:
+    None for any.
     """
 
     recording_ids: frozenset[str] | None = None
@@ -373,8 +427,8 @@ def find_lines(
     equal = {"who": asked.who, "act": asked.act}
     for name, value in equal.items():
         query = query.where(trail.c[name] == value) if value else query
-    query = query.where(trail.c.at >= asked.begin) if asked.begin else query
-    query = query.where(trail.c.at < asked.end) if asked.end else query
+    query = query.where(_find_moment() >= asked.begin) if asked.begin else query
+    query = query.where(_find_moment() < asked.end) if asked.end else query
     query = query.where(trail.c.seq < before) if before else query
     if asked.recording_ids is not None:
         query = query.where(trail.c.recording_id.in_(sorted(asked.recording_ids)[:MOST_IDS]))

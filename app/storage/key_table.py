@@ -21,6 +21,7 @@ from sqlalchemy import (
     Table,
     create_engine,
     delete,
+    inspect,
     select,
     text,
 )
@@ -71,7 +72,9 @@ class TableKeys:
         return None if found is None else bytes(found)
 
     def read_all(self) -> Mapping[str, bytes]:
-        """Read all."""
+        """Read all; to look makes no table."""
+        if not self.is_there():
+            return {}
         with self.connect().connect() as connection:
             rows = connection.execute(select(recording_keys).order_by(recording_keys.c.name))
             return {row.name: bytes(row.wrapped) for row in rows}
@@ -92,14 +95,18 @@ class TableKeys:
         with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             connection.execute(text("VACUUM FULL recording_keys"))
 
+    def is_there(self) -> bool:
+        """Tell whether there are the tables; to look makes none."""
+        if self._engine is not None:
+            return True
+        with self._reach().connect() as connection:
+            return inspect(connection).has_table(recording_keys.name)
+
     def connect(self) -> Engine:
         """Give an engine; both tables are there."""
         with self._lock:
             if self._engine is None:
-                timeout = {"connect_timeout": CONNECT_TIMEOUT_S}
-                engine = create_engine(
-                    self.url, poolclass=NullPool, connect_args=timeout, hide_parameters=True
-                )
+                engine = self._reach()
                 with engine.begin() as connection:
                     lock = text("SELECT pg_advisory_xact_lock(:key)")
                     connection.execute(lock, {"key": TABLE_LOCK})  # two machines may create it at once
@@ -107,6 +114,10 @@ class TableKeys:
                     erasures.create(connection, checkfirst=True)
                 self._engine = engine
             return self._engine
+
+    def _reach(self) -> Engine:
+        timeout = {"connect_timeout": CONNECT_TIMEOUT_S}
+        return create_engine(self.url, poolclass=NullPool, connect_args=timeout, hide_parameters=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +127,9 @@ class TableLedger:
     keys: TableKeys
 
     def read(self) -> tuple[Erasure, ...]:
-        """Read every row."""
+        """Read every row; to look makes no table."""
+        if not self.keys.is_there():
+            return ()
         with self.keys.connect().connect() as connection:
             return _read_entries(connection)
 

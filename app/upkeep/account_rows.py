@@ -13,12 +13,11 @@ from typing import Any
 from sqlalchemy import Connection, Table, func, insert, select
 
 from app.access.database import AccountDatabase
-from app.access.sealed_secrets import ACCOUNTS, is_sealed
+from app.access.sealed_secrets import is_sealed
 from app.access.tables import REVISION, organisations, people, recovery_codes, tokens
 from app.errors import DatabaseTooNew, KeysNeeded
 from app.jobs.database.dump import read_lines, write_rows
 from app.settings import Settings
-from app.storage.keys import KeyStore
 
 FOLDER = "accounts"
 TABLES = (organisations, people, recovery_codes, tokens)
@@ -66,7 +65,7 @@ class AccountRows:
         if holds_accounts(self.manifest):
             self.database.prepare()
 
-    def check(self, keys: KeyStore) -> None:
+    def check(self, has_key: bool) -> None:  # noqa: FBT001
         """Check that the key of their authenticators is here.
 
         Raises
@@ -74,8 +73,9 @@ class AccountRows:
         KeysNeeded
         """
         kept = [str((row["totp_secret"] or b"").decode()) for row in _read_rows(self.archive, people)]
-        if any(map(is_sealed, kept)) and keys.find(ACCOUNTS) is None:
-            raise KeysNeeded(number=len(kept), first=ACCOUNTS)
+        number = sum(map(is_sealed, kept))
+        if number and not has_key:
+            raise KeysNeeded(people=number)
 
     def restore(self) -> CopiedPeople | None:
         """Add them where nobody has an account yet; whoever calls holds the lock of the tables."""

@@ -32,8 +32,9 @@ from typing import IO, Any
 from sqlalchemy import Connection, func, insert, select, text
 
 from app.access.database import AccountDatabase
+from app.access.sealed_secrets import ACCOUNTS as ACCOUNTS_KEY
 from app.access.tables import REVISION as ACCOUNTS_REVISION
-from app.errors import BackupRefused, DatabaseTooNew, KeyGone, KeysNeeded, NotEmpty
+from app.errors import BackupRefused, DatabaseTooNew, KeyFileMissing, KeyGone, KeysNeeded, NotEmpty
 from app.jobs.database.connect import (
     READ_ONLY,
     connect,
@@ -51,7 +52,7 @@ from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
 from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
-from app.storage.keys import RecordingKey
+from app.storage.keys import RecordingKey, open_keys, read_key_file
 from app.storage.labels import LABELS, LabelSealer
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, make_folder
@@ -63,6 +64,7 @@ from app.storage.store import (
     BrokenSeal,
     FolderLock,
     translate_disk_full,
+    translate_folder_errors,
 )
 from app.upkeep.account_rows import FOLDER as ACCOUNTS
 from app.upkeep.account_rows import AccountRows, CopiedPeople, write_accounts
@@ -346,24 +348,27 @@ def restore(
     Raises
     ------
     BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
-    KeysNeeded
-        Files are sealed, and no key is here.
+    KeysNeeded, KeyFileMissing
+        Recordings are sealed and none of their keys is here or in ``keys``, or what wrapped those is not
+        here; nothing is made then.
     """
     place, accounts = settings.for_organisation(organisation), AccountDatabase(settings)
-    make_folder(place.data_dir)
-    lock = FolderLock(place.data_dir)
-    try:
-        with open_backup(path, identity) as (archive, manifest):
-            people = AccountRows(accounts, archive, manifest) if organisation == OWN_ORGANISATION else None
+    with open_backup(path, identity) as (archive, manifest):
+        people = AccountRows(accounts, archive, manifest) if organisation == OWN_ORGANISATION else None
+        _check_keys(place, archive, keys, people)
+        with translate_folder_errors(place.data_dir):
+            make_folder(place.data_dir)
+            lock = FolderLock(place.data_dir)
+        try:
             if people:
                 people.prepare()
             copied = _restore(place, archive, manifest["revision"], keys, people)
-        with closing(JobStore(place)) as store:
-            catch_up(store, open_storage(place))
-        return copied
-    finally:
-        accounts.close()
-        lock.release()
+            with closing(JobStore(place)) as store:
+                catch_up(store, open_storage(place))
+            return copied
+        finally:
+            accounts.close()
+            lock.release()
 
 
 def _restore(
@@ -380,9 +385,9 @@ def _restore(
         with engine.begin() as connection:
             lock_tables(connection)
             _check_no_rows(connection)
-            storage = _open_with_keys(settings, archive, keys)
+            storage = _open_with_keys(settings, keys)
             if accounts:
-                accounts.check(storage.keys)
+                accounts.check(storage.keys.find(ACCOUNTS_KEY) is not None)
             use_sealer(engine, LabelSealer(storage.keys))
             copied = _restore_files(storage, archive)
             people = accounts.restore() if accounts else None
@@ -395,28 +400,47 @@ def _restore(
         engine.dispose()
 
 
-def _open_with_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None) -> SealedStorage:
-    """Open the store, with the keys that are given; they are checked before anything is written."""
+def _check_keys(
+    settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None, accounts: AccountRows | None
+) -> None:
+    """Check, before anything is made, that any sealed recording has its key, and that the accounts have."""
+    here = open_keys(settings)
+    if keys is not None and keys.organisation is None and read_key_file(here.key_file) is None:
+        raise KeyFileMissing(file=str(here.key_file))
+    given = keys or KeyBackup({}, (), None)
+    known = {*given.wrapped, *here.wrapped.read_all()}
+    closed: set[str] = set()
+    for file in _read_promised(archive, here.find_erased().union(given.erased)):
+        key_id = _find_key_id(archive, file.name)
+        if key_id in known:
+            closed.clear()
+            break
+        closed.update([key_id] if key_id else [])
+    if closed:
+        raise KeysNeeded(number=len(closed), first=min(closed))
+    if accounts is not None:
+        accounts.check(ACCOUNTS_KEY in known)
+
+
+def _open_with_keys(settings: Settings, keys: KeyBackup | None) -> SealedStorage:
+    """Open the store, with the keys that are given."""
     storage = open_storage(settings)
     storage.prepare()
     if keys is not None:
         if LABELS in keys.wrapped:  # no row is here that the key of an unused place would have sealed
             storage.keys.destroy(LABELS)
         import_key_backup(storage.keys, keys)
-    if storage.keys.wrapped.is_empty():
-        promised = _read_promised(archive, storage.keys.find_erased())
-        sealed = [file.name for file in promised if _is_sealed(archive, file.name)]
-        if sealed:
-            raise KeysNeeded(number=len(sealed), first=sealed[0])
     return storage
 
 
-def _is_sealed(archive: zipfile.ZipFile, name: str) -> bool:
+def _find_key_id(archive: zipfile.ZipFile, name: str) -> str | None:
+    """Give the recording with whose key a file is sealed; None where it is in clear, missing or damaged."""
     try:
         with archive.open(f"files/{name}") as member:
-            return read_head(member.read(HEAD_BYTES)) is not None
+            head = read_head(member.read(HEAD_BYTES))
     except (KeyError, zipfile.BadZipFile, zlib.error):
-        return False
+        return None
+    return None if head is None else head.key_id
 
 
 def _check_no_rows(connection: Connection) -> None:

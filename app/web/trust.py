@@ -15,7 +15,7 @@ from app.api.trust import MOST_LINES, TrailQuery, build_question
 from app.errors import BadParameter
 from app.jobs.governance.retention import KINDS
 from app.jobs.recordings import HOLD_REASONS, HoldReason
-from app.jobs.trail import ACTS, check_chain, find_lines, read_head
+from app.jobs.trail import ACTS, check_chain, find_lines, read_done_at, read_head
 from app.report.words.wording import load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.upkeep.anchors import find_anchors
@@ -36,6 +36,7 @@ class ShownLine:
 
     seq: int
     at: str
+    done_at: str
     who: str
     name: str
     act: str
@@ -57,7 +58,8 @@ def show_trail(
     about = [
         ShownLine(
             line.seq,
-            line.at[:19].replace("T", " "),
+            _show_moment(line.at),
+            _show_moment(read_done_at(line.other)),
             line.who,
             names[line.who],
             line.act,
@@ -78,6 +80,10 @@ def show_trail(
         "following": lines[-1].seq if len(lines) == MOST_LINES else None,
     }
     return render_page(request, "trail.html", language, values | _prove(services))
+
+
+def _show_moment(at: str) -> str:
+    return at[:19].replace("T", " ")
 
 
 def _prove(services: Services) -> dict[str, Any]:

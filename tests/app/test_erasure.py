@@ -280,7 +280,52 @@ def test_a_restore_without_keys_changes_nothing(
     done = CliRunner().invoke(app, ["restore", str(tmp_path / "b.zip"), "--data", str(tmp_path / "new")])
 
     assert (done.exit_code, done.output.split()[0]) == (3, "E-KEYS-NEEDED")
-    assert list((tmp_path / "new" / "recordings").iterdir()) == []
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_restore_without_keys_counts_recordings_and_says_how_to_give_the_keys(
+    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path
+) -> None:
+    fill_every_place(served, client, bench)
+    client.post("/api/v1/recordings", content=b"another", params={"file_name": "other.gt3x"})
+    back_up(served, tmp_path / "b.zip")
+
+    done = CliRunner().invoke(app, ["restore", str(tmp_path / "b.zip"), "--data", str(tmp_path / "new")])
+
+    assert "2 recordings are sealed" in done.output
+    assert "--keys KEYS" in done.output
+
+
+def test_a_backup_of_keys_that_another_key_wrapped_is_refused_with_the_file_that_is_missing(
+    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path
+) -> None:
+    fill_every_place(served, client, bench)
+    back_up(served, tmp_path / "b.zip")
+    held_apart = served.model_copy(update={"key_file": served.data_dir / "organisation.key"})
+    back_up_keys(held_apart, tmp_path / "k.jsonl", Recipients())
+
+    typed = ["restore", str(tmp_path / "b.zip"), "--keys", str(tmp_path / "k.jsonl")]
+    done = CliRunner().invoke(app, [*typed, "--data", str(tmp_path / "new")])
+
+    assert (done.exit_code, done.output.split()[0]) == (3, "E-KEY-FILE")
+    assert str(tmp_path / "new" / "organisation.key") in " ".join(done.output.split())
+    assert "ACROMION_KEY_FILE" in done.output
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_keys_of_another_place_are_refused_and_leave_nothing_behind(
+    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path
+) -> None:
+    fill_every_place(served, client, bench)
+    back_up(served, tmp_path / "b.zip")
+    elsewhere = Settings(data_dir=tmp_path / "elsewhere", database_url=f"sqlite:///{tmp_path}/e.sqlite3")
+    back_up_keys(elsewhere, tmp_path / "k.jsonl", Recipients())
+
+    typed = ["restore", str(tmp_path / "b.zip"), "--keys", str(tmp_path / "k.jsonl")]
+    done = CliRunner().invoke(app, [*typed, "--data", str(tmp_path / "new")])
+
+    assert (done.exit_code, done.output.split()[0]) == (3, "E-KEYS-NEEDED")
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("recipient", ["age1nobody", "somebody@example.org", ""])

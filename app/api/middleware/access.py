@@ -25,7 +25,7 @@ from app.access.gate import Credentials, Gate
 from app.access.routes import CONFIRMED, Needed, find_needed
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
-from app.api.middleware.readings import KnownReadings, Recorder
+from app.api.middleware.readings import KnownLines, Recorder
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.jobs.trail import NOBODY, set_actor
 from app.services import SERVICES, SUBJECT, Offices
@@ -44,7 +44,7 @@ class Access:
 
     def __init__(self, app: ASGIApp, gate: Gate, offices: Offices, respond: Respond) -> None:
         self._app, self._gate, self._offices, self._respond = app, gate, offices, respond
-        self._readings = KnownReadings()
+        self._known = KnownLines()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Find the subject and its services, then hand the request on."""
@@ -61,7 +61,7 @@ class Access:
             await self._refuse(scope, receive, send, refusal)
             return
         set_actor(subject.id if subject else NOBODY)
-        recorder = Recorder(scope, send, self._readings)
+        recorder = Recorder(scope, send, self._known)
         try:
             await self._run(subject, scope, receive, recorder.send)
         except Exception:

@@ -1,5 +1,6 @@
 """What is done about accounts is in the trail of their organisation."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from app.access.tables import acts
 from app.cli import app
 from app.errors import LoginRefused
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailLine, TrailQuestion, acting, find_lines
+from app.jobs.trail import TrailLine, TrailQuestion, acting, find_lines, read_done_at, record_alone
 from app.main import create_app
 from app.settings import Settings
 from tests.app.access.conftest import PASSWORD, AddPerson
@@ -52,7 +53,24 @@ def test_a_line_names_the_person_and_who_did_it_and_neither_login_nor_name(
 
     line = carry(accounts, store)[-1]
 
-    assert (line.who, line.act, line.other) == ("per_boss", "person.ended", f'{{"person": "{anna.id}"}}')
+    assert (line.who, line.act) == ("per_boss", "person.ended")
+    assert json.loads(line.other).keys() == {"done_at", "person"}
+    assert json.loads(line.other)["person"] == anna.id
+
+
+def test_an_act_that_is_carried_late_has_its_line_last_with_the_later_time_and_its_own_moment(
+    accounts: AccountStore, add_person: AddPerson, store: JobStore
+) -> None:
+    add_person("anna", "clinician")
+    record_alone(store.engine, "trail.read")
+
+    lines = carry(accounts, store)
+
+    times = [line.at for line in lines]
+    read = next(line for line in lines if line.act == "trail.read")
+    assert times == sorted(times)
+    assert all(read_done_at(line.other) < read.at < line.at for line in lines if line.seq > read.seq)
+    assert lines[-1].seq > read.seq
 
 
 def test_a_login_a_refused_one_and_its_end_are_lines(

@@ -11,7 +11,7 @@ from sqlalchemy import Table, func, select
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.access.tables import known_browsers, sessions, tickets, tries
-from app.errors import DatabaseTooNew, LoginRefused
+from app.errors import DatabaseTooNew, KeysNeeded, LoginRefused
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, find_lines
 from app.settings import Settings
@@ -132,6 +132,19 @@ def test_what_goes_on_now_is_in_no_backup(move: Move, add_person: AddPerson, log
 
 def count_rows(accounts: AccountStore, table: Table) -> int:
     return int(accounts.database.read_value(select(func.count()).select_from(table)))
+
+
+def test_accounts_whose_key_is_missing_are_refused_and_leave_nothing_behind(
+    move: Move, add_person: AddPerson
+) -> None:
+    add_person("clara")
+    move.back_up()
+
+    with pytest.raises(KeysNeeded) as refused:
+        restore(move.new, move.file)
+
+    assert refused.value.facts == {"people": 1}
+    assert not move.new.data_dir.exists()
 
 
 @on_both_databases

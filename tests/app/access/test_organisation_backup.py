@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from sqlalchemy import create_engine, inspect
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
@@ -92,6 +93,32 @@ def test_a_further_organisation_is_restored_into_its_own_place(
         (job,) = map(store.get, store.find_analyses())
         assert (job.file_name, job.request.subject) == ("shift.gt3x", "S-1")
     assert not (new.data_dir / "recordings").exists()
+
+
+@on_both_set_ups
+def test_a_restore_without_keys_leaves_no_place_behind(
+    two: Settings, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    chosen = ("--organisation", RIVERSIDE)
+    run("backup", tmp_path / "r.zip", *chosen)
+    new = empty_everything(two, request)
+
+    code, told = run("restore", tmp_path / "r.zip", *chosen)
+
+    assert (code, told.split()[0]) == (3, "E-KEYS-NEEDED")
+    assert not new.data_dir.exists()
+    assert find_tables(new) == ([], [])
+
+
+def find_tables(settings: Settings) -> tuple[list[str], list[str]]:
+    """Give the schemas of organisations and every table of ours, on PostgreSQL."""
+    if settings.database_url.startswith("sqlite"):
+        return [], []
+    engine = create_engine(settings.database_url)
+    schemas = [name for name in inspect(engine).get_schema_names() if name.startswith("org_")]
+    tables = inspect(engine).get_table_names()
+    engine.dispose()
+    return schemas, tables
 
 
 @on_both_set_ups

@@ -1,13 +1,18 @@
 """Guessing is slow, and nobody's guesses lock anybody else out."""
 
+import json
 from collections.abc import Callable
 
 import pytest
+from sqlalchemy import select
 
 from app.access import passwords
+from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
-from app.access.throttle import Budget, Throttle, limit_address
+from app.access.tables import acts
+from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
+from app.jobs.trail import NOBODY, acting
 from app.settings import Settings
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
@@ -268,3 +273,84 @@ def test_throttling_starts_without_rows(logins: Logins) -> None:
 
     throttle.give_back([limit_address("203.0.113.1")])
     throttle.take([limit_address("203.0.113.1")])
+
+
+# What of it is in the trail.
+
+
+def find_notes(logins: Logins) -> list[tuple[str, str, dict[str, str]]]:
+    """Give what waits for the trail of tries that had to wait: organisation, who, codes."""
+    rows = logins.accounts.database.read_all(select(acts).where(acts.c.act == "login.throttled"))
+    return [(row.organisation, row.who, json.loads(row.other)) for row in rows]
+
+
+def test_tries_of_an_account_that_have_to_wait_are_one_line_with_the_person(
+    logins: Logins, add_person: AddPerson
+) -> None:
+    clara = add_person(organisation="org_0123456789abcdef")
+
+    with acting(NOBODY):
+        for number in range(20):
+            guess(logins, "clara", caller=Caller(f"198.51.100.{number}", ""))
+
+    told = {"by": "account", "person": clara.id}
+    assert find_notes(logins) == [("org_0123456789abcdef", NOBODY, told)]
+
+
+def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
+    logins: Logins, add_person: AddPerson
+) -> None:
+    add_person()
+
+    for number in range(30):
+        guess(logins, f"person{number}")
+
+    assert [(organisation, told) for organisation, _, told in find_notes(logins)] == [
+        ("own", {"by": "address"})
+    ]
+
+
+def test_a_name_that_nobody_has_is_in_no_line(logins: Logins, add_person: AddPerson) -> None:
+    add_person()
+
+    for number in range(20):
+        guess(logins, "canary", caller=Caller(f"198.51.100.{number}", ""))
+
+    assert [told for *_, told in find_notes(logins)] == [{"by": "account"}]
+
+
+def test_a_quarter_of_an_hour_later_it_is_a_line_again(
+    logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+    for _ in range(2):
+        for _ in range(30):
+            guess(logins, "clara")
+        clock.wait(TOLD_S)
+
+    assert len(find_notes(logins)) == 2
+
+
+def test_a_second_server_does_not_tell_it_again(
+    logins: Logins, add_person: AddPerson, settings: Settings, clock: Clock
+) -> None:
+    add_person()
+    other = Logins(AccountStore(settings, clock), settings)
+
+    for server in (logins, other):
+        for _ in range(20):
+            guess(server, "clara")
+    other.accounts.database.close()
+
+    assert len(find_notes(logins)) == 1
+
+
+def test_codes_that_have_to_wait_are_a_line(add_person: AddPerson, visit: Visit, logins: Logins) -> None:
+    clara = add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    for _ in range(7):
+        visitor.post("/login/code", ticket=ticket, code="000000", next="/")
+
+    assert [told for *_, told in find_notes(logins)] == [{"by": "code", "person": clara.id}]

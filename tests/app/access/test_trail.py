@@ -13,6 +13,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import delete, insert, text, update
 from sqlalchemy.exc import IntegrityError
 
+from app.access.tables import sessions
+from app.api.middleware.refused_lines import MOST_LINES
 from app.jobs.database.tables import facts, trail
 from app.jobs.job import Job
 from app.jobs.store import JobStore
@@ -26,20 +28,23 @@ from app.jobs.trail import (
     check_chain,
     find_lines,
     hash_line,
+    read_done_at,
     read_head,
     record,
 )
-from app.jobs.worker import Bench
+from app.jobs.worker import Bench, open_bench, run_next
 from app.main import create_app
 from app.report.words.wording import LANGUAGES, load_wording
 from app.request import ReportRequest
 from app.settings import Settings
+from tests.app import stand_ins
 from tests.app.access.conftest import House
 from tests.app.conftest import AddJob, do_next
 from tests.crash.program import write_digest
 
 both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 UNKNOWN = "an_00000000000000ff"
+LONG_AGO = "2020-01-02T03:04:05.000006+00:00"
 
 
 def read(store: JobStore, question: TrailQuestion | None = None) -> list[TrailLine]:
@@ -210,6 +215,63 @@ def test_a_trail_written_anew_from_the_start_differs_from_the_head_written_down(
     assert check_chain(ten.reader, [anchor])[1] == (TrailFault("not_anchored", 10, 10),)
 
 
+# The time of a line.
+
+
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+def test_an_act_that_was_noted_first_and_committed_last_has_the_later_line_and_the_later_time(
+    store: JobStore,
+) -> None:
+    with store.engine.begin() as slow:
+        record(slow, "view.saved")
+        with store.engine.begin() as quick:
+            record(quick, "view.dropped")
+
+    times = [line.at for line in read(store)]
+    assert list_acts(store) == ["trail.began", "view.dropped", "view.saved"]
+    assert times == sorted(times)
+
+
+@both
+def test_a_line_whose_act_was_done_before_has_its_own_time_and_names_the_moment(store: JobStore) -> None:
+    with store.engine.begin() as connection:
+        record(connection, "login.ended", other={"person": "per_1"}, done_at=LONG_AGO)
+
+    began, line = read(store)
+    assert line.at >= began.at > LONG_AGO
+    assert json.loads(line.other) == {"done_at": LONG_AGO, "person": "per_1"}
+
+
+@both
+def test_a_clock_that_was_put_back_does_not_put_back_the_times(store: JobStore) -> None:
+    _write_line_of(store, "2999-01-01T00:00:00.000000+00:00")
+    with store.engine.begin() as connection:
+        record(connection, "view.saved")
+
+    line = read(store)[-1]
+    assert line.at == "2999-01-01T00:00:00.000000+00:00"
+    assert LONG_AGO < read_done_at(line.other) < line.at
+    assert check_chain(store.reader) == (3, ())
+
+
+@both
+def test_a_question_between_two_moments_is_about_those_of_the_acts(store: JobStore) -> None:
+    with store.engine.begin() as connection:
+        record(connection, "login.ended", done_at=LONG_AGO)
+    then = TrailQuestion(begin="2020-01-01", end="2020-01-03")
+    since = TrailQuestion(begin="2020-01-03")
+
+    assert [line.act for line in read(store, then)] == ["login.ended"]
+    assert [line.act for line in read(store, since)] == ["trail.began"]
+
+
+@both
+def test_a_chain_of_lines_without_a_moment_of_their_acts_is_whole(store: JobStore) -> None:
+    _write_line_of(store, LONG_AGO)  # earlier releases wrote the moment of the act as the line's time
+
+    assert check_chain(store.reader) == (2, ())
+
+
 # Readings, downloads, refusals.
 
 
@@ -222,10 +284,92 @@ def test_a_report_that_is_read_leaves_one_line_for_its_pieces(
     for address in (f"/analyses/{job.id}", f"/analyses/{job.id}", f"/api/v1/analyses/{job.id}"):
         caller.get(address, headers=clinician)
 
-    lines = _find_by(house, "clinician")
-    assert [(line.act, line.recording_id, line.analysis_id) for line in lines] == [
-        ("report.read", job.recording_id, job.id)
-    ]
+    assert _find_read(house, "clinician") == [("report.read", job.recording_id, job.id)]
+
+
+def test_every_download_is_a_line_of_its_own(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        address = f"/api/v1/analyses/{job.id}/report.pdf"
+        assert caller.get(address, headers=clinician).headers["content-disposition"].startswith("attachment")
+
+    assert _find_read(house, "clinician") == [("file.exported", job.recording_id, job.id)] * 2
+
+
+def test_every_export_is_a_line_of_its_own(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        assert caller.get(f"/api/v1/analyses/{job.id}/results.json", headers=clinician).status_code == 200
+
+    lines = _find_by(house, "clinician", "file.exported")
+    assert [json.loads(line.other)["name"] for line in lines] == ["results.json"] * 2
+
+
+def test_every_export_of_the_trail_is_a_line_of_its_own(house: House, caller: TestClient) -> None:
+    auditor = dict(house.log_in("auditor"))
+
+    for _ in range(2):
+        caller.get("/api/v1/trail/trail.csv", headers=auditor)
+
+    assert len(_find_by(house, "auditor", "trail.exported")) == 2
+
+
+def test_a_file_that_a_page_sends_in_answer_to_a_form_is_a_download(house: House, caller: TestClient) -> None:
+    _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        answer = caller.post("/library/acts/reports.zip", data={"every": "1"}, headers=clinician)
+        assert answer.status_code == 200
+
+    assert len(_find_by(house, "clinician", "file.exported")) == 2
+
+
+def test_the_later_ranges_of_a_file_are_pieces_of_its_download(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for piece in ("bytes=0-1", "bytes=2-3", "bytes=4-"):
+        headers = clinician | {"Range": piece}
+        assert caller.get(f"/api/v1/analyses/{job.id}/results.json", headers=headers).status_code == 206
+
+    assert len(_find_by(house, "clinician", "file.exported")) == 1
+
+
+def test_a_range_alone_leaves_a_line_too(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    headers = dict(house.log_in("clinician")) | {"Range": "bytes=1-"}
+
+    caller.get(f"/api/v1/analyses/{job.id}/results.json", headers=headers)
+
+    assert len(_find_by(house, "clinician", "file.exported")) == 1
+
+
+def test_the_page_of_a_report_in_the_browser_is_a_reading(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        assert caller.get(f"/analyses/{job.id}/report.html", headers=clinician).status_code == 200
+
+    assert _find_read(house, "clinician") == [("report.read", job.recording_id, job.id)]
+
+
+def test_a_file_that_is_not_given_before_the_password_is_no_export(house: House, caller: TestClient) -> None:
+    _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+    with house.accounts.database.write() as connection:
+        connection.execute(update(sessions).values(confirmed_s=0.0))
+
+    asked = {"accept": "text/html", "sec-fetch-mode": "navigate"}
+    answer = caller.get("/library/reports.zip", headers=clinician | asked)
+
+    assert (answer.status_code, answer.headers["location"].split("?")[0]) == (303, "/confirm")
+    assert _find_by(house, "clinician", "file.exported") == []
 
 
 def test_the_same_report_read_by_another_is_another_line(house: House, caller: TestClient) -> None:
@@ -248,7 +392,7 @@ def test_an_act_by_a_token_names_the_token(house: House, caller: TestClient) -> 
 @pytest.mark.parametrize(
     ("headers_of", "status", "who"), [("", 401, "nobody"), ("employer", 403, "employer")]
 )
-def test_a_refusal_leaves_a_line_without_the_id(
+def test_a_refusal_leaves_a_line_with_the_id_that_was_asked_for(
     house: House, caller: TestClient, headers_of: str, status: int, who: str
 ) -> None:
     job = _store_job(house)
@@ -256,9 +400,74 @@ def test_a_refusal_leaves_a_line_without_the_id(
 
     assert caller.get(f"/api/v1/analyses/{job.id}", headers=headers).status_code == status
 
-    last = read(house.services.store)[-1]
-    assert (last.act, last.who) == ("refused", house.people.get(who, who))
-    assert (last.recording_id, last.analysis_id, job.id in last.other) == ("", "", False)
+    (line,) = read(house.services.store, TrailQuestion(act="refused"))
+    assert (line.who, line.analysis_id) == (house.people.get(who, who), job.id)
+
+
+def test_each_refused_id_is_a_line_and_the_same_again_is_none(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    asked = [f"an_{number:016x}" for number in (1, 2, 1)]
+
+    for one in asked:
+        assert caller.get(f"/api/v1/analyses/{one}", headers=clinician).status_code == 404
+
+    assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == asked[:2]
+
+
+def test_ids_of_other_kinds_stand_among_the_codes(house: House, caller: TestClient) -> None:
+    caller.get("/api/v1/batches/ba_00000000000000ff", headers=dict(house.log_in("clinician")))
+
+    (line,) = _find_by(house, "clinician", "refused")
+    assert json.loads(line.other)["asked"] == "ba_00000000000000ff"
+
+
+def test_ids_in_the_query_of_a_refused_request_are_lines(house: House, caller: TestClient) -> None:
+    asked = ["an_0000000000000001", "an_0000000000000002"]
+
+    caller.get("/api/v1/compare", params={"analysis": asked}, headers=dict(house.log_in("employer")))
+
+    assert [line.analysis_id for line in _find_by(house, "employer", "refused")] == asked
+
+
+def test_what_is_no_id_is_in_no_line_of_a_refusal(house: House, caller: TestClient) -> None:
+    employer = dict(house.log_in("employer"))
+
+    for typed in ("CANARY-7", "an_CANARY", "CANARY-8"):
+        caller.get(f"/api/v1/analyses/{typed}?subject={typed}", headers=employer)
+
+    (line,) = _find_by(house, "employer", "refused")
+    assert "CANARY" not in str(line)
+
+
+def test_who_guesses_many_ids_leaves_so_many_lines_and_one_that_says_that_there_were_more(
+    house: House, caller: TestClient
+) -> None:
+    for number in range(MOST_LINES + 5):
+        caller.get(f"/api/v1/analyses/an_{number:016x}")
+
+    acts = [line.act for line in read(house.services.store, TrailQuestion(who="nobody"))]
+    assert (acts.count("refused"), acts.count("refused.more")) == (MOST_LINES, 1)
+
+
+def test_the_guesses_of_one_leave_the_other_his_lines(house: House, caller: TestClient) -> None:
+    for number in range(MOST_LINES + 5):
+        caller.get(f"/api/v1/analyses/an_{number:016x}")
+
+    caller.get(f"/api/v1/analyses/{UNKNOWN}", headers=dict(house.log_in("clinician")))
+
+    assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == [UNKNOWN]
+
+
+def test_a_stranger_s_browser_that_is_led_to_the_login_was_refused_and_read_nothing(
+    house: House, caller: TestClient
+) -> None:
+    job = _store_job(house)
+
+    asked = {"accept": "text/html", "sec-fetch-mode": "navigate"}
+    assert caller.get(f"/analyses/{job.id}", headers=asked).status_code == 303
+
+    lines = read(house.services.store, TrailQuestion(who="nobody"))
+    assert [(line.act, line.analysis_id) for line in lines] == [("refused", job.id)]
 
 
 def test_a_foreign_id_leaves_a_line_where_the_asker_is_and_none_where_it_belongs(
@@ -269,9 +478,23 @@ def test_a_foreign_id_leaves_a_line_where_the_asker_is_and_none_where_it_belongs
 
     caller.get(f"/api/v1/analyses/{job.id}", headers=dict(house.log_in("other")))
 
-    line = read(house.find_services("org_other").store)[-1]
+    (line,) = read(house.find_services("org_other").store, TrailQuestion(act="refused"))
     assert list_acts(house.services.store) == before
-    assert (line.act, json.loads(line.other)["status"], job.id in line.other) == ("refused", 404, False)
+    assert (line.analysis_id, json.loads(line.other)["status"]) == (job.id, 404)
+
+
+def test_the_line_of_a_foreign_id_and_that_of_an_unknown_one_differ_in_the_id_alone(
+    house: House, caller: TestClient
+) -> None:
+    job = _store_job(house)
+    other = dict(house.log_in("other"))
+
+    for one in (job.id, UNKNOWN):
+        caller.get(f"/api/v1/analyses/{one}", headers=other)
+
+    foreign, unknown = read(house.find_services("org_other").store, TrailQuestion(act="refused"))
+    assert (foreign.analysis_id, unknown.analysis_id) == (job.id, UNKNOWN)
+    assert (foreign.recording_id, foreign.other) == (unknown.recording_id, unknown.other)
 
 
 def test_a_response_does_not_go_out_without_its_line(house: House, caller: TestClient) -> None:
@@ -322,7 +545,8 @@ def test_what_somebody_did(house: House, caller: TestClient) -> None:
 
     found = caller.get("/api/v1/trail", params={"who": clinician}, headers=auditor).json()["items"]
 
-    assert [(line["who"], line["act"]) for line in found] == [(clinician, "report.read")]
+    told = [(line["who"], line["act"]) for line in found if not line["act"].startswith("login.")]
+    assert told == [(clinician, "report.read")]
 
 
 def test_an_erased_recording_is_asked_for_by_its_id(house: House, caller: TestClient) -> None:
@@ -360,6 +584,18 @@ def test_the_page_shows_names_and_no_values(
     assert f"<h1>{title}</h1>" in page
     assert "Clinician" in page
     assert "CANARY" not in page
+
+
+@pytest.mark.parametrize(("language", "told"), [("en", "done 2020-01-02"), ("fr", "fait le 2020-01-02")])
+def test_the_page_shows_the_moment_of_an_act_beside_the_time_of_its_line(
+    house: House, caller: TestClient, language: str, told: str
+) -> None:
+    with house.services.store.engine.begin() as connection:
+        record(connection, "login.ended", done_at=LONG_AGO)
+
+    page = caller.get(f"/trail?lang={language}", headers=dict(house.log_in("auditor"))).text
+
+    assert told in page
 
 
 # Who asked, concluded, released.
@@ -424,8 +660,33 @@ def _store_job(house: House, subject: str = "", content: bytes = b"recording") -
     return house.services.store.add(upload.keep(), ReportRequest("shift.gt3x", subject))
 
 
-def _find_by(house: House, name: str) -> list[TrailLine]:
-    return read(house.services.store, TrailQuestion(who=house.people[name]))
+def _finish_job(house: House) -> Job:
+    """Store a recording whose report is made, by a stand-in for the science."""
+    job = _store_job(house)
+    bench = open_bench(house.services.settings, stand_ins.write_report)
+    assert run_next(bench)
+    bench.store.close()
+    return job
+
+
+def _find_by(house: House, name: str, act: str) -> list[TrailLine]:
+    return read(house.services.store, TrailQuestion(who=house.people[name], act=act))
+
+
+def _find_read(house: House, name: str) -> list[tuple[str, str, str]]:
+    """Give what somebody read or took, without the log-ins, which come into the trail when they may."""
+    lines = read(house.services.store, TrailQuestion(who=house.people[name]))
+    told = [(line.act, line.recording_id, line.analysis_id) for line in lines]
+    return [one for one in told if not one[0].startswith("login.")]
+
+
+def _write_line_of(store: JobStore, at: str) -> None:
+    """Chain a line with a time of its own."""
+    head = read_head(store.reader)
+    row: dict[str, str | int] = dict.fromkeys(("recording_id", "analysis_id", "other"), "")
+    row |= {"seq": head.seq + 1, "at": at, "who": "system", "act": "view.saved", "prev": head.hash}
+    with store.engine.begin() as connection:
+        connection.execute(insert(trail).values(row | {"hash": hash_line(row)}))
 
 
 def test_the_head_is_written_down_at_start_and_stop(settings: Settings, tmp_path: Path) -> None:

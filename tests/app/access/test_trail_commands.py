@@ -1,14 +1,19 @@
 """The trail, terms and holds by command, and what the doctor says."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from sqlalchemy import delete, update
 from typer.testing import CliRunner
 
+from app.access.accounts import AccountStore
 from app.cli import app
 from app.jobs.database.tables import trail
+from app.jobs.organisations import find_organisations
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, find_lines, read_head
 from app.settings import Settings
@@ -176,3 +181,58 @@ def test_a_moment_beyond_the_calendar_is_refused(settings: Settings, store: JobS
 
     assert code != 0
     assert "E-PARAMETER" in told
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+@pytest.mark.parametrize(
+    "words", [("trail", "verify"), ("trail", "show"), ("retention",), ("hold", "end", "rec_00000000000000ff")]
+)
+@pytest.mark.parametrize("organisation", ["org_none", "../elsewhere"])
+def test_an_organisation_that_is_not_there_is_refused_by_name_and_gets_no_place(
+    settings: Settings,
+    store: JobStore,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    organisation: str,
+) -> None:
+    for name, value in settings.as_environment().items():
+        monkeypatch.setenv(name, value)
+
+    code, told = run(settings, *words, "--organisation", organisation)
+
+    assert code == 3
+    assert "E-NOT-FOUND" in told
+    assert organisation in told
+    assert find_organisations(settings, store.reader) == ()
+
+
+@pytest.mark.parametrize(
+    "words", [("account", "list"), ("trail", "show"), ("retention",), ("version",), ("--help",)]
+)
+def test_a_command_whose_output_nobody_reads_any_more_ends_and_says_nothing(
+    settings: Settings, accounts: AccountStore, store: JobStore, words: tuple[str, ...]
+) -> None:
+    accounts.add_organisation("own", "Own")
+
+    done = run_unread(settings, *words)
+
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_an_account_is_added_though_nobody_reads_on(settings: Settings, accounts: AccountStore) -> None:
+    done = run_unread(settings, "account", "add", "boss", "--role", "manager")
+
+    assert (done.returncode, done.stderr) == (141, b"")
+    assert [person.login for person in accounts.find_people()] == ["boss"]
+
+
+def run_unread(settings: Settings, *words: str) -> "subprocess.CompletedProcess[bytes]":
+    """Run a command in a process of its own, into a pipe whose reader has left."""
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    typed = [sys.executable, "-m", "app", *words]
+    told = dict(os.environ) | settings.as_environment()
+    try:
+        return subprocess.run(typed, stdout=write_end, stderr=subprocess.PIPE, env=told, check=False)
+    finally:
+        os.close(write_end)
