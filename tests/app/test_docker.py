@@ -13,7 +13,7 @@ import yaml
 
 from app.cli import app
 from app.errors import ForeignAddress
-from app.main import check_exposure
+from app.exposure import check_exposure
 from app.settings import Settings
 
 DOCKER = Path(__file__).resolve().parents[2] / "docker"
