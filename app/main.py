@@ -38,6 +38,7 @@ from app.api.library.uploads import router as upload_routes
 from app.api.live import router as live_routes
 from app.api.live_library import take_in_cut
 from app.api.middleware.access import CHECKED, Access
+from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.middleware.idempotency import Idempotency
 from app.api.middleware.plain_text import PlainText
@@ -297,6 +298,7 @@ def _check_recordings(settings: Settings) -> None:
 
 def respond_to_error(request: Request, error: Exception) -> Response:
     """Respond to any refusal or bug: with a problem document under ``/api``, a page elsewhere."""
+    request = hide_address(request)
     refusal = (
         _translate_database_error(request, error)
         if isinstance(error, DBAPIError)

@@ -25,6 +25,7 @@ from app.api.middleware.callers import (
     name_cookie,
     set_cookie,
 )
+from app.api.middleware.echoes import drop_secrets
 from app.errors import (
     AppError,
     LoginRefused,
@@ -357,7 +358,8 @@ def _find_back(request: Request) -> str:
 
 
 def _find_wanted(request: Request) -> str:
-    query = f"?{request.url.query}" if request.url.query else ""
+    kept = drop_secrets(request.url.query)
+    query = f"?{kept}" if kept else ""
     return request.url.path.removeprefix(find_base(request)) + query
 
 
