@@ -353,6 +353,13 @@ class LoginRefused(NotAllowed):
     outcome = Outcome(401, 2)
 
 
+class SecondFactorSealed(NotAllowed):
+    """The authenticator's secret is sealed with a key that is not here: no code can be compared."""
+
+    code = "E-SECOND-FACTOR"
+    outcome = Outcome(503, 2)
+
+
 class TooManyTries(NotAllowed):
     """Too many wrong tries; the next is looked at after a while."""
 

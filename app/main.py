@@ -174,6 +174,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     gate = application.state.gate = open_gate(settings, accounts)
     logins = application.state.logins = Logins(accounts, settings)
     logins.credentials.seal_earlier()
+    accounts.seal_earlier()
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))

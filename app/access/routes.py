@@ -35,6 +35,7 @@ _ROUTES: Mapping[Needed, str] = {
         POST /confirm
         GET  /confirm/provider
         GET  /account
+        POST /account/told
         POST /account/password
         POST /account/second-factor
         POST /account/second-factor/drop

@@ -81,6 +81,7 @@ Act = Literal[
     "login.succeeded",
     "login.failed",
     "login.ended",
+    "link.made",
     "password.changed",
     "second_factor.changed",
     "token.added",

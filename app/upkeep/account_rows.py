@@ -2,7 +2,7 @@
 
     accounts/<table>.jsonl    organisations, people, recovery codes, tokens: one row a line
 
-Sessions, links, wrong tries and known browsers are not in it: after a restore everybody logs in anew.
+Sessions, links and their last use, wrong tries and known browsers are not in it: after a restore everybody logs in anew.
 """
 
 import zipfile
@@ -67,15 +67,16 @@ class AccountRows:
             self.database.prepare()
 
     def check(self, keys: KeyStore) -> None:
-        """Check that the key of their authenticators is here.
+        """Check that the key of their names and authenticators is here.
 
         Raises
         ------
         KeysNeeded
         """
-        kept = [str((row["totp_secret"] or b"").decode()) for row in _read_rows(self.archive, people)]
+        rows = list(_read_rows(self.archive, people))
+        kept = [text for row in rows for text in (row["name"], (row["totp_secret"] or b"").decode())]
         if any(map(is_sealed, kept)) and keys.find(ACCOUNTS) is None:
-            raise KeysNeeded(number=len(kept), first=ACCOUNTS)
+            raise KeysNeeded(number=len(rows), first=ACCOUNTS)
 
     def restore(self) -> CopiedPeople | None:
         """Add them where nobody has an account yet; whoever calls holds the lock of the tables."""

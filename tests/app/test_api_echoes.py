@@ -8,9 +8,10 @@ from fastapi.testclient import TestClient
 CANARY = "canary-7f3a91"
 
 
-@pytest.mark.parametrize(
-    "name", ["password", "token", "client_secret", "code", "api-key", "proof", "accessToken"]
-)
+NAMES = ("password", "token", "client_secret", "code", "api-key", "proof", "accessToken")
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_secret_in_a_query_is_not_said_back(client: TestClient, name: str) -> None:
     answer = client.get(f"/api/v1/analyses?{name}={CANARY}")
 

@@ -12,8 +12,8 @@ from starlette.types import Message
 from app.api.middleware.guard import _BodyWatch, takes_file
 from app.api.middleware.problems import respond_to_refusal
 from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
-from app.jobs.store import JobStore
 from app.exposure import check_exposure, check_host_names
+from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
 from tests.loops import run_coroutine

@@ -207,9 +207,8 @@ def test_whoever_takes_many_recordings_out_is_asked_for_the_password_again(
 def add_row(data: Path) -> None:
     """Add a recording that waits."""
     store = JobStore(Settings(data_dir=data))
-    store.add(
-        StoredRecording(f"rec_{secrets.token_hex(8)}", secrets.token_hex(32), 1), ReportRequest("shift.gt3x")
-    )
+    stored = StoredRecording(f"rec_{secrets.token_hex(8)}", secrets.token_hex(32), 1)
+    store.add(stored, ReportRequest("shift.gt3x"))
     store.close()
 
 

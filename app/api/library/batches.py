@@ -102,9 +102,8 @@ def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
     """The recordings without a result, and what to do about each; those whose result is damaged, too."""
     problems = (_describe_problem(services, job, language) for job in _find_ended(services, batch_id))
-    return _answer_table(
-        encode_table(PROBLEM_COLUMNS, [row for row in problems if row is not None]), "problems"
-    )
+    body = encode_table(PROBLEM_COLUMNS, [row for row in problems if row is not None])
+    return _answer_table(body, "problems")
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)

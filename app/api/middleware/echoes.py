@@ -2,11 +2,10 @@
 
 import re
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 from urllib.parse import parse_qsl, unquote, urlencode
 
 from starlette.requests import Request
-from starlette.types import Scope
 
 from app.access.accounts import TOKEN_PREFIX
 
@@ -52,7 +51,7 @@ def drop_secrets(query: str) -> str:
 
 def hide_address(request: Request) -> Request:
     """Give a request whose address holds no token; the same one where it holds none."""
-    scope: Scope = cast("Scope", request.scope)
+    scope = request.scope
     path, query = str(scope["path"]), scope["query_string"].decode("latin-1")
     if not holds_token(f"{path}?{query}"):
         return request
