@@ -434,6 +434,13 @@ class ForeignAddress(ServerRefused):
     fact_meanings = name_facts(host="address", missing="what keeps strangers out")
 
 
+class ExamplePassword(ServerRefused):
+    """A password of the example files, which everybody knows."""
+
+    code = "E-EXAMPLE-PASSWORD"
+    fact_meanings = name_facts(name="setting")
+
+
 class PortTaken(ServerRefused):
     """Another program listens there."""
 

@@ -1,16 +1,19 @@
 """Whom a start would let reach the server: refused where anything is missing that keeps strangers out."""
 
+import os
 import re
 import ssl
+from collections.abc import Mapping
 from contextlib import suppress
 from ipaddress import ip_address
 
-from app.errors import BadParameter, ForeignAddress
+from app.errors import BadParameter, ExamplePassword, ForeignAddress
 from app.settings import Settings
 
 SOCKET_PREFIX = "unix:"
 """Before the path of a socket in place of a host."""
 HOST_NAMES_HINT = "arm.clinic.example, 192.0.2.7"
+EXAMPLE_PASSWORD = "change-me"  # noqa: S105 - of the example files
 _HOST_NAME = re.compile(r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?", re.ASCII)
 
 
@@ -60,6 +63,22 @@ def _is_host_name(name: str) -> bool:
     with suppress(ValueError):
         return bool(ip_address(name))
     return bool(_HOST_NAME.fullmatch(name))
+
+
+def check_passwords(settings: Settings, environment: Mapping[str, str] = os.environ) -> None:
+    """Refuse the passwords of the example files (``docker/*.example``).
+
+    Raises
+    ------
+    ExamplePassword
+    """
+    known = {
+        "ACROMION_DATABASE_URL": settings.database_url,
+        "AWS_SECRET_ACCESS_KEY": environment.get("AWS_SECRET_ACCESS_KEY", ""),
+    }
+    for name, value in known.items():
+        if EXAMPLE_PASSWORD in value:
+            raise ExamplePassword(name=name)
 
 
 def check_certificate(settings: Settings) -> None:

@@ -63,7 +63,13 @@ from app.errors import (
     ResultDamaged,
     WrongVerb,
 )
-from app.exposure import SOCKET_PREFIX, check_certificate, check_exposure, check_host_names
+from app.exposure import (
+    SOCKET_PREFIX,
+    check_certificate,
+    check_exposure,
+    check_host_names,
+    check_passwords,
+)
 from app.intake import FolderWatch, Intake
 from app.jobs.database.connect import (
     bring_up_to_date,
@@ -198,11 +204,12 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, BadParameter, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew, DatabaseDamaged,
-    DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
+    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew,
+    DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_certificate(settings)
     check_host_names(settings)
+    check_passwords(settings)
     start_logging()
     with translate_start_errors(settings):
         check_exposure(settings, has_accounts=_have_accounts(settings))

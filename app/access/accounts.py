@@ -380,11 +380,8 @@ class AccountStore:
         self, organisation: str, login: str, name: str, roles: Collection[Role], more: dict[str, str]
     ) -> Person:
         row = {"id": f"per_{secrets.token_hex(8)}", "organisation": organisation, "login": login} | more
-        row |= {
-            "name": self._seal_name(row["id"], name),
-            "roles": json.dumps(sorted(roles)),
-            "created_at": format_now(),
-        }
+        row |= {"name": self._seal_name(row["id"], name), "roles": json.dumps(sorted(roles))}
+        row["created_at"] = format_now()
         try:
             with self.database.write() as connection:
                 connection.execute(insert(people).values(row))

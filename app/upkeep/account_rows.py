@@ -2,7 +2,8 @@
 
     accounts/<table>.jsonl    organisations, people, recovery codes, tokens: one row a line
 
-Sessions, links and their last use, wrong tries and known browsers are not in it: after a restore everybody logs in anew.
+Sessions, links and their last use, wrong tries and known browsers are not in it: after a restore everybody
+logs in anew.
 """
 
 import zipfile
