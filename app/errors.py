@@ -353,6 +353,13 @@ class LoginRefused(NotAllowed):
     outcome = Outcome(401, 2)
 
 
+class SecondFactorSealed(NotAllowed):
+    """The authenticator's secret is sealed with a key that is not here: no code can be compared."""
+
+    code = "E-SECOND-FACTOR"
+    outcome = Outcome(503, 2)
+
+
 class TooManyTries(NotAllowed):
     """Too many wrong tries; the next is looked at after a while."""
 
@@ -425,6 +432,13 @@ class ForeignAddress(ServerRefused):
 
     code = "E-HOST"
     fact_meanings = name_facts(host="address", missing="what keeps strangers out")
+
+
+class ExamplePassword(ServerRefused):
+    """A password of the example files, which everybody knows."""
+
+    code = "E-EXAMPLE-PASSWORD"
+    fact_meanings = name_facts(name="setting")
 
 
 class PortTaken(ServerRefused):
@@ -519,10 +533,12 @@ class KeyMismatch(ServerRefused):
 
 
 class KeysNeeded(ServerRefused):
-    """Recordings (or the accounts' authenticators) are sealed, and their keys are not here."""
+    """Recordings (or names and authenticators of accounts) are sealed, and their keys are not here."""
 
     code = "E-KEYS-NEEDED"
-    fact_meanings = name_facts(number="recordings", first="id of one", people="people with an authenticator")
+    fact_meanings = name_facts(
+        number="recordings", first="id of one", people="people whose name or authenticator is sealed"
+    )
 
 
 class UnknownRecordings(ServerRefused):

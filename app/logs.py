@@ -5,6 +5,7 @@ A log holds ids, never the name of a file or a subject code.
 
 import logging
 import re
+from datetime import UTC, datetime
 from types import TracebackType
 
 FORMAT = "%(asctime)s %(levelname)s %(message)s"
@@ -32,6 +33,10 @@ class LineFormatter(logging.Formatter):
         """Give the line, and below it those of a traceback."""
         record.exc_text = None  # another formatter may have cached its own text there
         return super().format(record)
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802, ARG002
+        """Give the time in UTC, with its zone, whatever that of the computer is."""
+        return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name
         """Give the line itself."""

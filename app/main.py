@@ -4,14 +4,12 @@ import asyncio
 import logging
 import signal
 import socket
-import ssl
 import threading
 import time
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib.util import find_spec
-from ipaddress import ip_address
 from pathlib import Path
 
 import uvicorn
@@ -40,6 +38,7 @@ from app.api.library.uploads import router as upload_routes
 from app.api.live import router as live_routes
 from app.api.live_library import take_in_cut
 from app.api.middleware.access import CHECKED, Access
+from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.middleware.idempotency import Idempotency
 from app.api.middleware.plain_text import PlainText
@@ -52,11 +51,9 @@ from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
 from app.errors import (
     AppError,
-    BadParameter,
     DatabaseAway,
     DatabaseDamaged,
     DiskFull,
-    ForeignAddress,
     NotConfirmed,
     NotHere,
     NotPermitted,
@@ -65,6 +62,13 @@ from app.errors import (
     RecordedProblem,
     ResultDamaged,
     WrongVerb,
+)
+from app.exposure import (
+    SOCKET_PREFIX,
+    check_certificate,
+    check_exposure,
+    check_host_names,
+    check_passwords,
 )
 from app.intake import FolderWatch, Intake
 from app.jobs.database.connect import (
@@ -153,8 +157,6 @@ MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
 HOUSE_LOOK_S = 1.0
-SOCKET_PREFIX = "unix:"
-"""Before the path of a socket in place of a host."""
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2; uvicorn's own choice takes in those without forward secrecy."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -178,6 +180,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     gate = application.state.gate = open_gate(settings, accounts)
     logins = application.state.logins = Logins(accounts, settings)
     logins.credentials.seal_earlier()
+    accounts.seal_earlier()
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
@@ -201,10 +204,12 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, BadParameter, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew, DatabaseDamaged,
-    DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
+    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew,
+    DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_certificate(settings)
+    check_host_names(settings)
+    check_passwords(settings)
     start_logging()
     with translate_start_errors(settings):
         check_exposure(settings, has_accounts=_have_accounts(settings))
@@ -299,58 +304,9 @@ def _check_recordings(settings: Settings) -> None:
         store.close()
 
 
-def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
-    """Refuse an address that others reach where anything is missing that keeps strangers out.
-
-    A proxy on this computer reaches a loopback address or a socket; others reach it through the proxy.
-
-    Raises
-    ------
-    ForeignAddress
-    """
-    is_own = is_own_address(settings.host)
-    if is_own and not settings.proxy and not settings.host.startswith(SOCKET_PREFIX):
-        return
-    needed = {
-        "acromion account add": has_accounts,
-        "--hosts": bool(settings.host_names),
-        "--tls-cert": bool(settings.tls_cert) or (bool(settings.proxy) and is_own),
-    }
-    missing = [name for name, is_there in needed.items() if not is_there]
-    if missing:
-        raise ForeignAddress(host=settings.host, missing=", ".join(missing))
-
-
-def is_own_address(host: str) -> bool:
-    """Tell whether only this computer reaches an address."""
-    try:
-        return host == "localhost" or host.startswith(SOCKET_PREFIX) or ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def check_certificate(settings: Settings) -> None:
-    """Refuse a certificate without its key, and files that are none.
-
-    Raises
-    ------
-    BadParameter
-    """
-    cert, key = settings.tls_cert, settings.tls_key
-    if cert is None and key is None:
-        return
-    try:
-        if cert is None or key is None:
-            raise FileNotFoundError
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key)
-    except OSError as error:  # SSLError is one
-        given = ", ".join(str(path) for path in (cert, key) if path)
-        allowed = "--tls-cert CERT.pem --tls-key KEY.pem"
-        raise BadParameter(name="--tls-cert, --tls-key", value=given, allowed=allowed) from error
-
-
 def respond_to_error(request: Request, error: Exception) -> Response:
     """Respond to any refusal or bug: with a problem document under ``/api``, a page elsewhere."""
+    request = hide_address(request)
     refusal = (
         _translate_database_error(request, error)
         if isinstance(error, DBAPIError)

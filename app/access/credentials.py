@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from sqlalchemy import ColumnElement, delete, func, insert, select, update
 
-from app.access.accounts import AccountStore, normalise_login
+from app.access.accounts import AccountStore, Person, normalise_login
 from app.access.acts import note_act
 from app.access.hashing import hash_secret
 from app.access.sealed_secrets import is_sealed
-from app.access.tables import known_browsers, people, recovery_codes
+from app.access.tables import known_browsers, link_uses, people, recovery_codes
 from app.errors import KeyGone
+from app.jobs.queries import format_now
 
 UNOPENED = "?"
 """In place of an authenticator's secret whose key is not here: no code is right, recovery codes are."""
@@ -21,6 +22,19 @@ BROWSER_TERM_S = 400 * 24 * 3600
 """As long as browsers keep a cookie at most."""
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkUse:
+    """A password was set by a link: ``made_by`` (an id, or ``machine``) made it, ``address`` used it.
+
+    ``is_told``: the person knows.
+    """
+
+    made_by: str
+    address: str
+    used_at: str = ""
+    is_told: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +71,29 @@ class CredentialStore:
             connection.execute(mine.values(password_hash=password_hash))
             if is_new:
                 note_act(connection, "password.changed", person_id)
+
+    def set_password_by_link(self, person: Person, password_hash: str, use: LinkUse) -> None:
+        """Keep the hash of a password that was set by a link, and by which one."""
+        told_at = None if person.has_password else format_now()  # the first is no news to who was invited
+        row = {"made_by": use.made_by, "address": use.address, "used_at": format_now(), "told_at": told_at}
+        with self._database.write() as connection:
+            mine = update(people).where(people.c.id == person.id)
+            connection.execute(mine.values(password_hash=password_hash))
+            connection.execute(delete(link_uses).where(link_uses.c.person_id == person.id))
+            connection.execute(insert(link_uses).values(row | {"person_id": person.id}))
+            by = {"by": "link", "made_by": use.made_by, "address": use.address}
+            note_act(connection, "password.changed", person.id, **by)
+
+    def find_link_use(self, person_id: str) -> LinkUse | None:
+        """Find the link by which a person's password was last set; None where it was not by one."""
+        row = self._database.read_one(select(link_uses).where(link_uses.c.person_id == person_id))
+        return LinkUse(row.made_by, row.address, row.used_at, row.told_at is not None) if row else None
+
+    def note_told(self, person_id: str) -> None:
+        """Note that a person knows of the link."""
+        with self._database.write(is_act=False) as connection:
+            mine = update(link_uses).where(link_uses.c.person_id == person_id)
+            connection.execute(mine.values(told_at=format_now()))
 
     def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
         """Keep an authenticator and its recovery codes in place of those before; "" for none."""
@@ -133,5 +170,9 @@ class CredentialStore:
         try:
             return self._sealer.open(person_id, kept)
         except KeyGone:
-            logger.error("the second factor of %s is sealed, and its key is not here", person_id)
+            logger.error(
+                "the second factor of %s cannot be read: its key is not here; restore the keys "
+                "(acromion recover --keys FILE), or acromion account reset LOGIN --second-factor",
+                person_id,
+            )
             return UNOPENED

@@ -5,18 +5,20 @@ alike, and each costs one hash.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Literal
 
 from app.access.accounts import AccountStore, Person
-from app.access.credentials import UNOPENED, Credentials, CredentialStore
+from app.access.credentials import UNOPENED, Credentials, CredentialStore, LinkUse
 from app.access.hashing import hash_secret
 from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
 from app.access.tickets import Ticket, TicketStore
-from app.errors import LoginRefused
+from app.errors import LoginRefused, SecondFactorSealed
+from app.jobs.trail import NOBODY, find_actor
 from app.settings import Settings
 from app.storage.open import load_extra
 
@@ -26,6 +28,8 @@ STEP_TERM_S = 10 * 60.0
 INVITED_S = 7 * 24 * 3600.0
 FORGOTTEN_S = 3600.0
 STEP_DIGITS = 6
+LONGEST_ADDRESS = 45
+_ADDRESS = re.compile(r"[^0-9A-Za-z.:]")
 
 logger = logging.getLogger(__name__)
 
@@ -49,11 +53,15 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Entered:
-    """A login that is done: the values of both cookies, and recovery codes to be shown once."""
+    """A login that is done: the values of both cookies, and recovery codes to be shown once.
+
+    ``is_to_be_told``: the password was set by a link since, which the person is to be told.
+    """
 
     session: str
     browser: str
     recovery_codes: Sequence[str] = ()
+    is_to_be_told: bool = False
 
 
 class Logins:
@@ -93,12 +101,13 @@ class Logins:
 
         Raises
         ------
-        LoginRefused, TooManyTries, TicketSpent, NotInstalled
+        LoginRefused, SecondFactorSealed, TooManyTries, TicketSpent, NotInstalled
         """
         person_id = self.tickets.look("code", ticket).person_id
         found = self.credentials.find_of(person_id)
         budgets = self._limit(found, caller, limit_code(person_id))
         self._take(budgets, found)
+        self._check_second_factor(found, code, budgets)
         if found is None or not self._is_code(found, code):
             logger.warning("login refused: the second factor")
             self.accounts.note_refusal(person_id)
@@ -110,7 +119,9 @@ class Logins:
     def enter(self, person_id: str, caller: Caller, codes: Sequence[str] = ()) -> Entered:
         """Begin a session, in a browser that is known from now on."""
         browser = self.credentials.note_browser(caller.browser, person_id)
-        return Entered(self.accounts.begin_session(person_id), browser, codes)
+        use = self.credentials.find_link_use(person_id)
+        is_news = use is not None and not use.is_told
+        return Entered(self.accounts.begin_session(person_id), browser, codes, is_news)
 
     def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
         """Take the password, or a code of the authenticator, again from somebody who is logged in.
@@ -119,11 +130,12 @@ class Logins:
 
         Raises
         ------
-        LoginRefused, TooManyTries, NotInstalled
+        LoginRefused, SecondFactorSealed, TooManyTries, NotInstalled
         """
         found = self.credentials.find_of(subject.id)
         budgets = self._limit(found, caller, limit_code(subject.id))
         self._take(budgets, found)
+        self._check_second_factor(found, proof, budgets)
         if found is None or not self._is_proof(found, proof):
             logger.warning("confirmation refused")
             raise LoginRefused
@@ -176,10 +188,12 @@ class Logins:
 
     def make_link(self, person_id: str, term_s: float) -> str:
         """Make the last part of an address that works once, by which a person chooses a password."""
-        return self.tickets.make("password", term_s, person_id)
+        return self.tickets.make("password", term_s, person_id, made_by=find_actor())
 
-    def set_password_by_link(self, ticket: str, password: str) -> Person:
-        """Set a password by a link; every session of the person ends.
+    def set_password_by_link(self, ticket: str, password: str, address: str) -> Person:
+        """Set a password by a link, used from ``address``; every session of the person ends.
+
+        No session begins: the person logs in by it then, with the second factor.
 
         Raises
         ------
@@ -187,8 +201,10 @@ class Logins:
         """
         person = self.accounts.get_person(self.tickets.look("password", ticket).person_id)
         self.check_password(person, password)
-        self.tickets.take("password", ticket)
-        self.set_password(person, password)
+        told = self.tickets.take("password", ticket).told
+        use = LinkUse(str(told.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])
+        self.credentials.set_password_by_link(person, self._passwords.hash_password(password), use)
+        self.accounts.end_sessions(person.id)
         return person
 
     def change_password(self, subject: Subject, proof: str, password: str, caller: Caller) -> str:
@@ -254,18 +270,33 @@ class Logins:
             self.credentials.set_password(found.person_id, hashed, is_new=False)
 
     def _is_proof(self, found: Credentials, proof: str) -> bool:
-        if found.second_factor and len(proof) == STEP_DIGITS and proof.isdecimal():
+        if found.second_factor and _is_step(proof):
             return self._is_code(found, proof)
         is_right: Callable[[str | None, str], bool] = self._passwords.verify_password
         return is_right(found.password_hash, proof)
 
+    def _check_second_factor(self, found: Credentials | None, code: str, budgets: Collection[Budget]) -> None:
+        """Refuse a code that cannot be compared, for the key is lost: a guess it is not, nor a wrong one.
+
+        Raises
+        ------
+        SecondFactorSealed
+        """
+        if found is not None and found.second_factor == UNOPENED and _is_step(code):
+            self.throttle.give_back(budgets)
+            raise SecondFactorSealed
+
     def _is_code(self, found: Credentials, code: str) -> bool:
         """Tell whether a code is right, and use it up."""
         typed = code.replace(" ", "")
-        if len(typed) == STEP_DIGITS and typed.isdecimal():
-            if found.second_factor == UNOPENED:
-                return False
+        if _is_step(code):
             now_s = self.accounts.clock()
             step = self._codes.find_step(found.second_factor, typed, now_s, found.last_step)
             return step is not None and self.credentials.use_step(found.person_id, step)
         return self.credentials.use_recovery_code(found.person_id, self._codes.read_recovery_code(code))
+
+
+def _is_step(code: str) -> bool:
+    """Tell whether a code is an authenticator's, and no recovery code."""
+    typed = code.replace(" ", "")
+    return len(typed) == STEP_DIGITS and typed.isdecimal()

@@ -35,6 +35,7 @@ _ROUTES: Mapping[Needed, str] = {
         POST /confirm
         GET  /confirm/provider
         GET  /account
+        POST /account/told
         POST /account/password
         POST /account/second-factor
         POST /account/second-factor/drop
@@ -240,6 +241,12 @@ _CONFIRMED = """
     GET  /library/reports.zip
     POST /library/acts/reports.zip
     POST /library/acts/{name}.csv
+    GET  /api/v1/batches/{batch_id}/summary.csv
+    GET  /api/v1/batches/{batch_id}/problems.csv
+    GET  /days/{name}.csv
+    GET  /api/v1/profile/profile.json
+    GET  /api/v1/profile/{name}.csv
+    POST /api/v1/webhooks
     GET  /people
     POST /people
     POST /people/{person_id}/roles
@@ -252,7 +259,11 @@ _CONFIRMED = """
     POST /account/tokens
     POST /api/v1/tokens
 """
-"""What a person is asked the password for again: to erase, to take everything out, to let people in."""
+"""What a person is asked the password for again.
+
+To erase; to take the data of many recordings out; to open a way out that stays (a token, a webhook); to let
+people in. The files of one recording, its ZIP too, are downloads like its PDF: they are not asked about.
+"""
 
 
 def _read_lines(lines: str) -> Iterator[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""Secrets of authenticators, sealed before they reach the database of the accounts.
+"""Secrets of authenticators and names of people, sealed before they reach the database of the accounts.
 
 Their key is one of those of the organisation "own" (:mod:`app.storage.keys`): a copy
 of the accounts without the keys shows none, and the backup of the keys opens them elsewhere. The person is
@@ -7,6 +7,7 @@ bound to what is sealed, so that no row opens as another's.
 
 import base64
 from dataclasses import dataclass
+from typing import Literal
 
 from app.errors import KeyGone
 from app.storage.keys import KeyStore
@@ -15,20 +16,26 @@ from app.storage.store import BrokenSeal
 ACCOUNTS = "accounts"
 """The name of the key."""
 MARK = "~1~"
+What = Literal["second factor", "name"]
 
 
 @dataclass(frozen=True, slots=True)
 class SecretSealer:
-    """Seals and opens the secrets of authenticators."""
+    """Seals and opens what is kept of a person: ``what`` it is, is bound to it."""
 
     keys: KeyStore
 
-    def seal(self, person_id: str, secret: str) -> str:
+    @property
+    def has_key(self) -> bool:
+        """Whether the key is here."""
+        return self.keys.find(ACCOUNTS) is not None
+
+    def seal(self, person_id: str, secret: str, what: What = "second factor") -> str:
         """Give a secret as it is kept."""
-        sealed = self.keys.create(ACCOUNTS).seal(secret.encode(), _name(person_id))
+        sealed = self.keys.create(ACCOUNTS).seal(secret.encode(), f"{what} of {person_id}")
         return MARK + base64.b64encode(sealed).decode()
 
-    def open(self, person_id: str, kept: str) -> str:
+    def open(self, person_id: str, kept: str, what: What = "second factor") -> str:
         """Give the secret; one of an earlier release, in clear, is given as it is.
 
         Raises
@@ -40,7 +47,7 @@ class SecretSealer:
             return kept
         try:
             sealed = base64.b64decode(kept.removeprefix(MARK))
-            return self.keys.get(ACCOUNTS).open(sealed, _name(person_id)).decode()
+            return self.keys.get(ACCOUNTS).open(sealed, f"{what} of {person_id}").decode()
         except (BrokenSeal, ValueError):
             raise KeyGone(id=ACCOUNTS) from None
 
@@ -48,7 +55,3 @@ class SecretSealer:
 def is_sealed(kept: str) -> bool:
     """Tell whether a kept secret is sealed."""
     return kept.startswith(MARK)
-
-
-def _name(person_id: str) -> str:
-    return f"second factor of {person_id}"

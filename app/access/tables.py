@@ -93,6 +93,17 @@ tickets = Table(
     Column("expires_s", Float, nullable=False),
 )
 
+# By which link a person's password was last set, and whether the person was told.
+link_uses = Table(
+    "link_uses",
+    metadata,
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
+    Column("made_by", String(80), nullable=False),
+    Column("used_at", String(32), nullable=False),
+    Column("address", String(60), nullable=False),
+    Column("told_at", String(32)),
+)
+
 # What was done about accounts, until its line stands in the trail of the organisation.
 acts = Table(
     "acts",

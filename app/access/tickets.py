@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from sqlalchemy import delete, insert, select, update
 
+from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
 from app.access.tables import tickets
@@ -48,6 +49,7 @@ class TicketStore:
             if purpose == "password":
                 earlier = (tickets.c.person_id == person_id, tickets.c.purpose == purpose)
                 connection.execute(delete(tickets).where(*earlier))
+                note_act(connection, "link.made", person_id)
             connection.execute(insert(tickets).values(row))
         return ticket
 

@@ -19,6 +19,7 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.api.live_library import LIVE_FOLDER, LiveLibrary
+from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.jobs.trail import record
@@ -162,7 +163,7 @@ def _name_wrong_part(error: Exception) -> BadParameter:
         return BadParameter(name="message")
     first = error.errors(include_url=False, include_context=False)[0]
     name = ".".join(map(str, first["loc"])) or "message"
-    return BadParameter(name=clean_text(name)[:60], value=clean_text(str(first["input"]))[:60])
+    return BadParameter(name=clean_text(hide_tokens(name))[:60], value=clean_text(show_input(first)))
 
 
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":

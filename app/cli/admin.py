@@ -73,6 +73,7 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
+    from app.exposure import check_passwords  # noqa: PLC0415
     from app.jobs.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
     from app.jobs.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
@@ -80,6 +81,7 @@ def worker(
     settings = Settings(data_dir=data)
     try:
         start_logging()
+        check_passwords(settings)
         with translate_start_errors(settings):
             check_whole(settings.database_url)
         run_by_settings(settings)

@@ -86,6 +86,7 @@ Act = Literal[
     "login.failed",
     "login.throttled",
     "login.ended",
+    "link.made",
     "password.changed",
     "second_factor.changed",
     "token.added",

@@ -2,7 +2,8 @@
 
     accounts/<table>.jsonl    organisations, people, recovery codes, tokens: one row a line
 
-Sessions, links, wrong tries and known browsers are not in it: after a restore everybody logs in anew.
+Sessions, links and their last use, wrong tries and known browsers are not in it: after a restore everybody
+logs in anew.
 """
 
 import zipfile
@@ -66,14 +67,15 @@ class AccountRows:
             self.database.prepare()
 
     def check(self, has_key: bool) -> None:  # noqa: FBT001
-        """Check that the key of their authenticators is here.
+        """Check that the key of their names and authenticators is here.
 
         Raises
         ------
         KeysNeeded
         """
-        kept = [str((row["totp_secret"] or b"").decode()) for row in _read_rows(self.archive, people)]
-        number = sum(map(is_sealed, kept))
+        rows = _read_rows(self.archive, people)
+        kept = [(str(row["name"]), (row["totp_secret"] or b"").decode()) for row in rows]
+        number = sum(any(map(is_sealed, words)) for words in kept)
         if number and not has_key:
             raise KeysNeeded(people=number)
 

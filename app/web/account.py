@@ -8,16 +8,26 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.access.accounts import LONGEST_S
+from app.access.credentials import LinkUse
 from app.access.hashing import hash_secret
 from app.access.subjects import Permission, Role, Subject, collect_permissions
 from app.access.tokens import DAYS, MOST_DAYS, make_token
 from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
+from app.api.names import find_names
 from app.api.tokens import UsedPerson
-from app.errors import AppError, BadParameter, LoginRefused, NotPermitted, TooManyTries, WeakPassword
+from app.errors import (
+    AppError,
+    BadParameter,
+    LoginRefused,
+    NotPermitted,
+    SecondFactorSealed,
+    TooManyTries,
+    WeakPassword,
+)
 from app.report.words.wording import Language, load_wording
 from app.services import UsedLanguage
 from app.web.forms import UsedForm, first, take_secret
-from app.web.login import render_enrolment, render_with_problem
+from app.web.login import check_next, render_enrolment, render_with_problem
 from app.web.rendering import find_base
 
 router = APIRouter(include_in_schema=False)
@@ -25,9 +35,21 @@ TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
 
 
 @router.get("/account")
-def show_account(request: Request, person: UsedPerson, language: UsedLanguage) -> Response:
-    """Show one's own account."""
-    return _render(request, person, language)
+def show_account(
+    request: Request,
+    person: UsedPerson,
+    language: UsedLanguage,
+    next: str = "/account",  # noqa: A002
+) -> Response:
+    """Show one's own account; ``next``: where to go on to once something was read."""
+    return _render(request, person, language, next=check_next(next))
+
+
+@router.post("/account/told")
+def note_told(request: Request, form: UsedForm, person: UsedPerson) -> Response:
+    """Note that a person knows by which link the password was set, and lead on."""
+    find_logins(request).credentials.note_told(person.id)
+    return RedirectResponse(find_base(request) + check_next(first(form, "next")), status_code=303)
 
 
 @router.post("/account/password")
@@ -36,7 +58,7 @@ def change_password(request: Request, form: UsedForm, person: UsedPerson, langua
     proof, password = take_secret(form, "proof"), take_secret(form, "password")
     try:
         cookie = find_logins(request).change_password(person, proof, password, find_caller(request))
-    except (LoginRefused, TooManyTries, WeakPassword) as refusal:
+    except (LoginRefused, SecondFactorSealed, TooManyTries, WeakPassword) as refusal:
         return _render(request, person, language, refusal=refusal)
     response = _render(request, replace(person, session=hash_secret(cookie)), language, done="password")
     set_cookie(request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
@@ -110,11 +132,12 @@ def _render(
     refusal: AppError | None = None,
     **shown: str,
 ) -> Response:
-    """``shown``: what was ``done``, or the ``bearer`` to be shown once."""
+    """``shown``: what was ``done``, the ``bearer`` to be shown once, where to go on to (``next``)."""
     logins = find_logins(request)
     accounts, person = logins.accounts, logins.accounts.get_person(subject.id)
-    values: dict[str, Any] = {"done": "", "bearer": ""} | shown
+    values: dict[str, Any] = {"done": "", "bearer": "", "next": "/account"} | shown
     values |= {
+        "set_by": _tell_link(request, logins.credentials.find_link_use(person.id), language),
         "person": person,
         "organisation": accounts.get_organisation(person.organisation).name,
         "roles": list_roles(person.roles, language),
@@ -131,6 +154,15 @@ def _render(
         "usual_days": DAYS,
     }
     return render_with_problem(request, "access/account.html", language, values, refusal)
+
+
+def _tell_link(request: Request, use: LinkUse | None, language: Language) -> dict[str, Any] | None:
+    """Tell by which link a password was set; None where it was not by one."""
+    if use is None:
+        return None
+    name = find_names(request, [use.made_by], language)[use.made_by]
+    facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
+    return {"facts": facts, "is_told": use.is_told}
 
 
 def _lead_back(request: Request) -> Response:

@@ -18,6 +18,7 @@ from app.api.middleware.callers import (
     SESSION_COOKIE,
     STATE_COOKIE,
     drop_cookie,
+    find_address,
     find_caller,
     find_logins,
     find_origin,
@@ -25,12 +26,14 @@ from app.api.middleware.callers import (
     name_cookie,
     set_cookie,
 )
+from app.api.middleware.echoes import drop_secrets
 from app.errors import (
     AppError,
     LoginRefused,
     NotPermitted,
     NotSignedIn,
     ProviderRefused,
+    SecondFactorSealed,
     TicketSpent,
     TooManyTries,
     WeakPassword,
@@ -97,7 +100,7 @@ def give_code(request: Request, form: UsedForm, language: UsedLanguage) -> Respo
     ticket = first(form, "ticket")
     try:
         entered = find_logins(request).give_code(ticket, first(form, "code"), find_caller(request))
-    except (LoginRefused, TooManyTries) as refusal:
+    except (LoginRefused, SecondFactorSealed, TooManyTries) as refusal:
         return _render_code(request, language, form, ticket, refusal)
     except TicketSpent as refusal:
         return _render_login(request, language, first(form, "next"), refusal)
@@ -116,10 +119,13 @@ def enrol(request: Request, form: UsedForm, language: UsedLanguage) -> Response:
     except TicketSpent as refusal:
         return _render_login(request, language, wanted, refusal)
     subject: Subject | None = request.scope.get(SUBJECT)
-    values = {"l": load_wording(language, "access"), "codes": codes, "next": check_next(wanted)}
+    is_login = subject is None or subject.id != person_id
+    entered = logins.enter(person_id, find_caller(request)) if is_login else None
+    way_on = _find_way_on(entered, wanted) if entered else check_next(wanted)
+    values = {"l": load_wording(language, "access"), "codes": codes, "next": way_on}
     response = render_page(request, "access/codes.html", language, values)
-    if subject is None or subject.id != person_id:
-        _set_cookies(request, response, logins.enter(person_id, find_caller(request)))
+    if entered is not None:
+        _set_cookies(request, response, entered)
     return response
 
 
@@ -146,7 +152,8 @@ def open_link(ticket: str, request: Request, language: UsedLanguage) -> Response
 def set_password(ticket: str, request: Request, form: UsedForm, language: UsedLanguage) -> Response:
     """Set a password; its person logs in by it then, with the second factor."""
     try:
-        find_logins(request).set_password_by_link(ticket, take_secret(form, "password"))
+        address = find_address(request)
+        find_logins(request).set_password_by_link(ticket, take_secret(form, "password"), address)
     except WeakPassword as refusal:
         return _render_new_password(request, language, ticket, refusal)
     return RedirectResponse(f"{find_base(request)}/login", status_code=303)
@@ -198,7 +205,7 @@ def confirm(request: Request, form: UsedForm, subject: UsedSubject, language: Us
     wanted = first(form, "next")
     try:
         cookie = find_logins(request).confirm(subject, take_secret(form, "proof"), find_caller(request))
-    except (LoginRefused, TooManyTries) as refusal:
+    except (LoginRefused, SecondFactorSealed, TooManyTries) as refusal:
         return _render_confirmation(request, language, subject, wanted, refusal)
     return _lead_with(request, cookie, wanted)
 
@@ -254,7 +261,8 @@ def render_with_problem(
     if refusal is not None:
         problem = describe_problem(refusal.code, refusal.facts, language)
         status = find_outcome_of_code(refusal.code).status
-    known = {"l": load_wording(language, "access"), "problem": problem}
+    code = refusal.code if refusal is not None else ""
+    known = {"l": load_wording(language, "access"), "problem": problem, "problem_code": code}
     response = render_page(request, template, language, known | dict(values), status)
     if isinstance(refusal, TooManyTries):
         response.headers["Retry-After"] = str(refusal.facts["wait_s"])
@@ -303,9 +311,15 @@ def _render_confirmation(
 
 def _let_in(request: Request, entered: Entered, wanted: str) -> Response:
     """Give a browser its new session; one that it had before ends."""
-    response = RedirectResponse(find_base(request) + check_next(wanted), status_code=303)
+    response = RedirectResponse(find_base(request) + _find_way_on(entered, wanted), status_code=303)
     _set_cookies(request, response, entered)
     return response
+
+
+def _find_way_on(entered: Entered, wanted: str) -> str:
+    """Give where a login leads: first to the account, where there is something that its person is to know."""
+    on = check_next(wanted)
+    return f"/account?{urlencode({'next': on})}" if entered.is_to_be_told else on
 
 
 def _set_cookies(request: Request, response: Response, entered: Entered) -> None:
@@ -357,7 +371,8 @@ def _find_back(request: Request) -> str:
 
 
 def _find_wanted(request: Request) -> str:
-    query = f"?{request.url.query}" if request.url.query else ""
+    kept = drop_secrets(request.url.query)
+    query = f"?{kept}" if kept else ""
     return request.url.path.removeprefix(find_base(request)) + query
 
 

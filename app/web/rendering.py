@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from os import PathLike, stat_result
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlencode
+from urllib.parse import parse_qsl, urlencode
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
 from app.access.subjects import Permission, Subject
+from app.api.middleware.echoes import drop_secrets
 from app.errors import NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
@@ -165,6 +166,7 @@ def find_base(request: Request) -> str:
 
 def turn_language(request: Request, language: Language) -> str:
     """Give the same page in the other language; French is that of the place that the browser names."""
-    kept = [(name, value) for name, value in request.query_params.multi_items() if name != "lang"]
+    shown = parse_qsl(drop_secrets(request.url.query), keep_blank_values=True)
+    kept = [(name, value) for name, value in shown if name != "lang"]
     other = "en" if is_french(language) else prefer_language(request, ("fr", "fr-CA"))
     return "?" + urlencode([*kept, ("lang", other)])

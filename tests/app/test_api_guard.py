@@ -11,9 +11,10 @@ from starlette.types import Message
 
 from app.api.middleware.guard import _BodyWatch, takes_file
 from app.api.middleware.problems import respond_to_refusal
-from app.errors import FileTooLarge, ForeignAddress, SlowUpload
+from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
+from app.exposure import check_exposure, check_host_names
 from app.jobs.store import JobStore
-from app.main import check_exposure, create_app
+from app.main import create_app
 from app.settings import Settings
 from tests.loops import run_coroutine
 
@@ -36,6 +37,41 @@ def test_this_computers_names_are_answered(client: TestClient, host: str) -> Non
 @pytest.mark.parametrize("origin", ["https://evil.example", "null", "http://localhost:9999"])
 def test_another_site_may_change_nothing(client: TestClient, path: str, origin: str) -> None:
     assert client.post(path, content=b"x", headers={"origin": origin}).status_code == 403
+
+
+def test_the_same_name_without_tls_is_another_site(settings: Settings) -> None:
+    with TestClient(create_app(settings), base_url="https://localhost:8080") as caller:
+        answers = [
+            caller.post(CHANGES[0], content=b"x", headers={"origin": f"{scheme}://localhost:8080"})
+            for scheme in ("http", "https")
+        ]
+
+    assert [answer.status_code for answer in answers] == [403, 202]
+
+
+def test_the_same_name_with_tls_is_another_site_than_ours_without(client: TestClient) -> None:
+    answer = client.post(CHANGES[0], content=b"x", headers={"origin": "https://localhost:8080"})
+
+    assert (answer.status_code, answer.json()["code"]) == (403, "E-ORIGIN")
+
+
+def test_behind_a_proxy_our_own_pages_ask_by_its_scheme(settings: Settings) -> None:
+    proxied = settings.model_copy(update={"hosts": "clinic.example", "proxy": "127.0.0.1"})
+    with TestClient(create_app(proxied), base_url="http://clinic.example") as caller:
+        answers = [
+            caller.post(CHANGES[0], content=b"x", headers={"origin": f"{scheme}://clinic.example"})
+            for scheme in ("http", "https")
+        ]
+
+    assert [answer.status_code for answer in answers] == [403, 202]
+
+
+@pytest.mark.parametrize("host", ["clinic.example", "clinic.example:443"])
+def test_the_port_of_a_scheme_may_be_left_out(settings: Settings, host: str) -> None:
+    named = settings.model_copy(update={"hosts": "clinic.example"})
+    headers = {"origin": "https://clinic.example", "host": host}
+    with TestClient(create_app(named), base_url="https://clinic.example") as caller:
+        assert caller.post(CHANGES[0], content=b"x", headers=headers).status_code == 202
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
@@ -216,6 +252,20 @@ def test_behind_a_proxy_on_this_computer_the_proxy_ends_tls() -> None:
 def test_a_proxy_makes_a_server_need_accounts() -> None:
     with pytest.raises(ForeignAddress):
         check_exposure(Settings(hosts="arm.example", proxy="127.0.0.1"), has_accounts=False)
+
+
+@pytest.mark.parametrize("name", ["*", "*.example", "arm.example:8080", "https://arm.example", "arm example"])
+def test_a_name_by_which_no_browser_asks_is_refused_at_the_start(name: str) -> None:
+    with pytest.raises(BadParameter) as refused:
+        check_host_names(Settings(hosts=f"arm.example, {name}"))
+
+    assert refused.value.facts["name"] == "--hosts"
+    assert refused.value.facts["value"] == name
+
+
+@pytest.mark.parametrize("names", ["", "arm.example", "ARM_1.Clinic.example, 192.0.2.7, 2001:db8::7, arm"])
+def test_names_and_addresses_are_taken(names: str) -> None:
+    check_host_names(Settings(hosts=names))
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])

@@ -12,8 +12,8 @@ import typer.main
 import yaml
 
 from app.cli import app
-from app.errors import ForeignAddress
-from app.main import check_exposure
+from app.errors import ExamplePassword, ForeignAddress
+from app.exposure import check_exposure, check_passwords
 from app.settings import Settings
 
 DOCKER = Path(__file__).resolve().parents[2] / "docker"
@@ -236,6 +236,26 @@ def test_the_proxy_logs_no_query_and_no_address_that_logs_somebody_in() -> None:
     assert not {"$request", "$request_uri", "$args", "$uri"} & set(re.findall(r"\$\w+", line))
     (ways,) = re.findall(r"~\^/login/\(\?<acromion_way>(\S+)\)/", text)
     assert ways == "link|once"
+
+
+def test_without_tls_the_proxy_leads_pages_on_and_refuses_scripts() -> None:
+    text = (DOCKER / "nginx.conf").read_text()
+    (plain,) = re.findall(r"server \{\n    listen 80;\n(.*?)\n\}", text, re.DOTALL)
+
+    answers = dict(re.findall(r"location (\S+) \{ return (\d+)", plain))
+
+    assert answers == {"/": "301", "/api/": "403", "/metrics": "403"}
+
+
+@pytest.mark.parametrize("name", ["ACROMION_DATABASE_URL", "AWS_SECRET_ACCESS_KEY"])
+def test_no_server_starts_with_a_password_of_the_examples(name: str) -> None:
+    example = dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / "env.example").read_text(), re.MULTILINE))
+    own = {"ACROMION_DATABASE_URL": "sqlite://", "AWS_SECRET_ACCESS_KEY": "x"} | {name: example[name]}
+
+    with pytest.raises(ExamplePassword) as refused:
+        check_passwords(Settings(database_url=own["ACROMION_DATABASE_URL"]), own)
+
+    assert refused.value.facts["name"] == name
 
 
 def test_the_image_installs_the_versions_that_are_tested() -> None:

@@ -46,6 +46,15 @@ def test_a_record_is_one_line(lines: io.StringIO) -> None:
     assert line.endswith(f"WARNING taken: {ESCAPED}")
 
 
+def test_a_line_begins_with_the_time_in_utc_and_its_zone(lines: io.StringIO) -> None:
+    record = logging.LogRecord("test", logging.WARNING, "", 0, "late", (), None)
+    record.created = 1_790_000_000.25
+
+    logging.getLogger("test").handle(record)
+
+    assert lines.getvalue() == "2026-09-21T14:13:20.250+00:00 WARNING late\n"
+
+
 def test_no_line_of_a_traceback_passes_for_a_record(lines: io.StringIO) -> None:
     try:
         raise ValueError(HOSTILE)

@@ -1,6 +1,7 @@
 """Logging in, one's account and the page of people, as a person uses them."""
 
 import re
+import secrets
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,12 +10,17 @@ from typing import cast
 import pyotp
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
+from sqlalchemy import update
 
 from app.access.accounts import AccountStore
 from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import Role
+from app.access.tables import sessions
+from app.jobs.store import JobStore
+from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.store import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
 from tests.pages.test_everyone import LOOKS, Look, list_barriers
 from tests.ways_in.servers import RunningServer
@@ -178,6 +184,38 @@ def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) ->
 
     expect(page.locator("code.secret")).to_have_count(0)
     expect(page.get_by_role("button", name="Revoke: nightly")).to_be_visible()
+
+
+@pytest.mark.parametrize("name", ["summary.csv", "reports.zip"])
+def test_whoever_takes_many_recordings_out_is_asked_for_the_password_again(
+    page: Page, clinic: RunningServer, logins: Logins, data: Path, name: str
+) -> None:
+    log_in(page, clinic)
+    add_row(data)
+    page.goto(f"{clinic.address}?lang=en")
+    make_session_old(logins)
+
+    page.locator(f".take a[href*='{name}']").click()
+    expect(page.get_by_role("heading", name="Is it still you?")).to_be_visible()
+    page.get_by_label("Password or code").fill(PASSWORD)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Go on").click()
+
+    assert download.value.suggested_filename == name
+
+
+def add_row(data: Path) -> None:
+    """Add a recording that waits."""
+    store = JobStore(Settings(data_dir=data))
+    stored = StoredRecording(f"rec_{secrets.token_hex(8)}", secrets.token_hex(32), 1)
+    store.add(stored, ReportRequest("shift.gt3x"))
+    store.close()
+
+
+def make_session_old(logins: Logins) -> None:
+    """Have every session be confirmed long ago."""
+    with logins.accounts.database.write() as connection:
+        connection.execute(update(sessions).values(confirmed_s=0.0))
 
 
 def test_logging_out_leads_to_the_login_and_nothing_opens_any_more(page: Page, clinic: RunningServer) -> None:

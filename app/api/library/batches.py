@@ -95,14 +95,15 @@ def get_batch(batch_id: str, services: UsedServices) -> BatchView:
 def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
     """One row for each recording, failed ones too; once nothing more will happen to any."""
     jobs = (job for job in _find_ended(services, batch_id) if job.request.reference is None)
-    return _answer_table(encode_summary(_summarise(services, job) for job in jobs))
+    return _answer_table(encode_summary(_summarise(services, job) for job in jobs), "summary")
 
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
     """The recordings without a result, and what to do about each; those whose result is damaged, too."""
     problems = (_describe_problem(services, job, language) for job in _find_ended(services, batch_id))
-    return _answer_table(encode_table(PROBLEM_COLUMNS, [row for row in problems if row is not None]))
+    body = encode_table(PROBLEM_COLUMNS, [row for row in problems if row is not None])
+    return _answer_table(body, "problems")
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)
@@ -183,5 +184,6 @@ def _build_origin(job: Job) -> Origin:
     )
 
 
-def _answer_table(body: bytes) -> Response:
-    return Response(body, media_type="text/csv; charset=utf-8", headers={"Cache-Control": "no-store"})
+def _answer_table(body: bytes, name: str) -> Response:
+    kept = {"Cache-Control": "no-store", "Content-Disposition": f'attachment; filename="{name}.csv"'}
+    return Response(body, media_type="text/csv; charset=utf-8", headers=kept)

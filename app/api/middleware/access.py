@@ -5,10 +5,8 @@ route is known, by a dependency that every route has (:data:`CHECKED`). What las
 ends with the login.
 """
 
-import re
 from collections.abc import Callable
 from typing import Annotated, cast
-from urllib.parse import unquote
 
 import anyio
 from anyio.to_thread import run_sync
@@ -20,11 +18,11 @@ from starlette.responses import Response
 from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.access.accounts import TOKEN_PREFIX
 from app.access.gate import Credentials, Gate
 from app.access.routes import CONFIRMED, Needed, find_needed
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
+from app.api.middleware.echoes import holds_token
 from app.api.middleware.readings import KnownLines, Recorder
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.jobs.trail import NOBODY, set_actor
@@ -98,9 +96,6 @@ def _lasts(scope: Scope) -> bool:
     return scope["type"] == "websocket" or str(scope["path"]).endswith("/events")
 
 
-_TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
-
-
 def check_address(scope: Scope) -> None:
     """Refuse a request whose address holds a token, before anything is looked up.
 
@@ -108,8 +103,7 @@ def check_address(scope: Scope) -> None:
     ------
     TokenInAddress
     """
-    address = f"{scope['path']}?{scope['query_string'].decode('latin-1')}"
-    if _TOKEN.search(unquote(address)):
+    if holds_token(f"{scope['path']}?{scope['query_string'].decode('latin-1')}"):
         raise TokenInAddress
 
 

@@ -10,12 +10,13 @@ from urllib.parse import urlsplit
 
 import anyio
 import h11
-from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import Request
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from app.api.middleware.callers import find_origin
 from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
 from app.storage.store import too_large
 
@@ -66,6 +67,7 @@ def make_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
 
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+_PORTS = {"http": 80, "https": 443}
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 
 FILE_PATHS = (
@@ -131,7 +133,7 @@ class Guard:
             return
         request, sealed = Request(scope), _add_headers(send, self._headers)
         try:
-            check_caller(request.method, request.headers, self._host_names)
+            check_caller(request.method, request, self._host_names)
         except AppError as refusal:
             await self._respond(request, refusal)(scope, receive, sealed)
             return
@@ -146,7 +148,7 @@ class Guard:
     async def _guard_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a WebSocket of another site before it is accepted; browsers bind these to no origin."""
         try:
-            check_caller("POST", Headers(scope=scope), self._host_names)
+            check_caller("POST", HTTPConnection(scope), self._host_names)
         except AppError:
             await send({"type": "websocket.close", "code": 1008})
             return
@@ -159,23 +161,38 @@ def takes_file(scope: Scope) -> bool:
     return path.removeprefix(scope.get("root_path", "")).startswith(FILE_PATHS)
 
 
-def check_caller(method: str, headers: Headers, host_names: frozenset[str] = LOOPBACK_NAMES) -> None:
+def check_caller(
+    method: str, connection: HTTPConnection, host_names: frozenset[str] = LOOPBACK_NAMES
+) -> None:
     """Refuse a name that is not ours (DNS rebinding), and changes asked for by another site.
+
+    Our own pages ask by the same scheme, name and port; behind a proxy the scheme is the proxy's.
 
     Raises
     ------
     ForeignHostName, ForeignOrigin
     """
+    headers = connection.headers
     host = headers.get("host", "")
     if _read_host_name(host) not in host_names:
         raise ForeignHostName(host=host[:100])
     if method in SAFE_METHODS:
         return
     origin = headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != host:
+    if origin is not None and _read_origin(origin) != _read_origin(find_origin(connection)):
         raise ForeignOrigin
     if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
         raise ForeignOrigin
+
+
+def _read_origin(origin: str) -> tuple[str, str, int | None] | None:
+    """Read scheme, name and port; None for what is no origin ("null")."""
+    try:
+        parts = urlsplit(origin)
+        port = parts.port or _PORTS.get(parts.scheme)
+    except ValueError:
+        return None
+    return (parts.scheme, parts.hostname, port) if parts.hostname else None
 
 
 def _read_host_name(host: str) -> str:

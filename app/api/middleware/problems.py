@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
+from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.plain_text import check_json
 from app.errors import (
     AppError,
@@ -236,13 +237,13 @@ def parse_json(body: bytes) -> Any:
     try:
         return json.loads(body)
     except ValueError:
-        raise BadParameter(name="body", value=repr(body[:40]), allowed="JSON") from None
+        raise BadParameter(name="body", value="", allowed="JSON") from None
 
 
 def _build_bad_parameter(error: Mapping[str, Any], find_hint: Callable[[Place], str]) -> BadParameter:
     name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
     known = _format_context_hint(error) or find_hint(error["loc"])
-    return BadParameter(name=name[:60], value=str(error.get("input", ""))[:60], allowed=known)
+    return BadParameter(name=hide_tokens(name)[:60], value=show_input(error), allowed=known)
 
 
 def _format_context_hint(error: Mapping[str, Any]) -> str:

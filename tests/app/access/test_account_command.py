@@ -29,7 +29,7 @@ def test_the_first_manager_gets_an_address_that_works_once(data: Path, logins: L
     link = re.search(r"/login/link/([\w-]+)", told)
     assert link is not None
 
-    person = logins.set_password_by_link(link[1], "five yellow umbrellas")
+    person = logins.set_password_by_link(link[1], "five yellow umbrellas", "192.0.2.1")
 
     assert (code, person.login, person.organisation) == (0, "boss", "own")
     assert person.roles == {"manager"}

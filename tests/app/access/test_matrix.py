@@ -180,6 +180,21 @@ def test_a_foreign_id_is_answered_as_an_unknown_one(
     assert count > 60
 
 
+def test_a_further_organisation_sees_its_own_counts_and_nothing_of_the_machine(
+    house: House, caller: TestClient, known: dict[str, str]
+) -> None:
+    own, other = (
+        caller.get("/metrics", headers=dict(house.log_in(name))).text for name in ("auditor", "other")
+    )
+
+    assert 'acromion_analyses{state="queued"} 1.0' in own
+    assert 'acromion_analyses{state="queued"} 0.0' in other
+    assert "process_" in own
+    assert "disk" in own
+    assert "process_" not in other
+    assert "disk" not in other
+
+
 def _blank(text: str, ids: Mapping[str, str]) -> str:
     for one in sorted(set(ids.values()), key=len, reverse=True):
         text = text.replace(one, "ID")

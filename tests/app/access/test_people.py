@@ -1,14 +1,22 @@
 """Who manages people lets them in and ends them; he sees no health data, and only his own organisation."""
 
+import json
 import re
 from collections.abc import Callable
 
 import pytest
+from httpx2 import Response
 
 from app.access.accounts import AccountStore
-from tests.app.access.conftest import AddPerson, Clock, Visit, Visitor
+from app.access.acts import carry_acts
+from app.access.logins import Caller, Logins
+from app.jobs.store import JobStore
+from app.jobs.trail import TrailQuestion, find_lines
+from app.settings import Settings
+from tests.app.access.conftest import AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
 Enter = Callable[..., Visitor]
+NEW_PASSWORD = "five yellow umbrellas"
 
 
 @pytest.fixture
@@ -104,3 +112,93 @@ def test_whoever_reads_recordings_manages_nobody(add_person: AddPerson, enter: E
     add_person("dora")
 
     assert enter("dora").client.get("/people").status_code == 403
+
+
+# A link that a manager makes for somebody who has a password already.
+
+
+@pytest.fixture
+def reset(boss: Visitor, add_person: AddPerson, visit: Visit) -> Visitor:
+    """A browser in which the password of Dora was set by a link of the manager."""
+    dora = add_person("dora")
+    page = boss.post(f"/people/{dora.id}/link")
+    link = re.search(r"http://localhost:8080(/login/link/[\w-]+)", page.text)
+    assert link is not None
+    visitor = visit()
+    visitor.post(link[1], password=NEW_PASSWORD)
+    return visitor
+
+
+def log_in(visitor: Visitor, clock: Clock, wanted: str = "/trash") -> Response:
+    clock.wait(60)
+    asked = visitor.post("/login", login="dora", password=NEW_PASSWORD, next=wanted)
+    return visitor.post("/login/code", ticket=read_ticket(asked), code=make_code(clock), next=wanted)
+
+
+def test_the_link_of_a_manager_does_not_let_him_in_as_a_clinician(reset: Visitor) -> None:
+    asked = reset.give_password("dora", NEW_PASSWORD)
+    guessed = reset.post("/login/code", ticket=read_ticket(asked), code="000000", next="/")
+
+    assert guessed.status_code == 401
+    assert reset.client.get("/api/v1/recordings").status_code == 401
+
+
+@pytest.mark.parametrize(
+    ("language", "sentence"),
+    [("en", "your password was set by a link that Boss made"), ("fr", "un lien que Boss a créé")],
+)
+def test_a_person_is_told_at_the_next_login_who_made_the_link(
+    reset: Visitor, clock: Clock, language: str, sentence: str
+) -> None:
+    reset.client.cookies.set("acromion_lang", language)
+
+    led = log_in(reset, clock)
+    page = reset.get(led.headers["location"]).text
+
+    assert led.headers["location"] == "/account?next=%2Ftrash"
+    assert sentence in page
+    assert "192.0.2.1" in page
+
+
+def test_a_person_is_told_until_he_says_that_he_knows(reset: Visitor, clock: Clock) -> None:
+    log_in(reset, clock)
+    again = log_in(reset, clock)
+    known = reset.post("/account/told", next="/trash")
+    after = log_in(reset, clock)
+
+    assert again.headers["location"] == "/account?next=%2Ftrash"
+    assert known.headers["location"] == "/trash"
+    assert after.headers["location"] == "/trash"
+    assert "Boss" in reset.get("/account").text
+
+
+def test_the_trail_holds_who_made_the_link_and_from_where_it_was_used(
+    reset: Visitor, accounts: AccountStore, settings: Settings
+) -> None:
+    boss, dora = accounts.find_person("boss"), accounts.find_person("dora")
+    assert boss is not None
+    assert dora is not None
+    store = JobStore(settings)
+
+    carry_acts(accounts.database, {"own": store.engine}.get)
+    lines = [
+        (line.who, line.act, json.loads(line.other))
+        for line in find_lines(store.reader, TrailQuestion())
+        if line.act == "link.made" or (line.act == "password.changed" and "link" in line.other)
+    ]
+    store.close()
+
+    used = {"by": "link", "made_by": boss.id, "address": "192.0.2.1", "person": dora.id}
+    assert lines == [("nobody", "password.changed", used), (boss.id, "link.made", {"person": dora.id})]
+
+
+def test_who_was_invited_is_told_nothing(boss: Visitor, visit: Visit, logins: Logins) -> None:
+    page = boss.post("/people", login="dora", name="Dora", role=["clinician"])
+    link = re.search(r"http://localhost:8080(/login/link/[\w-]+)", page.text)
+    assert link is not None
+    visit().post(link[1], password=NEW_PASSWORD)
+
+    dora = logins.accounts.find_person("dora")
+
+    assert dora is not None
+    assert not logins.enter(dora.id, Caller("192.0.2.1", "")).is_to_be_told

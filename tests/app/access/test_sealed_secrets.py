@@ -10,13 +10,13 @@ from sqlalchemy import select, text, update
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.access.tables import people, tickets
-from app.errors import KeysNeeded, LoginRefused
+from app.errors import KeysNeeded, SecondFactorSealed
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
 from app.storage.keys import open_keys
 from app.upkeep.backup import back_up, restore
-from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
+from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
 
 HERE = Caller("192.0.2.1", "")
 
@@ -90,14 +90,103 @@ def test_a_secret_of_an_earlier_release_is_sealed_by_a_start(
     assert log_in(logins, clock)
 
 
-def test_without_the_key_no_code_is_right(
-    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock
+def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
+    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:
-    add_person()
+    person = add_person()
     open_keys(settings).destroy("accounts")
 
-    with pytest.raises(LoginRefused):
+    with pytest.raises(SecondFactorSealed):
         log_in(logins, clock)
+
+    assert f"the second factor of {person.id} cannot be read" in caplog.text
+    assert "--second-factor" in caplog.text
+
+
+@pytest.mark.parametrize(("language", "cure"), [("en", "restores the keys"), ("fr", "restaure les clés")])
+def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
+    settings: Settings, add_person: AddPerson, visit: Visit, language: str, cure: str
+) -> None:
+    add_person()
+    visitor = visit()
+    visitor.client.cookies.set("acromion_lang", language)
+    ticket = read_ticket(visitor.give_password("clara"))
+    open_keys(settings).destroy("accounts")
+
+    page = visitor.post("/login/code", ticket=ticket, code="123456", next="/")
+
+    assert page.status_code == 503
+    assert "E-SECOND-FACTOR" in page.text
+    assert cure in page.text
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_no_name_stands_open_in_the_accounts(accounts: AccountStore) -> None:
+    accounts.add_organisation("own", "own")
+    person = accounts.add_person("own", "clara", "Clara Léger", ["clinician"])
+    accounts.set_name(person.id, "Clara Roy")
+
+    assert "Léger" not in dump(accounts)
+    assert "Roy" not in dump(accounts)
+    assert accounts.get_person(person.id).name == "Clara Roy"
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_a_name_of_an_earlier_release_is_read_and_sealed_by_a_start(
+    settings: Settings, accounts: AccountStore, add_person: AddPerson
+) -> None:
+    person = add_person()
+    with accounts.database.write() as connection:
+        connection.execute(update(people).values(name="Clara Léger"))
+    assert accounts.get_person(person.id).name == "Clara Léger"
+
+    with TestClient(create_app(settings)):
+        pass
+
+    assert "Léger" not in dump(accounts)
+    assert accounts.get_person(person.id).name == "Clara Léger"
+
+
+def test_without_the_key_a_person_is_shown_by_the_login(
+    settings: Settings, clock: Clock, add_person: AddPerson
+) -> None:
+    person = add_person()
+    open_keys(settings).destroy("accounts")
+
+    reopened = AccountStore(settings, clock)
+
+    assert reopened.get_person(person.id).name == "clara"
+    reopened.database.close()
+
+
+def test_a_name_given_while_the_key_is_lost_makes_no_other_key(
+    settings: Settings, accounts: AccountStore, add_person: AddPerson
+) -> None:
+    add_person()
+    keys = open_keys(settings)
+    kept = keys.get("accounts")
+    keys.destroy("accounts")
+
+    dora = accounts.add_person("own", "dora", "Dora Roy", ["clinician"])
+    assert keys.find("accounts") is None
+    keys.keep(kept)
+    accounts.seal_earlier()
+
+    assert "Dora Roy" not in dump(accounts)
+    assert accounts.get_person(dora.id).name == "Dora Roy"
+
+
+def test_a_code_that_cannot_be_compared_is_no_guess(
+    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
+    open_keys(settings).destroy("accounts")
+    step = logins.give_password("clara", PASSWORD, HERE)
+    for _ in range(20):
+        with pytest.raises(SecondFactorSealed):
+            logins.give_code(step.ticket, make_code(clock), HERE)
+
+    assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
 
 
 def test_without_the_key_a_recovery_code_lets_in(
@@ -119,7 +208,7 @@ def test_a_secret_does_not_open_as_another_persons(
     with accounts.database.write() as connection:
         connection.execute(update(people).where(people.c.id == clara.id).values(totp_secret=hers))
 
-    with pytest.raises(LoginRefused):
+    with pytest.raises(SecondFactorSealed):
         log_in(logins, clock)
 
 

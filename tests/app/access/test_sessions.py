@@ -249,6 +249,12 @@ def test_a_session_that_was_confirmed_lasts_no_longer(
         ("GET", "/library/reports.zip"),
         ("GET", "/library/summary.csv"),
         ("POST", "/library/acts/reports.zip"),
+        ("GET", "/api/v1/batches/ba_x/summary.csv"),
+        ("GET", "/api/v1/batches/ba_x/problems.csv"),
+        ("GET", "/days/profile.csv?analysis=an_x"),
+        ("GET", "/api/v1/profile/profile.json?analysis=an_x"),
+        ("GET", "/api/v1/profile/profile.csv?analysis=an_x"),
+        ("POST", "/api/v1/webhooks"),
         ("POST", "/api/v1/tokens"),
         ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
     ],
@@ -269,6 +275,17 @@ def test_the_password_is_asked_for_again_after_ten_minutes(
     assert "E-CONFIRM" not in early, soon
     assert late.status_code == 403
     assert "E-CONFIRM" in late.text
+
+
+@pytest.mark.parametrize("name", ["bundle.zip", "report.pdf", "summary.csv", "fhir.json"])
+def test_a_file_of_one_recording_is_downloaded_without_the_password(
+    add_person: AddPerson, enter: Enter, clock: Clock, name: str
+) -> None:
+    add_person()
+    visitor = enter()
+    clock.wait(11 * MINUTE_S)
+
+    assert visitor.client.get(f"/api/v1/analyses/an_x/{name}").status_code == 404
 
 
 def test_a_browser_is_led_to_the_question_and_back(add_person: AddPerson, enter: Enter, clock: Clock) -> None:

@@ -167,6 +167,56 @@ def test_a_token_in_an_address_is_refused(
     assert (answer.status_code, "E-TOKEN-ADDRESS" in answer.text) == (400, True)
 
 
+@pytest.mark.parametrize("accept", ["application/json", "text/html"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/api/v1/recordings?access_token={}",
+        "/api/v1/recordings?lang=fr&x=y{}",
+        "/api/v1/analyses/{}",
+        "/api/v1/analyses/%61cr_{}",
+        "/analyses/{}",
+        "/trash?x={}",
+        "/trash?{}=1",
+    ],
+)
+def test_a_refused_token_is_never_said_back(
+    add_person: AddPerson, enter: Enter, visit: Visit, path: str, accept: str
+) -> None:
+    add_person()
+    token = make(enter())
+    written = path.replace("%61cr_{}", f"%61{token[1:]}").format(token)
+
+    answer = visit().client.get(written, headers={"accept": accept})
+
+    said = f"{answer.text} {answer.headers}"
+    assert "E-TOKEN-ADDRESS" in said
+    assert token[4:] not in said
+
+
+def test_a_refused_token_stands_in_no_log(
+    add_person: AddPerson, enter: Enter, visit: Visit, caplog: pytest.LogCaptureFixture
+) -> None:
+    add_person()
+    token = make(enter())
+
+    visit().client.get(f"/api/v1/recordings?x={token}")
+
+    own = [record.getMessage() for record in caplog.records if not record.name.startswith("httpx")]
+    assert token not in str(own)
+
+
+def test_a_token_at_a_foreign_name_is_not_said_back(
+    add_person: AddPerson, enter: Enter, visit: Visit
+) -> None:
+    add_person()
+    token = make(enter())
+
+    answer = visit().client.get(f"/api/v1/analyses/{token}", headers={"host": "evil.example"})
+
+    assert (answer.status_code, token in answer.text) == (421, False)
+
+
 def test_a_kept_answer_never_holds_a_token(add_person: AddPerson, enter: Enter) -> None:
     add_person()
     visitor = enter()
