@@ -222,9 +222,7 @@ def test_a_report_that_is_read_leaves_one_line_for_its_pieces(
     for address in (f"/analyses/{job.id}", f"/analyses/{job.id}", f"/api/v1/analyses/{job.id}"):
         caller.get(address, headers=clinician)
 
-    lines = [
-        line for line in _find_by(house, "clinician") if line.act != "login.succeeded"
-    ]
+    lines = [line for line in _find_by(house, "clinician") if line.act != "login.succeeded"]
     assert [(line.act, line.recording_id, line.analysis_id) for line in lines] == [
         ("report.read", job.recording_id, job.id)
     ]
