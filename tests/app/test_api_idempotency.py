@@ -146,7 +146,7 @@ def test_a_purge_leaves_the_answers_of_other_recordings(client: TestClient) -> N
 def test_a_purge_forgets_refusals_for_they_may_repeat_a_subject_code(
     client: TestClient, store: JobStore
 ) -> None:
-    refused = client.post("/api/v1/recordings", json={"subject": "S1"}, headers=KEY)
+    refused = client.post("/api/v1/recordings", json={"upload_id": "u", "side": "S1"}, headers=KEY)
     assert "S1" in refused.json()["detail"]
     kept = client.post("/api/v1/recordings", content=b"x").json()
 

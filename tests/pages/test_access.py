@@ -295,3 +295,27 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
 
     context.close()
     assert {name: problems for name, problems in found.items() if problems} == {}
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_what_is_told_of_a_link_fits_has_no_barrier_and_leads_on(
+    browser: Browser, clinic: RunningServer, logins: Logins, look: Look
+) -> None:
+    viewport: ViewportSize = {"width": look.width, "height": 800}
+    context = browser.new_context(viewport=viewport, color_scheme=look.scheme, reduced_motion="reduce")
+    page = context.new_page()
+    person = logins.accounts.find_person("clara")
+    assert person is not None
+    logins.set_password_by_link(logins.make_link(person.id, 60), PASSWORD, "192.0.2.1")
+
+    log_in(page, clinic, language=look.language)
+    expect(page.locator("[role=status]")).to_contain_text("192.0.2.1")
+    keep_picture(page, f"access-told-{look.language}-{look.scheme}-{look.width}")
+    barriers = list_barriers(page, look)
+    width = page.evaluate("document.documentElement.scrollWidth")
+    submit(page, "form[action$='/account/told'] button")
+
+    expect(page).to_have_url(clinic.address)
+    context.close()
+    assert barriers == []
+    assert width <= look.width
