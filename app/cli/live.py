@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 BAR_WIDTH = 30
 REDRAW_S, PRINT_S = 0.1, 1.0
+SILENT_S = 2.0
+"""After so long without a frame the last angle is no longer shown: it is not that of the arm now."""
 
 
 def live(
@@ -138,10 +140,11 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
 
 def _take_frames(source: "Source", recorder: "Recorder", countdown_s: float, screen: "_Screen") -> None:
     """Take frames until the source ends; the pose is asked for once what came early is made up for."""
-    early = source.early
+    early, heard_s = source.early, time.monotonic()
     if early is None:
         _ask_pose(recorder, countdown_s)
     while (frames := source.read()) is not None:
+        heard_s = time.monotonic() if len(frames) else heard_s
         screen.print_cues(recorder.take_cues(recorder.take(frames)))
         if early is not None and not early.is_behind:
             _release(early, recorder)
@@ -151,7 +154,7 @@ def _take_frames(source: "Source", recorder: "Recorder", countdown_s: float, scr
         if status.pose == "none" and early is None:
             screen.print_refusal(status)
             recorder.session.ask_pose(countdown_s)
-        screen.show(status)
+        screen.show(status, time.monotonic() - heard_s)
 
 
 def _ask_pose(recorder: "Recorder", countdown_s: float) -> None:
@@ -208,10 +211,11 @@ class _Screen:
         self._is_terminal = sys.stdout.isatty()
         self._due_s = 0.0
 
-    def show(self, status: "LiveStatus") -> None:
+    def show(self, status: "LiveStatus", silent_s: float) -> None:
+        """Show where the session stands; ``silent_s``: how long nothing came."""
         if time.monotonic() >= self._due_s:
             self._due_s = time.monotonic() + (REDRAW_S if self._is_terminal else PRINT_S)
-            self._print(self._describe(status))
+            self._print(self._describe(status, silent_s))
 
     def show_last(self, status: "LiveStatus") -> None:
         self._print(self._describe(status))
@@ -241,23 +245,29 @@ class _Screen:
         if self._is_terminal:
             typer.echo("\r\x1b[K", nl=False)
 
-    def _doubt(self, status: "LiveStatus") -> str:
+    def _doubt(self, status: "LiveStatus", silent_s: float) -> str:
+        if silent_s > SILENT_S:
+            return fill(self._words["silent"], {"seconds": format_number(silent_s, 0, self._language)})
         if status.is_frame_doubtful:
             return str(self._words["frame"])
         return "" if status.has_rested else str(self._words["unrested"])
 
-    def _describe(self, status: "LiveStatus") -> str:
-        if status.pose in ("countdown", "holding"):
+    def _describe(self, status: "LiveStatus", silent_s: float = 0.0) -> str:
+        is_silent = silent_s > SILENT_S
+        if status.pose in ("countdown", "holding") and not is_silent:
             left = format_number(status.pose_left_s, 0, self._language)
             return fill(self._words[status.pose], {"left": left})
+        angle_deg = None if is_silent else status.elevation_deg
+        uncounted_s = status.elapsed_s - status.counted_s
         facts = {
-            "angle": format_angle(status.elevation_deg, self._language).rjust(4),
-            "bar": _draw_bar(status.elevation_deg),
+            "angle": format_angle(angle_deg, self._language).rjust(4),
+            "bar": _draw_bar(angle_deg),
             "above": format_duration(status.above_s[1], self._language),
             "rises": str(status.rises),
             "lost": str(status.lost),
             "elapsed": format_elapsed(status.elapsed_s),
-            "doubt": self._doubt(status),
+            "uncounted": format_duration(uncounted_s, self._language),
+            "doubt": self._doubt(status, silent_s),
         }
         return fill(self._words["line"], facts)
 

@@ -22,7 +22,8 @@ def parse_rule(text: str) -> CueRule:
     kind_text, angle_text, limit_text = text.split(":")
     kind = next((one for one in get_args(CueKind) if one == kind_text), None)
     angle_deg, limit = float(angle_text), float(limit_text)
-    if kind is None or not 0.0 < angle_deg < 180.0 or not 0.0 < limit < 3600.0:
+    most = 100.0 if kind == "share" else 3600.0
+    if kind is None or not 0.0 < angle_deg < 180.0 or not 0.0 < limit < most:
         raise ValueError(CUE_HINT)
     if kind == "share":
         return CueRule(kind, angle_deg, percent=limit)

@@ -211,7 +211,9 @@ def open_port(source: str, baud: int = BAUD) -> Port:
         if port is None or (address.scheme == "tcp" and not host):
             raise LiveSourceFailed(name=source, why="address")
         return UdpPort(host, port) if address.scheme == "udp" else TcpPort(host, port)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
+        raise LiveSourceFailed(name=source, why="address") from error
+    except OSError as error:
         raise LiveSourceFailed(name=source, why="port") from error
 
 

@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.cli.live import _run
-from app.live.raw_file import RawFile
+from app.cli.live import _run, _Screen
+from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.source import SourceFacts
 from fusion.errors import UnusableTime
@@ -136,6 +136,36 @@ def test_a_pose_that_is_refused_is_asked_for_again(
     assert read_recording(recorder.path).pose_windows_s == ((15.49, 20.49),)
 
 
+def test_while_nothing_comes_no_angle_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = MadeSource(make_worn((40.0, 20.0)))
+    recorder = Recorder(tmp_path / "live-a.csv", source.facts, Wearer(arm_axis="+z"))
+    screen = _Screen("en")
+    while (frames := source.read()) is not None:
+        recorder.take(frames)
+
+    screen.show(recorder.status(), 0.1)
+    shown = capsys.readouterr().out
+    screen = _Screen("en")
+    screen.show(recorder.status(), 7.0)
+    silent = capsys.readouterr().out
+    recorder.break_off()
+
+    assert re.match(r" *\d+°", shown)
+    assert silent.lstrip().startswith("–")
+    assert "nothing has come for 7\xa0s: the angle is not known" in silent
+
+
+def test_time_without_an_angle_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # 20 s, of which the last 15 s follow the pose.
+    source = MadeSource(make_worn((0.0, 20.0)))
+    recorder = Recorder(tmp_path / "live-a.csv", source.facts)
+
+    _run(source, recorder, 0.0, "en")
+
+    assert recorder.status().counted_s == pytest.approx(15.0)
+    assert "not counted: 5\u202fs" in capsys.readouterr().out
+
+
 def test_a_board_that_goes_astray_is_said_and_what_came_is_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,7 +202,9 @@ def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(log: Path, tmp_pa
     assert len(re.findall(r"Above 60° for 4\ss\.", output)) == 2
 
 
-@pytest.mark.parametrize("rule", ["hold", "hold:60", "moon:60:4", "hold:60:x", "hold:200:4", "share:60:-1"])
+@pytest.mark.parametrize(
+    "rule", ["hold", "hold:60", "moon:60:4", "hold:60:x", "hold:200:4", "share:60:-1", "share:60:100"]
+)
 def test_a_rule_that_cannot_be_is_a_usage_error(log: Path, tmp_path: Path, rule: str) -> None:
     code, output = run(str(log), "-o", str(tmp_path / "out"), "--cue", rule)
 
