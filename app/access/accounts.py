@@ -35,7 +35,7 @@ NOTE_S = 30.0
 SESSION_BYTES = 32
 TOKEN_PREFIX = "acr_"  # noqa: S105 - the prefix by which scanners know a token
 LOGIN_SIGNS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789.-_+@")
-LONGEST_LOGIN = 100
+LONGEST_LOGIN, LONGEST_NAME = 100, 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,14 @@ class AccountStore:
     # Organisations and people.
 
     def add_organisation(self, organisation: str, name: str) -> None:
-        """Add an organisation; one that is there stays as it is."""
+        """Add an organisation; one that is there stays as it is.
+
+        Raises
+        ------
+        BadParameter
+            A name that is none.
+        """
+        check_name(name)
         row = {"id": organisation, "name": name, "created_at": format_now()}
         with self.database.write() as connection:
             known = select(organisations.c.id).where(organisations.c.id == organisation)
@@ -135,8 +142,9 @@ class AccountStore:
         Raises
         ------
         BadParameter
-            A login that has other signs than an e-mail address, or that somebody has.
+            A login that has other signs than an e-mail address, or that somebody has; a name that is none.
         """
+        check_name(name)
         return self._insert_person(organisation, check_login(login), name, roles, {})
 
     def add_person_of(self, issuer: str, subject: str, about: Person) -> Person:
@@ -428,6 +436,19 @@ class AccountStore:
 def normalise_login(login: str) -> str:
     """Write a login name as it is kept."""
     return login.strip().lower()
+
+
+def check_name(name: str) -> None:
+    """Check the name of a person, an organisation or a token.
+
+    Raises
+    ------
+    BadParameter
+        Nothing, too long, or holding what cannot be printed.
+    """
+    if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
+        shown = name[:60].encode("ascii", "backslashreplace").decode()
+        raise BadParameter(name="name", value=shown, allowed=f"1 … {LONGEST_NAME}")
 
 
 def check_login(login: str) -> str:

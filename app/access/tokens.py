@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from datetime import UTC, datetime
 
-from app.access.accounts import AccountStore, Token
+from app.access.accounts import AccountStore, Token, check_name
 from app.access.subjects import PERMISSIONS, Permission, Subject
 from app.errors import BadParameter, NotPermitted
 
@@ -23,8 +23,9 @@ def make_token(
     """
     if not 1 <= days <= MOST_DAYS:
         raise BadParameter(name="days", value=days, allowed=f"1 … {MOST_DAYS}")
-    if not permissions or not name.strip():
-        raise BadParameter(name="permissions", value=name, allowed=", ".join(PERMISSIONS))
+    check_name(name)
+    if not permissions:
+        raise BadParameter(name="permissions", value="", allowed=", ".join(PERMISSIONS))
     for permission in permissions:
         if not person.may(permission):
             raise NotPermitted(permission=permission)

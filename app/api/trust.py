@@ -113,7 +113,7 @@ class TermView(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    days: Annotated[int, Field(ge=1, le=36_500)] | None
+    days: Annotated[int, Field(ge=1, le=36_500, strict=True)] | None
 
 
 @router.get("/retention", tags=["recordings"])
@@ -175,7 +175,7 @@ class TrailQuery(BaseModel):
     act: str = ""
     begin: Annotated[Moment, Field(alias="from", description="ISO 8601; without a zone UTC.")] = ""
     end: Annotated[Moment, Field(alias="to")] = ""
-    before: Annotated[int, Field(ge=0)] = 0
+    before: Annotated[int, Field(ge=0, lt=1 << 63)] = 0
     lang: str | None = None
 
 

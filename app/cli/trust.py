@@ -73,6 +73,9 @@ def show_trail(
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
     from app.jobs.trail import TrailQuestion, find_lines  # noqa: PLC0415
 
+    for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
+        if not value.isprintable():  # a broken byte of the terminal, which no database takes
+            raise typer.BadParameter("signs that cannot be printed", param_hint=option)
     with _opened(lang, data, organisation) as (_, store):
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:

@@ -19,7 +19,6 @@ from app.web.login import render_with_problem
 from app.web.rendering import find_base
 
 router = APIRouter(include_in_schema=False)
-LONGEST_NAME = 200
 
 
 @router.get("/people")
@@ -31,11 +30,9 @@ def show_people(request: Request, subject: UsedPerson, language: UsedLanguage) -
 @router.post("/people")
 def invite(request: Request, form: UsedForm, subject: UsedPerson, language: UsedLanguage) -> Response:
     """Add a person, and show the address that works once by which a password is chosen."""
-    logins, name = find_logins(request), first(form, "name")[:LONGEST_NAME]
+    logins, name = find_logins(request), first(form, "name")
     try:
         roles = _read_roles(form)
-        if not name or not name.isprintable():
-            raise BadParameter(name="name", value=name, allowed=f"≤ {LONGEST_NAME}")
         person = logins.accounts.add_person(subject.organisation, first(form, "login"), name, roles)
     except BadParameter as refusal:
         return _render(request, subject, language, refusal=refusal)
@@ -47,7 +44,7 @@ def set_roles(person_id: str, request: Request, form: UsedForm, subject: UsedPer
     """Give a person other roles; nobody changes his own."""
     person = _get_other(request, subject, person_id)
     if person.issuer is not None:
-        raise NotPermitted(permission="people")  # the provider says them at each login
+        raise NotPermitted(permission="provided")  # the provider says them at each login
     find_logins(request).accounts.set_roles(person.id, _read_roles(form))
     return _lead_back(request)
 
@@ -57,7 +54,7 @@ def make_link(person_id: str, request: Request, subject: UsedPerson, language: U
     """Show an address that works once for a person who forgot the password."""
     person = _get_other(request, subject, person_id)
     if person.issuer is not None or person.ended_at is not None:
-        raise NotPermitted(permission="people")
+        raise NotPermitted(permission="provided")
     return _render_link(request, subject, language, person, FORGOTTEN_S)
 
 
@@ -81,7 +78,7 @@ def _get_other(request: Request, subject: Subject, person_id: str) -> Person:
     if person.organisation != subject.organisation:
         raise NotHere(id=person_id)
     if person.id == subject.id:
-        raise NotPermitted(permission="people")
+        raise NotPermitted(permission="themselves")
     return person
 
 

@@ -126,3 +126,12 @@ def test_a_name_that_is_not_there_is_told(data: Path) -> None:
 
     assert code == 3
     assert "E-NOT-FOUND" in told
+
+
+@pytest.mark.parametrize("name", ["", "x" * 201, "Clara\nManager"])
+def test_a_name_that_is_none_is_refused(data: Path, accounts: AccountStore, name: str) -> None:
+    code, output = run(data, "add-organisation", name)
+
+    assert code == 3
+    assert "E-PARAMETER" in output
+    assert [found.id for found in accounts.find_organisations()] == ["own"]

@@ -700,3 +700,11 @@ def test_the_head_is_written_down_at_start_and_stop(settings: Settings, tmp_path
 async def _wait_for(path: Path) -> None:
     while not path.exists():
         await anyio.sleep(0.02)
+
+
+def test_a_number_that_no_line_can_have_is_refused(house: House, caller: TestClient) -> None:
+    auditor = dict(house.log_in("auditor"))
+
+    answer = caller.get("/api/v1/trail", params={"before": 1 << 63}, headers=auditor)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")

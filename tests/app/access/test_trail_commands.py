@@ -236,3 +236,10 @@ def run_unread(settings: Settings, *words: str) -> "subprocess.CompletedProcess[
         return subprocess.run(typed, stdout=write_end, stderr=subprocess.PIPE, env=told, check=False)
     finally:
         os.close(write_end)
+
+
+def test_a_broken_byte_in_a_question_is_a_usage_error() -> None:
+    result = CliRunner().invoke(app, ["trail", "show", "--who", "\udcff"])
+
+    assert result.exit_code == 2
+    assert "--who" in result.output

@@ -554,3 +554,11 @@ def test_terms_can_be_changed_only_by_who_may_erase(house: House, caller: TestCl
         "clinician": True,
         "assistant": False,
     }
+
+
+def test_a_term_is_a_number_of_days(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+
+    answer = caller.put("/api/v1/retention/trash", json={"days": True}, headers=clinician)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
