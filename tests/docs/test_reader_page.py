@@ -45,7 +45,14 @@ def test_a_whole_file_gives_its_samples_and_its_start(reader: dict[str, Any]) ->
         make_head(start_s=2**62) + ROW,
         make_head(start_s=-1) + ROW,
     ],
-    ids=["a cut header", "no row", "a cut row", "no rate", "a start past every calendar", "a start before 1970"],
+    ids=[
+        "a cut header",
+        "no row",
+        "a cut row",
+        "no rate",
+        "a start past every calendar",
+        "a start before 1970",
+    ],
 )
 def test_a_file_that_is_not_whole_is_refused(reader: dict[str, Any], content: bytes) -> None:
     with pytest.raises(UnreadableFile):
