@@ -89,8 +89,8 @@ class ShardRecord:
 class Collected:
     """What all slices left.
 
-    ``undone`` are the slices ("K/N") that have recordings to do still, and ``differing`` those of them that
-    ran with other files or options than the slice that began last.
+    ``undone`` are the slices ("K/N") that have recordings to do still, and ``differing`` those that ran with
+    other files or options than the slice that began last.
     """
 
     outcomes: list[Outcome]
@@ -114,21 +114,21 @@ def collect_outcomes(out: Path) -> Collected:
     records = {path.stem: json.loads(path.read_bytes()) for path in (out / SHARDS).glob("*-of-*.json")}
     problems = _gather_problems(records, plan_sha256)
     outcomes = [_find_outcome(out, told, problems.get(told["path"])) for told in plan["recordings"]]
-    undone = _list_undone(outcomes, max(int(stem.split("-of-")[1]) for stem in records))
+    count = max(int(stem.split("-of-")[1]) for stem in records)
+    shards = [Shard(number, count) for number in range(1, count + 1)]
     others = {stem for stem, record in records.items() if record["plan"] != plan_sha256}
     return Collected(
         outcomes,
         ReportRequest.from_json(plan["request"]),
-        tuple(str(shard) for shard in undone),
-        tuple(str(shard) for shard in undone if shard.stem in others),
+        tuple(str(shard) for shard in _select_undone(shards, outcomes)),
+        tuple(str(shard) for shard in shards if shard.stem in others),
     )
 
 
-def _list_undone(outcomes: Sequence[Outcome], count: int) -> list[Shard]:
-    """List the slices whose recordings are not all done."""
+def _select_undone(shards: Sequence[Shard], outcomes: Sequence[Outcome]) -> list[Shard]:
+    """Give the slices whose recordings are not all done."""
     undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
     tasks = [outcome.task for outcome in outcomes]
-    shards = [Shard(number, count) for number in range(1, count + 1)]
     return [shard for shard in shards if any(task.name in undone for task in shard.select(tasks))]
 
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 import typer
 
@@ -247,7 +247,7 @@ def finish(
         for line in format_question(outcome):
             typer.echo(escape_controls(line), err=True)
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
-        typer.echo(_format_total(outcomes, language, goes_on=goes_on), err=True)
+        typer.echo(_format_total(outcomes, language, "", goes_on=goes_on), err=True)
     raise typer.Exit(choose_exit(outcomes))
 
 
@@ -255,7 +255,7 @@ def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, la
     """Leave the failures of this slice to ``acromion collect``, and leave with the exit code of the slice."""
     with _handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):
         record.write(outcomes)
-    typer.echo(_format_total(outcomes, language), err=True)
+    typer.echo(_format_total(outcomes, language, "_shard"), err=True)
     words = load_wording(language, "run")["outcome"]
     typer.echo(fill(words["shard"], {"folder": format_path(out)}), err=True)
     raise typer.Exit(choose_exit(outcomes) if outcomes else Exit.ALL_GOOD)
@@ -294,7 +294,10 @@ def format_question(outcome: Outcome) -> list[str]:
     return lines
 
 
-def _format_total(outcomes: Sequence[Outcome], language: Language, *, goes_on: bool = True) -> str:
+def _format_total(
+    outcomes: Sequence[Outcome], language: Language, part: Literal["", "_shard"], *, goes_on: bool = True
+) -> str:
+    """Count what was done; a slice (``_shard``) wrote no table to point to."""
     counts = {
         "all": len(outcomes),
         "good": sum(outcome.code is None for outcome in outcomes),
@@ -305,7 +308,7 @@ def _format_total(outcomes: Sequence[Outcome], language: Language, *, goes_on: b
     facts = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
     words = load_wording(language, "run")["outcome"]
     facts["again"] = words["again"] if goes_on else ""
-    return fill(words["interrupted" if counts["left"] else "total"], facts)
+    return fill(words[("interrupted" if counts["left"] else "total") + part], facts)
 
 
 def choose_exit(outcomes: Sequence[Outcome]) -> Exit:

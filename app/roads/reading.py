@@ -62,7 +62,7 @@ class Logs:
 
 
 def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:
-    """Read one file as a request asks, and log every plug-in that failed.
+    """Read one file as a request asks, and log every plug-in that failed: a line, and the traceback as INFO.
 
     Raises
     ------
@@ -77,7 +77,8 @@ def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording
             )
         except FusionError as refusal:
             if isinstance(refusal, FailedReader):
-                logger.exception(_FAILED, *refusal.facts.values())
+                logger.error(_FAILED, *refusal.facts.values())
+                logger.info("its traceback", exc_info=True)
             header = identify_header(file)
             refusal.facts |= {"header": header} if header else {}
             raise

@@ -3,6 +3,9 @@
 #   Rscript acromion.R OUT                        the tables in the folder OUT of "acromion run ... -o OUT"
 #   Rscript acromion.R OUT shift.gt3x ADDRESS     and an analysis by a server, for example http://127.0.0.1:8080
 #
+# The server asks who comes. The environment says it: ACROMION_SECRET holds the contents of the file "secret" in the
+# server's data folder (acromion-data/secret) or, where there are accounts, a token. Empty or absent: nothing is sent.
+#
 # Base R reads the tables; the API needs the packages httr2 and jsonlite.
 
 read_summary <- function(out) {
@@ -20,10 +23,11 @@ usable <- function(summary) {
   summary[is.na(summary$error_code) & summary$verdict != "poor", ]
 }
 
-analyse <- function(path, address, ...) {
+analyse <- function(path, address, ..., secret = Sys.getenv("ACROMION_SECRET")) {
   # Send a recording, wait for its end, and give its results.json as a list. "..." says what is known of it:
   # subject = "S012", side = "right", calibration = "5,15".
   api <- httr2::request(paste0(address, "/api/v1"))
+  if (nzchar(secret)) api <- httr2::req_auth_bearer_token(api, secret)
   sent <- httr2::req_url_path_append(api, "analyze")
   sent <- httr2::req_url_query(sent, file_name = basename(path), ...)
   sent <- httr2::req_headers(sent, Prefer = "wait=60")

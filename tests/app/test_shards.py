@@ -58,6 +58,18 @@ def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
     assert (outcome.code, outcome.facts) == ("E-SHORT", {"seconds": 4})
 
 
+def test_a_slice_of_another_plan_is_named_also_where_nothing_is_left_to_do(tmp_path: Path) -> None:
+    ShardRecord(tmp_path / "out", Shard(2, 2), plan(tmp_path, "a.csv"), ASKED).begin()
+    tasks = plan(tmp_path, "b.csv")
+    last = ShardRecord(tmp_path / "out", Shard(1, 2), tasks, ASKED)
+    last.begin()
+    last.write([Outcome(tasks[0], code="E-SHORT")])
+
+    collected = collect_outcomes(tmp_path / "out")
+
+    assert (collected.undone, collected.differing) == ((), ("2/2",))
+
+
 def test_what_slices_of_another_number_reported_counts_no_more(tmp_path: Path) -> None:
     tasks = plan(tmp_path, "a.csv")
     before = ShardRecord(tmp_path / "out", Shard(1, 1), tasks, ASKED)

@@ -1,6 +1,7 @@
 """The script for R, as a person runs it beside a finished run and a server."""
 
 import json
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[RunningServer]:
-    running = RunningServer(tmp_path / "data", tmp_path / "server.log")
+    running = RunningServer(tmp_path / "data", tmp_path / "server.log", ACROMION_NO_SECRET="0")
     yield running
     running.stop()
 
@@ -33,11 +34,17 @@ def done(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def ask_r(*words: str | Path) -> str:
+def start_r(*words: str | Path, **variables: str) -> "subprocess.CompletedProcess[str]":
     if shutil.which("Rscript") is None:
         pytest.skip("R is absent")
-    command = ["Rscript", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    command, environment = ["Rscript", *map(str, words)], os.environ | variables
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+
+def ask_r(*words: str | Path, **variables: str) -> str:
+    ended = start_r(*words, **variables)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
 
 
 def test_the_tables_keep_codes_as_text_and_failed_recordings_out_of_the_means(done: Path) -> None:
@@ -49,10 +56,21 @@ def test_the_tables_keep_codes_as_text_and_failed_recordings_out_of_the_means(do
 
 
 def test_the_script_prints_the_figures_that_the_server_has(done: Path, server: RunningServer) -> None:
-    printed = ask_r(SCRIPT, done / "out", done / "shift.gt3x", server.address.rstrip("/"))
+    words = (SCRIPT, done / "out", done / "shift.gt3x", server.address.rstrip("/"))
+
+    printed = ask_r(*words, ACROMION_SECRET=(server.data / "secret").read_text("utf-8"))
 
     results = json.loads(next((done / "out").glob("shift*/results.json")).read_text("utf-8"))
     shares = [row["percent"] for row in results["exposure"]["time_above"]]
     lines = [line.split() for line in printed.splitlines()[-3:]]
     assert [line[1] for line in lines] == ["30", "60", "90"]
     assert [float(line[2]) for line in lines] == pytest.approx(shares, abs=1e-4)
+
+
+def test_a_server_refuses_the_script_without_the_secret(done: Path, server: RunningServer) -> None:
+    words = (SCRIPT, done / "out", done / "shift.gt3x", server.address.rstrip("/"))
+
+    ended = start_r(*words, ACROMION_SECRET="")
+
+    assert ended.returncode != 0
+    assert "401" in ended.stderr

@@ -143,6 +143,20 @@ def test_one_that_fails_to_read_its_file_refuses_it_by_name(
 
     assert caught.value.facts == {"reader": name, "version": "2.0", "cause": cause}
     assert caplog.messages == [f"the reader plug-in {name} 2.0 failed: {cause}"]
+    assert caplog.records[0].exc_info is None
+
+
+def test_a_log_that_takes_more_gets_the_traceback(
+    add_reader: AddReader, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    add_reader("traced_reader", WHOLE.replace("    acc_g = ", "    rows_of(source)\n    acc_g = "))
+    path = tmp_path / "log.mine"
+    path.write_bytes(b"MINE")
+
+    with caplog.at_level("INFO", "app"), pytest.raises(FailedReader):
+        read_file(path, ReportRequest(path.name))
+
+    assert caplog.records[-1].exc_info
 
 
 def test_a_refusal_of_ours_that_a_plug_in_raises_stays_what_it_is(add_reader: AddReader) -> None:

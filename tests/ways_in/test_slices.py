@@ -125,6 +125,22 @@ def test_a_slice_without_recordings_is_no_failure(shift_gt3x: Path, tmp_path: Pa
     assert run("run", shift_gt3x, "-o", tmp_path / "out", "--shard", "2/2").exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("language", "total"),
+    [
+        ("en", "failed: 1, listed in problems.csv after acromion collect."),
+        ("fr", "en échec : 1, dans problems.csv après acromion collect."),
+    ],
+)
+def test_a_slice_with_a_failure_says_that_collect_lists_it(tmp_path: Path, language: str, total: str) -> None:
+    (tmp_path / "broken.gt3x").write_bytes(b"no recording")
+
+    result = run("run", tmp_path, "-o", tmp_path / "out", "--lang", language, "--shard", "1/1")
+
+    assert total in " ".join(result.stderr.replace("\u202f", " ").replace("\xa0", " ").split())
+    assert not (tmp_path / "out" / "problems.csv").exists()
+
+
 def test_a_slice_that_ran_with_other_options_is_named(shift_gt3x: Path, tmp_path: Path) -> None:
     for name in "ab":
         shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")

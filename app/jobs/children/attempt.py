@@ -147,7 +147,8 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     """
     context = choose_context()
     ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_run_child, args=(attempt, theirs), daemon=True)
+    level = logging.getLogger().level  # a server logs more than a command on a terminal
+    child = context.Process(target=_run_child, args=(attempt, theirs, level), daemon=True)
     try:
         start_child(child)
     except NotStarted:
@@ -205,12 +206,13 @@ def _read_outcome(message: dict[str, Any]) -> Outcome:
     return Refused(message["code"], message["facts"])
 
 
-def _run_child(attempt: Attempt, pipe: Connection) -> None:
+def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     """Run in the child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the worker, which then ends the child
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     _apply_limits(attempt.limits)
     start_logging(logging.WARNING)
+    logging.getLogger("app").setLevel(level)  # ours alone: what a library tells may name a file
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
     result = _make_files(attempt, tell_preparing(partial(_send_stage, pipe)))
