@@ -1,8 +1,8 @@
 """Column mappings: the columns of a table, named once by a person, for every file with the same header.
 
 A mapping is kept under the identity of the header (:func:`fusion.readers.identify_header`), keyed, so that no
-guessed name of a column can be tried on it; it is found by the identity, keyed or not. It is offered for the next
-file with that header. Once a person has confirmed it, files with that header are read by it unasked.
+guessed name of a column can be tried on it; it is found by the identity, keyed or not. It is offered for the
+next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
 """
 
 from dataclasses import dataclass, replace
