@@ -13,7 +13,7 @@ from typing import Literal
 
 from app.access.accounts import AccountStore, Person
 from app.access.credentials import UNOPENED, Credentials, CredentialStore, LinkUse
-from app.access.hashing import hash_secret
+from app.access.hashing import NameHasher, hash_secret
 from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
 from app.access.tickets import Ticket, TicketStore
@@ -71,6 +71,7 @@ class Logins:
         self.accounts, self.credentials = accounts, CredentialStore(accounts)
         self.tickets = TicketStore(accounts.database, accounts.clock)
         self.throttle = Throttle(accounts.database, accounts.clock)
+        self._names = NameHasher(accounts.secrets.keys)
         self._must_enrol = settings.second_factor == "required"
 
     # Logging in.
@@ -83,7 +84,7 @@ class Logins:
         LoginRefused, TooManyTries, NotInstalled
         """
         found = self.credentials.find(login)
-        budgets = self._limit(found, caller, limit_account(login.strip().lower()))
+        budgets = self._limit(found, caller, self._limit_login(login.strip().lower()))
         self._take(budgets, found)
         self._check_password(found, password)
         if found is None:
@@ -113,7 +114,7 @@ class Logins:
             self.accounts.note_refusal(person_id)
             raise LoginRefused
         self.tickets.take("code", ticket)
-        self.throttle.clear((*budgets, *self._limit_login(person_id)))
+        self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
         return self.enter(person_id, caller)
 
     def enter(self, person_id: str, caller: Caller, codes: Sequence[str] = ()) -> Entered:
@@ -256,8 +257,8 @@ class Logins:
     def _take(self, budgets: Sequence[Budget], found: Credentials | None) -> None:
         self.throttle.take(budgets, found.person_id if found is not None else "")
 
-    def _limit_login(self, person_id: str) -> Sequence[Budget]:
-        return (limit_account(self.accounts.get_person(person_id).login),)
+    def _limit_login(self, login: str) -> Budget:
+        return limit_account(self._names.hash(login))
 
     def _check_password(self, found: Credentials | None, password: str) -> None:
         kept = found.password_hash if found is not None else None

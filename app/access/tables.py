@@ -64,7 +64,8 @@ tokens = Table(
     Column("ended_at", String(32)),
 )
 
-# Failed logins by what was tried: an account, an address, or a browser that logged in before.
+# Failed logins by what was tried: an account (a keyed digest of what was typed), an address, or a browser
+# that logged in before.
 tries = Table(
     "tries",
     metadata,

@@ -87,9 +87,9 @@ class Throttle:
 _ADDRESS = "address:"
 
 
-def limit_account(login: str) -> Budget:
-    """Count tries of one name, whether or not there is such a person; what was typed is not kept."""
-    return Budget(f"account:{hash_secret(login)}", 5, 300.0)
+def limit_account(login_hash: str) -> Budget:
+    """Count tries of one name, whether or not there is such a person; by its keyed digest, not as typed."""
+    return Budget(f"account:{login_hash}", 5, 300.0)
 
 
 def limit_code(person_id: str) -> Budget:

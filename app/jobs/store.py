@@ -42,7 +42,7 @@ from fusion.errors import Fact
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 MOST_SAME = 20
 AWAITED = "header"
-"""The fact of a refusal that names the header whose columns an analysis awaits; an identity, no words."""
+"""The fact of a refusal that names the header whose columns an analysis awaits; rows hold it keyed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,7 @@ SYSTEM, AT_MACHINE, NOBODY = "system", "machine", "nobody"
 
 _LOCK = 0x74726C  # an arbitrary number: whoever holds this advisory lock writes the chain's next line
 _NOTED = "acromion.trail"
-_CODE = re.compile(r"[\w./:{}=+*-]{0,120}", re.ASCII)
+_CODE = re.compile(r"[\w./:{}=+*~-]{0,120}", re.ASCII)
 _GENESIS = ""
 
 _actor: ContextVar[str] = ContextVar("actor", default=SYSTEM)

@@ -75,10 +75,14 @@ class LabelSealer:
         return base64.b64decode(self.open(stored.decode(), gone=""))
 
     def key_digest(self, digest: str) -> str:
-        """Give a digest as a row holds it, keyed; one that is keyed already, and none at all, as they are."""
-        if not digest or digest.startswith(DIGEST_MARK):
+        """Give a digest as a row holds it, keyed; one that is keyed already, and none at all, as they are.
+
+        A "-" before it says something of what was digested, and stays before it.
+        """
+        if not digest or is_keyed(digest):
             return digest
-        return DIGEST_MARK + base64.urlsafe_b64encode(self.sign("row", digest)).decode().rstrip("=")
+        sign = "-" if digest.startswith("-") else ""
+        return sign + DIGEST_MARK + base64.urlsafe_b64encode(self.sign("row", digest)).decode().rstrip("=")
 
     def sign(self, about: str, text: str) -> bytes:
         """Give the HMAC-SHA256 of a text; ``about`` says what it is, and is bound to it.
@@ -118,6 +122,11 @@ class LabelSealer:
             if len(self._held) > MOST_KEYS:
                 self._held.popitem(last=False)
         return key
+
+
+def is_keyed(stored: str) -> bool:
+    """Tell whether a stored digest is keyed."""
+    return stored.removeprefix("-").startswith(DIGEST_MARK)
 
 
 def is_sealed(stored: str) -> bool:

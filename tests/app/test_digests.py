@@ -1,6 +1,7 @@
 """No digest in the rows confirms a guessed word to somebody who holds them without the organisation's key."""
 
 import hashlib
+import io
 import json
 import zipfile
 from collections.abc import Iterator
@@ -19,10 +20,12 @@ from app.jobs.batches import BatchStore
 from app.jobs.database.migrate import migrate
 from app.jobs.database.seal_rows import drop_open_copies
 from app.jobs.database.tables import batches, metadata
+from app.jobs.library.mappings import MappingStore
 from app.jobs.library.studies import identify_earlier_study
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
+from app.jobs.worker import run_next
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
@@ -32,7 +35,9 @@ from app.storage.sealing import SealedStorage
 from app.upkeep.backup import back_up, restore
 from app.upkeep.envelope import Recipients
 from app.upkeep.key_backup import back_up_keys, read_key_backup
-from tests.app.conftest import AddJob, find_study, on_both_set_ups
+from fusion.readers import identify_header
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench, find_study, on_both_set_ups
 from tests.app.test_lost_database import find_key_backup, lose_database
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -40,6 +45,10 @@ on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"]
 STUDY, BYTES, KEY = "Packing line", b"one", "visit-7"
 ASKED = {"file_name": "nadia.csv", "subject": "W-17", "study": STUDY}
 QUERY = b"file_name=nadia.csv&subject=W-17&study=Packing%20line"
+HEADER, COLUMNS = "0123456789abcdef", {"acceleration": [2, 3, 4], "angular_rate": [5, 6, 7]}
+TABLE = "time,S012_acc_x,S012_acc_y,S012_acc_z,S012_gyr_x,S012_gyr_y,S012_gyr_z\n" + "".join(
+    f"{k / 100},0.0,0.0,1.0,0.{k % 7},0.0,0.0\n" for k in range(300)
+)
 TASK = {"start": "2026-03-02T09:00:00", "end": "2026-03-02T09:15:00", "kind": "task", "label": "shelf"}
 
 
@@ -94,6 +103,46 @@ def test_no_plain_digest_of_words_stands_in_any_row(client: TestClient, store: J
     assert len(store.find_newest()) == 2
     assert any(job.request.diary for job in store.find_newest())
     assert find_plain(store, dump(store)) == []
+
+
+@on_both_databases
+def test_no_plain_digest_of_the_names_of_columns_stands_in_any_row(
+    client: TestClient, store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    header = identify_header(io.BytesIO(TABLE.encode()))
+    job = add_job(f"{header}\n".encode())
+    assert run_next(bench(stand_ins.read_by_columns))
+    mappings = MappingStore(store.engine, store.reader)
+    waiting = mappings.count_waiting(header)
+    kept = mappings.put(header, "ours", json.dumps(COLUMNS), is_confirmed=False)
+    client.patch(f"/api/v1/columns/{kept.header}", json={"is_confirmed": True}).raise_for_status()
+    mappings.drop(header)
+    mappings.put(header, "ours", json.dumps(COLUMNS), is_confirmed=True)
+
+    assert (len(header), waiting, store.get(job.id).problem_facts["header"]) == (16, 1, header)
+    assert header not in dump(store)
+
+
+@on_both_databases
+def test_columns_are_found_by_the_id_that_is_given_out_and_by_that_of_a_file(
+    client: TestClient, store: JobStore
+) -> None:
+    MappingStore(store.engine, store.reader).put(HEADER, "ours", json.dumps(COLUMNS), is_confirmed=True)
+
+    (given,) = client.get("/api/v1/columns").json()["items"]
+
+    assert HEADER not in given["header"]
+    assert client.get(f"/api/v1/columns/{given['header']}").json() == given
+    assert client.get(f"/api/v1/columns/{HEADER}").json() == given
+
+
+def test_a_header_whose_columns_no_line_names_is_known_by_its_id(store: JobStore) -> None:
+    mappings = MappingStore(store.engine, store.reader)
+
+    kept = mappings.put(f"-{HEADER}", "ours", json.dumps(COLUMNS), is_confirmed=False)
+
+    assert kept.header.startswith("-~k1~")
+    assert not mappings.change(kept.header, is_confirmed=1).is_confirmed
 
 
 @on_both_databases
@@ -188,6 +237,43 @@ def test_plain_digests_of_an_earlier_release_are_keyed(
 
     assert before == [f"work of {earlier.analysis_id}", "key", "fingerprint", "study"]
     assert find_plain(store, dump(store)) == ["study"]
+
+
+def make_plain_headers(store: JobStore, *headers: str) -> None:
+    """Put the headers of an earlier release into the rows, plain, the first one awaited by every analysis."""
+    mappings = MappingStore(store.engine, store.reader)
+    with store.engine.begin() as connection:
+        connection.execute(text("UPDATE analyses SET awaits = :it, state = 'failed'"), {"it": headers[0]})
+    for header in headers:
+        keyed = mappings.put(header, f"of {header}", json.dumps(COLUMNS), is_confirmed=True).header
+        with store.engine.begin() as connection:
+            change = text("UPDATE column_mappings SET header = :plain WHERE header = :keyed")
+            connection.execute(change, {"plain": header, "keyed": keyed})
+
+
+@on_both_databases
+def test_columns_named_in_an_earlier_release_are_found_after_an_upgrade(
+    earlier: Earlier, store: JobStore, settings: Settings
+) -> None:
+    headers = (HEADER, f"-{HEADER}", *(f"{k:016x}" for k in range(1200)))
+    make_plain_headers(store, *headers[:3])
+    insert_many = text(
+        "INSERT INTO column_mappings (header, name, profile, created_at, is_confirmed)"
+        " SELECT :header, name, profile, created_at, 1 FROM column_mappings WHERE header = :of"
+    )
+    with store.engine.begin() as connection:
+        connection.execute(insert_many, [{"header": one, "of": HEADER} for one in headers[3:]])
+    if store.engine.dialect.name == "postgresql":
+        with store.engine.begin() as connection:
+            connection.execute(text("ALTER TABLE column_mappings ALTER COLUMN header TYPE VARCHAR(32)"))
+
+    migrate(settings)
+
+    mappings, rows = MappingStore(store.engine, store.reader), dump(store)
+    assert [mappings.get(header).name for header in headers[:3]] == [f"of {one}" for one in headers[:3]]
+    assert len(mappings.find_all()) == len(headers)
+    assert mappings.count_waiting(HEADER) == 1
+    assert [header for header in headers if f'"{header}"' in rows] == []
 
 
 @on_both_databases

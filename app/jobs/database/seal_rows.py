@@ -27,7 +27,7 @@ from sqlalchemy import (
 from app.jobs.database.dump import read_rows
 from app.jobs.database.sealed_text import KeyedDigest, SealedText
 from app.jobs.database.tables import metadata
-from app.storage.labels import DIGEST_MARK, LABELS, MARK, PLAIN, Label, LabelSealer
+from app.storage.labels import LABELS, MARK, PLAIN, Label, LabelSealer, is_keyed
 
 OWNERS = {"recordings": "id", "analyses": "recording_id", "batches": "id", "uploads": "recording_id"}
 """The column that names what the words of a table belong to; those of any other, to the organisation."""
@@ -74,9 +74,9 @@ def _holds_open_words(copy: Path) -> bool:
 
 def _is_open_row(table: str, row: dict[str, Any]) -> bool:
     words = (row.get(name) for name in _find_columns(table, SealedText, LargeBinary))
-    digests = (row.get(name) or DIGEST_MARK for name in _find_columns(table, KeyedDigest))
+    digests = (row[name] for name in _find_columns(table, KeyedDigest) if row.get(name))
     return any(_is_open_text(one) for one in words if not isinstance(one, bytes)) or any(
-        not one.startswith(DIGEST_MARK) for one in digests
+        not is_keyed(one) for one in digests
     )
 
 

@@ -76,7 +76,7 @@ analyses = Table(
     Column("ended_at", String(32)),
     Column("problem_code", String(32)),
     Column("problem_facts", SealedText("{}")),
-    Column("awaits", String(64)),
+    Column("awaits", KeyedDigest()),
     Column("key", KeyedDigest()),
     Column("priority", Integer, nullable=False, server_default="1"),
     Column("turn", Integer, nullable=False, server_default="0"),
@@ -164,7 +164,7 @@ uploads = Table(
 column_mappings = Table(
     "column_mappings",
     metadata,
-    Column("header", String(32), primary_key=True),
+    Column("header", KeyedDigest(), primary_key=True),
     Column("name", SealedText(), nullable=False),
     Column("profile", SealedText(), nullable=False),
     Column("created_at", String(32), nullable=False),

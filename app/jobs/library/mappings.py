@@ -1,19 +1,21 @@
 """Column mappings: the columns of a table, named once by a person, for every file with the same header.
 
-A mapping is kept under the identity of the header (:func:`fusion.readers.identify_header`). It is offered for
-the next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
+A mapping is kept under the identity of the header (:func:`fusion.readers.identify_header`), keyed, so that no
+guessed name of a column can be tried on it; it is found by the identity, keyed or not. It is offered for the
+next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
 """
 
 from dataclasses import dataclass, replace
 
-from sqlalchemy import ColumnElement, Row, delete, exists, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, delete, exists, insert, select, update
 
 from app.errors import NotHere
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.trail import record
+from app.jobs.trail import Act, record
 from app.jobs.versions import identify_work, renumber
 from app.request import ReportRequest
 from app.storage.labels import LABELS, Label
@@ -26,8 +28,8 @@ UNNAMED = "-"
 class ColumnMapping:
     """The columns of every file with one header.
 
-    ``profile`` is the JSON of a column profile, as a request holds it; ``created_at`` is when a person named
-    the columns. ``is_confirmed``: further files are read by it unasked.
+    ``header`` is its identity, keyed; ``profile`` is the JSON of a column profile, as a request holds it;
+    ``created_at`` is when a person named the columns. ``is_confirmed``: further files are read by it unasked.
     """
 
     header: str
@@ -53,7 +55,7 @@ class MappingStore(RowStore):
             row = {"header": header, "created_at": format_now(), **named}
             confirmed = int(is_confirmed and not header.startswith(UNNAMED))
             connection.execute(insert(column_mappings).values(row | {"is_confirmed": confirmed}))
-            record(connection, "columns.named", other={"header": header})
+            self._record(connection, "columns.named", header)
         return self.get(header)
 
     def get(self, header: str) -> ColumnMapping:
@@ -92,7 +94,7 @@ class MappingStore(RowStore):
                 mine = update(column_mappings).where(column_mappings.c.header == header)
                 sealed = {name: Label(LABELS, v) if isinstance(v, str) else v for name, v in values.items()}
                 if connection.execute(mine.values(sealed)).rowcount == 1:
-                    record(connection, "columns.changed", other={"header": header})
+                    self._record(connection, "columns.changed", header)
         return self.get(header)
 
     def drop(self, header: str) -> None:
@@ -106,7 +108,7 @@ class MappingStore(RowStore):
             gone = delete(column_mappings).where(column_mappings.c.header == header)
             if connection.execute(gone).rowcount != 1:
                 raise NotHere(id=header)
-            record(connection, "columns.dropped", other={"header": header})
+            self._record(connection, "columns.dropped", header)
 
     def count_waiting(self, header: str) -> int:
         """Count the recordings with this header that could not be read and wait for their columns."""
@@ -151,6 +153,9 @@ class MappingStore(RowStore):
             renumber(connection, analysis_id)
             numbered = connection.execute(select(analyses.c.request).where(*mine)).scalar_one()
         return ReportRequest.from_json(numbered)
+
+    def _record(self, connection: Connection, act: Act, header: str) -> None:
+        record(connection, act, other={"header": find_sealer(self._engine).key_digest(header)})
 
 
 def _waits(header: str) -> ColumnElement[bool]:

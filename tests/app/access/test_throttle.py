@@ -1,20 +1,27 @@
 """Guessing is slow, and nobody's guesses lock anybody else out."""
 
+import hashlib
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import insert, select
 
 from app.access import passwords
 from app.access.accounts import AccountStore
+from app.access.hashing import LOGINS
 from app.access.logins import Caller, Logins
-from app.access.tables import acts
+from app.access.tables import acts, tries
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.jobs.trail import NOBODY, acting
 from app.settings import Settings
+from app.storage.keys import open_keys
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+
+on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
 STRANGER = Caller("203.0.113.9", "")
 
@@ -203,6 +210,95 @@ def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -
     kept = (settings.data_dir / "accounts.sqlite3").read_bytes()
     kept += (settings.data_dir / "accounts.sqlite3-wal").read_bytes()
     assert b"my password" not in kept
+
+
+@on_both_databases
+def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
+    logins: Logins, accounts: AccountStore, add_person: AddPerson
+) -> None:
+    add_person()
+
+    for _ in range(7):
+        guess(logins, "hunter2")
+
+    keys = find_keys(accounts)
+    assert sum(key.startswith(("account:", "told:account:")) for key in keys) == 2
+    assert [key for key in keys if hashlib.sha256(b"hunter2").hexdigest() in key] == []
+
+
+def find_keys(accounts: AccountStore) -> list[str]:
+    """Give what tries are counted by."""
+    return [row.key for row in accounts.database.read_all(select(tries.c.key))]
+
+
+COUNT_IN_A_PROCESS = """
+import sys
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.errors import LoginRefused, TooManyTries
+from app.settings import Settings
+settings = Settings(data_dir=sys.argv[1], database_url=sys.argv[2])
+logins = Logins(AccountStore(settings, lambda: float(sys.argv[3])), settings)
+for number in range(3):
+    try:
+        logins.give_password("clara", "wrong", Caller(f"{sys.argv[4]}.{number}", ""))
+    except (LoginRefused, TooManyTries) as refusal:
+        print(refusal.code)
+"""
+
+
+@on_both_databases
+def test_two_processes_count_the_tries_of_a_name_together(
+    settings: Settings, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+
+    codes: list[str] = []
+    for network in ("198.51.100", "203.0.113"):
+        told = (str(settings.data_dir), settings.database_url, str(clock()), network)
+        done = subprocess.run(
+            [sys.executable, "-c", COUNT_IN_A_PROCESS, *told], capture_output=True, text=True, check=True
+        )
+        codes += done.stdout.split()
+
+    assert codes == ["E-LOGIN"] * 5 + ["E-TRIES"]
+
+
+def test_tries_are_counted_after_the_key_of_the_names_is_lost(
+    logins: Logins, add_person: AddPerson, settings: Settings
+) -> None:
+    add_person()
+    guess(logins, "clara")
+    open_keys(settings).destroy(LOGINS)
+
+    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
+
+
+def test_tries_are_counted_where_the_key_of_the_names_does_not_open(
+    logins: Logins, add_person: AddPerson, settings: Settings
+) -> None:
+    add_person()
+    keys = open_keys(settings)
+    keys.destroy(LOGINS)
+    keys.wrapped.add(LOGINS, b"damaged")
+
+    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
+
+
+@on_both_databases
+def test_names_that_an_earlier_release_counted_without_a_key_are_forgotten(
+    logins: Logins, accounts: AccountStore, settings: Settings, clock: Clock
+) -> None:
+    guess(logins, "clara")
+    kept, plain = find_keys(accounts), f"account:{hashlib.sha256(b'hunter2').hexdigest()}"
+    rows = [{"key": key, "failures": 1, "blocked_until_s": clock()} for key in (plain, f"told:{plain}")]
+    with accounts.database.write() as connection:
+        connection.execute(insert(tries), rows)
+
+    later = AccountStore(settings, clock)
+
+    assert sorted(find_keys(later)) == sorted(kept)
+    later.database.close()
 
 
 def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
