@@ -1,6 +1,8 @@
 """Each organisation has a backup of its own; that of "own" names those it does not hold."""
 
+import json
 import os
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -150,10 +152,62 @@ def test_accounts_come_back_into_own_alone(
     run("backup-keys", tmp_path / "b.keys")
     new = empty_everything(two, request)
 
-    keys = ("--keys", tmp_path / "b.keys")
-    assert run("restore", tmp_path / "b.zip", *keys, "--organisation", RIVERSIDE)[0] == 0
+    run("restore", tmp_path / "b.zip", "--keys", tmp_path / "b.keys")
 
-    assert list(new.data_dir.rglob("accounts.sqlite3")) == []
+    assert list(new.data_dir.rglob("accounts.sqlite3")) == [new.data_dir / "accounts.sqlite3"]
+
+
+@pytest.mark.parametrize(("of", "into"), [("own", RIVERSIDE), (RIVERSIDE, "own")])
+def test_a_backup_is_not_restored_into_another_organisation(
+    two: Settings, tmp_path: Path, request: pytest.FixtureRequest, of: str, into: str
+) -> None:
+    run("backup", tmp_path / "b.zip", "--organisation", of)
+    run("backup-keys", tmp_path / "b.keys", "--organisation", of)
+    new = empty_everything(two, request)
+
+    keys = ("--keys", tmp_path / "b.keys")
+    code, told = run("restore", tmp_path / "b.zip", *keys, "--organisation", into)
+
+    assert (code, told.split()[0]) == (3, "E-BACKUP-OTHER")
+    assert f'that of "{of}", and was to be restored into "{into}"' in told
+    assert not new.data_dir.exists()
+
+
+def test_a_backup_that_names_nobody_is_that_of_own(
+    two: Settings, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    run("backup", tmp_path / "b.zip")
+    run("backup-keys", tmp_path / "b.keys")
+    drop_name(tmp_path / "b.zip", tmp_path / "old.zip")
+    empty_everything(two, request)
+
+    words = ("restore", tmp_path / "old.zip", "--keys", tmp_path / "b.keys")
+
+    assert run(*words, "--organisation", RIVERSIDE)[1].split()[0] == "E-BACKUP-OTHER"
+    assert run(*words)[0] == 0
+
+
+def drop_name(backup: Path, old: Path) -> None:
+    """Write a backup as it was before backups named their organisation."""
+    with zipfile.ZipFile(backup) as new, zipfile.ZipFile(old, "w") as written:
+        for name in new.namelist():
+            content = new.read(name)
+            if name == "manifest.json":
+                manifest = json.loads(content)
+                del manifest["organisation"]
+                content = json.dumps(manifest).encode()
+            written.writestr(name, content)
+
+
+def test_a_drill_takes_the_backup_of_a_further_organisation(two: Settings, tmp_path: Path) -> None:
+    chosen = ("--organisation", RIVERSIDE)
+    run("backup", tmp_path / "r.zip", *chosen)
+    run("backup-keys", tmp_path / "r.keys", *chosen)
+
+    code, told = run("drill", tmp_path / "r.zip", tmp_path / "r.keys")
+
+    assert code == 0
+    assert "Drill passed: 1 files" in told
 
 
 @pytest.mark.parametrize("name", ["org_none", "../../elsewhere", "org_/../.."])
