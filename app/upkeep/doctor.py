@@ -25,6 +25,7 @@ from app.storage.keys import open_keys
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.upkeep.anchors import find_anchors, is_address
+from app.upkeep.organisations import is_used
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
 from fusion.numba_kernels import make_kernel_folder
@@ -46,7 +47,11 @@ class Examination:
 
 
 def examine(settings: Settings) -> Iterator[Examination]:
-    """Make every check; none depends on another."""
+    """Make every check; none depends on another. Where nothing was ever kept, that alone: nothing is made."""
+    if not _is_used(settings):
+        return iter(
+            [Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})]
+        )
     checks: tuple[Callable[[Settings], Examination], ...] = (
         _examine_folder,
         _examine_disk,
@@ -64,6 +69,14 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_anchor,
     )
     return (check(settings) for check in checks)
+
+
+def _is_used(settings: Settings) -> bool:
+    try:
+        with translate_start_errors(settings):
+            return is_used(settings)
+    except (AppError, SQLAlchemyError, OSError):
+        return True  # folder and database have checks of their own
 
 
 def _examine_folder(settings: Settings) -> Examination:

@@ -46,8 +46,8 @@ def drill(
         )
         found_keys = read_key_backup(keys, identity) if keys else None
         restored = restore(settings, backup, found_keys, identity, organisation=None)
-        place = settings.for_organisation(restored.organisation)
-        kept = find_kept(place)
-        found = {*restored.faults, *find_faults(place, kept)}
+        kept_in = settings.for_organisation(restored.organisation)
+        kept = find_kept(kept_in)
+        found = {*restored.faults, *find_faults(kept_in, kept)}
         faults = tuple(sorted(found, key=lambda fault: fault.name))
         return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

@@ -8,17 +8,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, inspect
+from sqlalchemy import create_engine, inspect, text
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
 from app.cli import app
 from app.jobs.database.connect import make_schema
+from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
+from app.upkeep.organisations import find_further
 from tests.app.conftest import on_both_set_ups
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
@@ -217,6 +219,41 @@ def test_an_organisation_that_is_not_there_is_not_backed_up(two: Settings, tmp_p
     assert code == 3
     assert "E-NOT-FOUND" in told
     assert [path.name for path in (two.data_dir / "organisations").iterdir()] == [RIVERSIDE]
+
+
+@on_both_set_ups
+def test_nor_is_it_recovered(two: Settings) -> None:
+    code, told = run("recover", "--organisation", "org_0000000000000000")
+
+    assert (code, told.split()[0]) == (3, "E-NOT-FOUND")
+    assert "org_0000000000000000" in told
+    assert [one.id for one in find_further(two)] == [RIVERSIDE]
+
+
+@on_both_set_ups
+def test_one_whose_rows_and_accounts_were_lost_is_recovered(two: Settings) -> None:
+    place = two.for_organisation(RIVERSIDE)
+    with open_rows(place) as store:
+        SideWriter(store.engine, store.reader, open_storage(place)).write(*store.find_recordings())
+    lose_rows(two)
+
+    code, told = run("recover", "--organisation", RIVERSIDE)
+
+    assert code == 0, told
+    assert told.startswith("Recordings brought back: 1 ")
+
+
+def lose_rows(settings: Settings) -> None:
+    """Lose the databases of everybody, with the accounts; on PostgreSQL the keys stay."""
+    for file in settings.data_dir.rglob("*.sqlite3*"):
+        file.unlink()
+    if settings.database_url.startswith("sqlite"):
+        return
+    engine = create_engine(settings.database_url)
+    with engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA accounts CASCADE"))
+        connection.execute(text(f"TRUNCATE {RIVERSIDE}.recordings, {RIVERSIDE}.analyses CASCADE"))
+    engine.dispose()
 
 
 def test_nothing_is_restored_outside_the_folder_of_organisations(two: Settings, tmp_path: Path) -> None:
