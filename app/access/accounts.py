@@ -119,6 +119,11 @@ class AccountStore:
                 connection.execute(insert(organisations).values(row))
                 note_act(connection, "organisation.added", "", organisation=organisation)
 
+    def note_reading(self, organisation: str) -> None:
+        """Note that the people of an organisation were read, where no request leaves the line."""
+        with self.database.write() as connection:
+            note_act(connection, "people.read", "", organisation=organisation)
+
     def find_organisations(self) -> Sequence[Organisation]:
         """Give every organisation."""
         rows = self.database.read_all(select(organisations).order_by(organisations.c.created_at))

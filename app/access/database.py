@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Select, delete, insert, select
+from sqlalchemy import Connection, Engine, Select, delete, insert, inspect, select
 
 from app.access.tables import REVISION, facts, metadata, tries
 from app.jobs.database.connect import READ_ONLY, connect, lock_tables, make_schema
@@ -30,6 +30,11 @@ class AccountDatabase:
     def is_there(self) -> bool:
         """Whether there may be rows; to look makes no file."""
         return self._file is None or self._file.exists()
+
+    @staticmethod
+    def is_in(connection: Connection) -> bool:
+        """Tell whether a PostgreSQL database has the schema of accounts."""
+        return "accounts" in inspect(connection).get_schema_names()
 
     @contextmanager
     def write(self, *, is_act: bool = True, has_lock: bool = False) -> Iterator[Connection]:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app.api.middleware.access import UsedSubject
 from app.api.middleware.problems import PROBLEM_RESPONSES
+from app.errors import NoHead
 from app.jobs.governance.aggregate import StudyGroup
 from app.jobs.governance.releases import Release
 from app.jobs.recordings import HoldReason
@@ -209,7 +211,11 @@ def get_trail(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> 
 
 
 class ProofView(BaseModel):
-    """The proof of the chain. ``is_anchored``: a head that was written down elsewhere was compared."""
+    """The proof of the chain.
+
+    ``is_anchored``: a head that was written down elsewhere was compared; false, too, where a file is named
+    that cannot be read or holds none.
+    """
 
     lines: int
     is_whole: bool
@@ -220,7 +226,9 @@ class ProofView(BaseModel):
 @router.get("/trail/proof", tags=["trail"])
 def get_proof(services: UsedServices) -> ProofView:
     """Prove the chain: one line altered, one removed, or the end cut off is named."""
-    anchors = find_anchors(services.settings)
+    anchors = None
+    with suppress(NoHead):
+        anchors = find_anchors(services.settings)
     number, faults = check_chain(services.store.reader, anchors or ())
     return ProofView(
         lines=number,

@@ -69,7 +69,7 @@ def add_organisation(
     name: Annotated[str, typer.Argument(metavar="NAME")], data: DataOption = None, lang: LanguageOption = "en"
 ) -> None:
     """Add an organisation: a folder, a database and people of its own."""
-    with _open(data, lang) as desk:
+    with _open(data, lang, may_begin=True) as desk:
         organisation = f"org_{secrets.token_hex(8)}"
         desk.logins.accounts.add_organisation(organisation, name)
         desk.say("organisation", name=name, id=organisation)
@@ -90,7 +90,7 @@ def add(
     """Add a person; prints an address that works once, by which a password is chosen."""
     from app.access.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
 
-    with _open(data, lang) as desk:
+    with _open(data, lang, may_begin=True) as desk:
         accounts, roles = desk.logins.accounts, _read_roles(role)
         if organisation == OWN_ORGANISATION:
             accounts.add_organisation(OWN_ORGANISATION, OWN_ORGANISATION)
@@ -108,6 +108,7 @@ def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """List organisations and people."""
     with _open(data, lang) as desk:
         for found in desk.logins.accounts.find_organisations():
+            desk.logins.accounts.note_reading(found.id)
             desk.say("organisation", name=found.name, id=found.id)
         words = load_wording(lang, "access")
         for person in desk.logins.accounts.find_people():
@@ -200,15 +201,18 @@ def _read_permissions(given: list[str]) -> list[Permission]:
 
 
 @contextmanager
-def _open(data: DataOption, lang: Language) -> Iterator[_Desk]:
+def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
+    """Open the accounts; ``may_begin``: the installation may begin with them."""
     from app.access.acts import carry_acts_by_command  # noqa: PLC0415  the database, and only this needs it
     from app.access.logins import Logins  # noqa: PLC0415
     from app.access.opening import open_accounts  # noqa: PLC0415
     from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
     from app.storage.permissions import make_folder  # noqa: PLC0415
+    from app.upkeep.organisations import find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
+        find_place(settings, OWN_ORGANISATION, is_new=may_begin)
         make_folder(settings.data_dir)
         accounts = open_accounts(settings)
         try:

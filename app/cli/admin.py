@@ -233,12 +233,12 @@ def recover(
     lang: LanguageOption = "en",
 ) -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.organisations import find_place  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.organisations import find_lost_place  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        done = bring_back(find_place(settings, organisation, is_new=True), _read_keys(keys, identity))
+        done = bring_back(find_lost_place(settings, organisation), _read_keys(keys, identity))
     for trouble in done.troubles:
         print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}

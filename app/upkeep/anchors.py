@@ -16,6 +16,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from app.delivery import Message, send_message
+from app.errors import NoHead
 from app.jobs.trail import Head, read_head
 from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
@@ -68,22 +69,37 @@ def _append(path: Path, line: bytes) -> None:
 
 
 def read_anchors(path: Path, organisation: str) -> tuple[Head, ...]:
-    """Read the heads of an organisation from a file; lines that are none are left out."""
+    """Read the heads of an organisation from a file; lines that are none are left out.
+
+    Raises
+    ------
+    NoHead
+        The file cannot be read, or holds no head of the organisation.
+    """
+    try:
+        lines = path.read_text("utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
     heads = []
-    for line in path.read_text("utf-8", errors="replace").splitlines():
+    for line in lines:
         try:
             found = json.loads(line)
             if found["organisation"] == organisation:
                 heads.append(Head(str(found["at"]), int(found["seq"]), str(found["hash"])))
         except (ValueError, KeyError, TypeError):
             continue
+    if not heads:
+        raise NoHead(file=str(path), organisation=organisation)
     return tuple(heads)
 
 
 def find_anchors(settings: Settings, file: Path | None = None) -> Sequence[Head] | None:
-    """Give the heads written down in a file, else in that of the settings; None where there is none."""
+    """Give the heads written down in a file, else in that of the settings; None where no file is named.
+
+    Raises
+    ------
+    NoHead
+    """
     named = settings.trail_anchor
     place = file or (Path(named) if named and not is_address(named) else None)
-    if place is None or not place.exists():
-        return None
-    return read_anchors(place, find_organisation(settings)) or None
+    return None if place is None else read_anchors(place, find_organisation(settings))

@@ -1,6 +1,7 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
     manifest.json            {"format": "acromion.backup/2", "revision", "version", "made_at",
+                              "organisation": its id; without one it is of "own",
                               "accounts": their revision, where it holds them,
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
     rows/<table>.jsonl       one row a line, all of one transaction
@@ -34,7 +35,15 @@ from sqlalchemy import Connection, func, insert, select, text
 from app.access.database import AccountDatabase
 from app.access.sealed_secrets import ACCOUNTS as ACCOUNTS_KEY
 from app.access.tables import REVISION as ACCOUNTS_REVISION
-from app.errors import BackupRefused, DatabaseTooNew, KeyFileMissing, KeyGone, KeysNeeded, NotEmpty
+from app.errors import (
+    BackupRefused,
+    DatabaseTooNew,
+    KeyFileMissing,
+    KeyGone,
+    KeysNeeded,
+    NotEmpty,
+    OtherOrganisation,
+)
 from app.jobs.database.connect import (
     READ_ONLY,
     connect,
@@ -50,7 +59,7 @@ from app.jobs.database.tables import REVISION, analyses, facts, schema_revision,
 from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
-from app.organisation import OWN_ORGANISATION
+from app.organisation import OWN_ORGANISATION, is_organisation
 from app.settings import Settings
 from app.storage.keys import RecordingKey, open_keys, read_key_file
 from app.storage.labels import LABELS, LabelSealer
@@ -88,11 +97,12 @@ FindKey = Callable[[str], RecordingKey]
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many files the rows promise, and which of them were not copied whole."""
+    """How many files the rows promise, which of them were not copied whole, and whose they are."""
 
     promised: int
     faults: tuple[Fault, ...]
     people: CopiedPeople | None = None
+    organisation: str = OWN_ORGANISATION
 
 
 class _PurgedMeanwhileError(Exception):
@@ -124,6 +134,7 @@ def _write(settings: Settings, path: Path, recipients: Recipients, organisation:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         manifest, files = _write_rows(place, archive)
+        manifest["organisation"] = organisation
         people = write_accounts(settings, archive) if organisation == OWN_ORGANISATION else None
         if people is not None:
             manifest[ACCOUNTS] = ACCOUNTS_REVISION
@@ -336,10 +347,11 @@ def restore(
     path: Path,
     keys: KeyBackup | None = None,
     identity: Path | None = None,
-    organisation: str = OWN_ORGANISATION,
+    organisation: str | None = OWN_ORGANISATION,
 ) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
+    ``organisation``: whose place it goes to; None: that of the backup.
     ``keys``: the backup of the keys, unless they are here. The files are written first, then all rows in one
     transaction: an interrupted restore leaves nothing visible, and can be repeated. Analyses that ran when
     the backup was made wait again. What the ledger of erasures names does not come back. Accounts come back
@@ -348,13 +360,19 @@ def restore(
     Raises
     ------
     BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
+    OtherOrganisation
+        The backup is that of another organisation; nothing is made then.
     KeysNeeded, KeyFileMissing
         Recordings are sealed and none of their keys is here or in ``keys``, or what wrapped those is not
         here; nothing is made then.
     """
-    place, accounts = settings.for_organisation(organisation), AccountDatabase(settings)
+    accounts = AccountDatabase(settings)
     with open_backup(path, identity) as (archive, manifest):
-        people = AccountRows(accounts, archive, manifest) if organisation == OWN_ORGANISATION else None
+        found = _find_organisation(manifest)
+        if organisation not in (None, found):
+            raise OtherOrganisation(found=found, asked=organisation)
+        place = settings.for_organisation(found)
+        people = AccountRows(accounts, archive, manifest) if found == OWN_ORGANISATION else None
         _check_keys(place, archive, keys, people)
         with translate_folder_errors(place.data_dir):
             make_folder(place.data_dir)
@@ -365,10 +383,18 @@ def restore(
             copied = _restore(place, archive, manifest["revision"], keys, people)
             with closing(JobStore(place)) as store:
                 catch_up(store, open_storage(place))
-            return copied
+            return replace(copied, organisation=found)
         finally:
             accounts.close()
             lock.release()
+
+
+def _find_organisation(manifest: Mapping[str, Any]) -> str:
+    """Give whose backup it is; one that names nobody is of "own", as all were before organisations."""
+    found = str(manifest.get("organisation", OWN_ORGANISATION))
+    if found != OWN_ORGANISATION and not is_organisation(found):  # it becomes a path
+        raise BackupRefused(why=found[:80])
+    return found
 
 
 def _restore(

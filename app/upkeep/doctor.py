@@ -5,8 +5,8 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,10 +14,10 @@ from pathlib import Path
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.errors import AppError
+from app.errors import AppError, NoHead
 from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
-from app.jobs.trail import check_chain
+from app.jobs.trail import Head, check_chain
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.erasures import is_chained
@@ -25,6 +25,7 @@ from app.storage.keys import open_keys
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.upkeep.anchors import find_anchors, is_address
+from app.upkeep.organisations import is_used
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
 from fusion.numba_kernels import make_kernel_folder
@@ -46,7 +47,11 @@ class Examination:
 
 
 def examine(settings: Settings) -> Iterator[Examination]:
-    """Make every check; none depends on another."""
+    """Make every check; none depends on another. Where nothing was ever kept, that alone: nothing is made."""
+    if not _is_used(settings):
+        return iter(
+            [Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})]
+        )
     checks: tuple[Callable[[Settings], Examination], ...] = (
         _examine_folder,
         _examine_disk,
@@ -64,6 +69,14 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_anchor,
     )
     return (check(settings) for check in checks)
+
+
+def _is_used(settings: Settings) -> bool:
+    try:
+        with translate_start_errors(settings):
+            return is_used(settings)
+    except (AppError, SQLAlchemyError, OSError):
+        return True  # folder and database have checks of their own
 
 
 def _examine_folder(settings: Settings) -> Examination:
@@ -215,9 +228,12 @@ def _examine_memory(settings: Settings) -> Examination:
 
 def _examine_trail(settings: Settings) -> Examination:
     """Prove the chain of the trail, to the head that is written down where there is one."""
+    heads: Sequence[Head] = ()
+    with suppress(NoHead):  # the anchor has a check of its own
+        heads = find_anchors(settings) or ()
     try:
         with closing(JobStore(settings)) as store:
-            number, faults = check_chain(store.reader, find_anchors(settings) or ())
+            number, faults = check_chain(store.reader, heads)
     except (AppError, SQLAlchemyError, OSError):
         return Examination("trail", healthy=True)  # the database has a check of its own
     facts = {"number": str(number)}
@@ -231,8 +247,13 @@ def _examine_anchor(settings: Settings) -> Examination:
     anchor = settings.trail_anchor
     if not anchor:
         return Examination("trail_unanchored", healthy=True)
-    is_written = is_address(anchor) or Path(anchor).exists()
-    return Examination("trail_anchor", is_written, {"anchor": anchor})
+    if is_address(anchor):
+        return Examination("trail_anchor", healthy=True, facts={"anchor": anchor})
+    try:
+        find_anchors(settings)
+    except NoHead:
+        return Examination("trail_anchor_lost", healthy=False, facts={"anchor": anchor})
+    return Examination("trail_anchor", healthy=True, facts={"anchor": anchor})
 
 
 def _find_existing(folder: Path) -> Path:

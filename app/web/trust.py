@@ -12,7 +12,7 @@ from app.access.subjects import Subject
 from app.api.middleware.access import UsedSubject
 from app.api.names import find_names
 from app.api.trust import MOST_LINES, TrailQuery, build_question
-from app.errors import BadParameter
+from app.errors import BadParameter, NoHead
 from app.jobs.governance.retention import KINDS
 from app.jobs.recordings import HOLD_REASONS, HoldReason
 from app.jobs.trail import ACTS, check_chain, find_lines, read_done_at, read_head
@@ -88,8 +88,12 @@ def _show_moment(at: str) -> str:
 
 def _prove(services: Services) -> dict[str, Any]:
     """Prove a trail that is read in a moment; a longer one is proved by ``acromion trail verify``."""
-    anchors = find_anchors(services.settings)
-    values = {"is_anchored": anchors is not None, "number": "", "faults": ()}
+    anchors, is_lost = None, False
+    try:
+        anchors = find_anchors(services.settings)
+    except NoHead:
+        is_lost = True
+    values = {"is_anchored": anchors is not None, "is_lost": is_lost, "number": "", "faults": ()}
     if read_head(services.store.reader).seq > MOST_PROVED:
         return values
     number, faults = check_chain(services.store.reader, anchors or ())

@@ -366,8 +366,47 @@ def test_a_kept_response_is_backed_up_and_restored_byte_for_byte(
 def test_a_place_without_a_database_is_not_backed_up(acromion: Acromion, tmp_path: Path) -> None:
     result = acromion("backup", tmp_path / "b.zip")
 
-    assert (result.exit_code, result.output.split()[0]) == (3, "E-BACKUP")
+    assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-FOUND")
     assert not (tmp_path / "b.zip").exists()
+
+
+@pytest.mark.parametrize("has_folder", [False, True])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("backup", "{tmp}/b.zip"),
+        ("backup-keys", "{tmp}/k"),
+        ("verify",),
+        ("recover",),
+        ("trail", "verify"),
+        ("account", "list"),
+        ("account", "end", "clara"),
+    ],
+)
+def test_a_command_on_a_mistyped_folder_is_refused_and_makes_nothing(
+    tmp_path: Path, words: tuple[str, ...], has_folder: bool
+) -> None:
+    typo = tmp_path / "typo"
+    if has_folder:
+        typo.mkdir()
+        (typo / "letter.txt").write_text("mine")
+    before = sorted(tmp_path.rglob("*"))
+
+    typed = [word.format(tmp=tmp_path) for word in words]
+    done = CliRunner().invoke(app, [*typed, "--data", str(typo)])
+
+    assert (done.exit_code, done.output.split()[0]) == (3, "E-NOT-FOUND")
+    assert str(typo) in done.output
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_doctor_says_that_nothing_is_there_yet_and_makes_nothing(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["doctor", "--data", str(tmp_path / "typo")])
+
+    assert done.exit_code == 1
+    assert f"nothing is there yet: {tmp_path / 'typo'}" in done.output
+    assert "ok " not in done.output
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_backup_into_a_folder_that_is_not_there_is_refused(

@@ -151,6 +151,16 @@ def test_a_command_writes_its_lines_itself(settings: Settings, store: JobStore, 
     ]
 
 
+def test_a_list_by_command_leaves_the_line_of_the_page(settings: Settings, store: JobStore) -> None:
+    data = ("--data", str(settings.data_dir))
+    CliRunner().invoke(app, ["account", "add", "boss", "--role", "manager", *data])
+
+    CliRunner().invoke(app, ["account", "list", *data])
+
+    (line,) = find_lines(store.reader, TrailQuestion(who="machine", act="people.read"))
+    assert (line.recording_id, line.analysis_id) == ("", "")
+
+
 def test_a_server_writes_what_waits(
     accounts: AccountStore, add_person: AddPerson, settings: Settings
 ) -> None:

@@ -1,22 +1,26 @@
 """Each organisation has a backup of its own; that of "own" names those it does not hold."""
 
+import json
 import os
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, inspect
+from sqlalchemy import create_engine, inspect, text
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
 from app.cli import app
 from app.jobs.database.connect import make_schema
+from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
+from app.upkeep.organisations import find_further
 from tests.app.conftest import on_both_set_ups
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
@@ -150,10 +154,62 @@ def test_accounts_come_back_into_own_alone(
     run("backup-keys", tmp_path / "b.keys")
     new = empty_everything(two, request)
 
-    keys = ("--keys", tmp_path / "b.keys")
-    assert run("restore", tmp_path / "b.zip", *keys, "--organisation", RIVERSIDE)[0] == 0
+    run("restore", tmp_path / "b.zip", "--keys", tmp_path / "b.keys")
 
-    assert list(new.data_dir.rglob("accounts.sqlite3")) == []
+    assert list(new.data_dir.rglob("accounts.sqlite3")) == [new.data_dir / "accounts.sqlite3"]
+
+
+@pytest.mark.parametrize(("of", "into"), [("own", RIVERSIDE), (RIVERSIDE, "own")])
+def test_a_backup_is_not_restored_into_another_organisation(
+    two: Settings, tmp_path: Path, request: pytest.FixtureRequest, of: str, into: str
+) -> None:
+    run("backup", tmp_path / "b.zip", "--organisation", of)
+    run("backup-keys", tmp_path / "b.keys", "--organisation", of)
+    new = empty_everything(two, request)
+
+    keys = ("--keys", tmp_path / "b.keys")
+    code, told = run("restore", tmp_path / "b.zip", *keys, "--organisation", into)
+
+    assert (code, told.split()[0]) == (3, "E-BACKUP-OTHER")
+    assert f'that of "{of}", and was to be restored into "{into}"' in told
+    assert not new.data_dir.exists()
+
+
+def test_a_backup_that_names_nobody_is_that_of_own(
+    two: Settings, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    run("backup", tmp_path / "b.zip")
+    run("backup-keys", tmp_path / "b.keys")
+    drop_name(tmp_path / "b.zip", tmp_path / "old.zip")
+    empty_everything(two, request)
+
+    words = ("restore", tmp_path / "old.zip", "--keys", tmp_path / "b.keys")
+
+    assert run(*words, "--organisation", RIVERSIDE)[1].split()[0] == "E-BACKUP-OTHER"
+    assert run(*words)[0] == 0
+
+
+def drop_name(backup: Path, old: Path) -> None:
+    """Write a backup as it was before backups named their organisation."""
+    with zipfile.ZipFile(backup) as new, zipfile.ZipFile(old, "w") as written:
+        for name in new.namelist():
+            content = new.read(name)
+            if name == "manifest.json":
+                manifest = json.loads(content)
+                del manifest["organisation"]
+                content = json.dumps(manifest).encode()
+            written.writestr(name, content)
+
+
+def test_a_drill_takes_the_backup_of_a_further_organisation(two: Settings, tmp_path: Path) -> None:
+    chosen = ("--organisation", RIVERSIDE)
+    run("backup", tmp_path / "r.zip", *chosen)
+    run("backup-keys", tmp_path / "r.keys", *chosen)
+
+    code, told = run("drill", tmp_path / "r.zip", tmp_path / "r.keys")
+
+    assert code == 0
+    assert "Drill passed: 1 files" in told
 
 
 @pytest.mark.parametrize("name", ["org_none", "../../elsewhere", "org_/../.."])
@@ -163,6 +219,41 @@ def test_an_organisation_that_is_not_there_is_not_backed_up(two: Settings, tmp_p
     assert code == 3
     assert "E-NOT-FOUND" in told
     assert [path.name for path in (two.data_dir / "organisations").iterdir()] == [RIVERSIDE]
+
+
+@on_both_set_ups
+def test_nor_is_it_recovered(two: Settings) -> None:
+    code, told = run("recover", "--organisation", "org_0000000000000000")
+
+    assert (code, told.split()[0]) == (3, "E-NOT-FOUND")
+    assert "org_0000000000000000" in told
+    assert [one.id for one in find_further(two)] == [RIVERSIDE]
+
+
+@on_both_set_ups
+def test_one_whose_rows_and_accounts_were_lost_is_recovered(two: Settings) -> None:
+    place = two.for_organisation(RIVERSIDE)
+    with open_rows(place) as store:
+        SideWriter(store.engine, store.reader, open_storage(place)).write(*store.find_recordings())
+    lose_rows(two)
+
+    code, told = run("recover", "--organisation", RIVERSIDE)
+
+    assert code == 0, told
+    assert told.startswith("Recordings brought back: 1 ")
+
+
+def lose_rows(settings: Settings) -> None:
+    """Lose the databases of everybody, with the accounts; on PostgreSQL the keys stay."""
+    for file in settings.data_dir.rglob("*.sqlite3*"):
+        file.unlink()
+    if settings.database_url.startswith("sqlite"):
+        return
+    engine = create_engine(settings.database_url)
+    with engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA accounts CASCADE"))
+        connection.execute(text(f"TRUNCATE {RIVERSIDE}.recordings, {RIVERSIDE}.analyses CASCADE"))
+    engine.dispose()
 
 
 def test_nothing_is_restored_outside_the_folder_of_organisations(two: Settings, tmp_path: Path) -> None:

@@ -151,13 +151,49 @@ def test_the_backup_of_the_keys_leaves_a_line(settings: Settings, store: JobStor
     assert [line.act for line in find_lines(store.reader, TrailQuestion(who="machine"))] == ["keys.backed_up"]
 
 
-def test_a_file_without_a_head_proves_no_end(settings: Settings, store: JobStore, tmp_path: Path) -> None:
-    (tmp_path / "empty.jsonl").write_text("x{\n")
+OF_ANOTHER = '{"organisation": "org_0123456789abcdef", "at": "2026-11-24", "seq": 1, "hash": "00"}\n'
 
-    code, told = run(settings, "trail", "verify", "--anchor", str(tmp_path / "empty.jsonl"))
 
-    assert code == 0
-    assert "nowhere else" in told
+@pytest.fixture(params=[None, "", "x{\n", OF_ANOTHER], ids=["missing", "empty", "damaged", "of another"])
+def headless(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A file that is named as the anchor, and holds no head of this trail."""
+    file = tmp_path / "heads.jsonl"
+    if request.param is not None:
+        file.write_text(request.param)
+    return file
+
+
+def test_a_named_file_without_a_head_proves_nothing(
+    settings: Settings, store: JobStore, add_job: AddJob, headless: Path
+) -> None:
+    add_job()
+
+    code, told = run(settings, "trail", "verify", "--anchor", str(headless))
+
+    assert (code, told.split()[0]) == (3, "E-TRAIL-ANCHOR")
+    assert str(headless) in told
+    assert "none altered" not in told
+
+
+def test_nor_does_one_that_the_settings_name(
+    settings: Settings, store: JobStore, add_job: AddJob, headless: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_job()
+    monkeypatch.setenv("ACROMION_TRAIL_ANCHOR", str(headless))
+
+    code, told = run(settings, "trail", "verify")
+
+    assert (code, told.split()[0]) == (3, "E-TRAIL-ANCHOR")
+
+
+def test_the_doctor_fails_over_an_anchor_without_a_head(
+    settings: Settings, store: JobStore, add_job: AddJob, headless: Path
+) -> None:
+    add_job()
+
+    found = examine(settings.model_copy(update={"trail_anchor": str(headless)}))
+
+    assert [one.name for one in found if not one.healthy] == ["trail_anchor_lost"]
 
 
 def test_a_place_without_a_database_is_refused_and_gets_none(settings: Settings, tmp_path: Path) -> None:
