@@ -63,13 +63,6 @@ from app.errors import (
     ResultDamaged,
     WrongVerb,
 )
-from app.exposure import (
-    SOCKET_PREFIX,
-    check_certificate,
-    check_exposure,
-    check_host_names,
-    check_passwords,
-)
 from app.intake import FolderWatch, Intake
 from app.jobs.database.connect import (
     bring_up_to_date,
@@ -85,6 +78,13 @@ from app.logs import start_logging
 from app.organisation import OWN_ORGANISATION
 from app.services import Offices, Services, find_services, open_services
 from app.settings import Settings
+from app.start_checks import (
+    SOCKET_PREFIX,
+    check_certificate,
+    check_exposure,
+    check_host_names,
+    check_passwords,
+)
 from app.storage.open import load_extra, open_storage
 from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder

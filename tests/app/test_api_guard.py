@@ -12,10 +12,10 @@ from starlette.types import Message
 from app.api.middleware.guard import _BodyWatch, takes_file
 from app.api.middleware.problems import respond_to_refusal
 from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
-from app.exposure import check_exposure, check_host_names
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
+from app.start_checks import check_exposure, check_host_names
 from tests.loops import run_coroutine
 
 CHANGES = ("/api/v1/analyze", "/api/v1/analyses/an_1/cancel", "/analyses/an_1/cancel")

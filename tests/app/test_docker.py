@@ -13,8 +13,8 @@ import yaml
 
 from app.cli import app
 from app.errors import ExamplePassword, ForeignAddress
-from app.exposure import check_exposure, check_passwords
 from app.settings import Settings
+from app.start_checks import check_exposure, check_passwords
 
 DOCKER = Path(__file__).resolve().parents[2] / "docker"
 FILES = sorted(path for path in DOCKER.iterdir() if path.is_file())
