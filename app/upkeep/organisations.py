@@ -43,9 +43,9 @@ def find_lost_place(settings: Settings, organisation: str) -> Settings:
     """
     place = _build_place(settings, organisation)
     if organisation == OWN_ORGANISATION:
-        is_there = is_used(place)
+        is_there = _is_folder_used(place) or is_used(place)
     else:
-        is_there = organisation in _find_ids(settings) or _is_folder_used(place)
+        is_there = _is_folder_used(place) or organisation in _find_ids(settings)
     if not is_there and not (place.object_store and open_storage(place).find_recordings()):
         raise NotHere(id=str(place.data_dir) if organisation == OWN_ORGANISATION else organisation)
     return place
@@ -53,9 +53,9 @@ def find_lost_place(settings: Settings, organisation: str) -> Settings:
 
 def is_used(place: Settings) -> bool:
     """Tell whether anything was ever kept in a place; to look makes nothing."""
-    if place.database_url.startswith("sqlite") or not place.object_store:
+    if place.database_url.startswith("sqlite"):
         return _is_folder_used(place)
-    return _has_tables(place)
+    return _has_tables(place) and (bool(place.object_store) or _is_folder_used(place))
 
 
 def _is_folder_used(place: Settings) -> bool:
