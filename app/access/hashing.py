@@ -1,6 +1,5 @@
 """What is kept of a long and random secret: its digest, without a salt. Of what people type: a keyed one."""
 
-import base64
 import hashlib
 import hmac
 import logging
@@ -9,7 +8,7 @@ from dataclasses import dataclass, field
 
 from app.errors import KeyFileMissing, KeyGone, KeyMismatch
 from app.storage.keys import KeyStore
-from app.storage.labels import DIGEST_MARK
+from app.storage.labels import write_keyed
 
 LOGINS = "logins"
 """The name of the key of digests of what was typed. Nothing else needs it: a lost one is made anew."""
@@ -35,8 +34,7 @@ class NameHasher:
 
     def hash(self, typed: str) -> str:
         """Give the keyed digest of what was typed."""
-        digest = hmac.digest(self._find_key(), typed.encode(), "sha256")
-        return DIGEST_MARK + base64.urlsafe_b64encode(digest).decode().rstrip("=")
+        return write_keyed(hmac.digest(self._find_key(), typed.encode(), "sha256"))
 
     def _find_key(self) -> bytes:
         try:

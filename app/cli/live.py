@@ -146,8 +146,7 @@ def _take_frames(source: "Source", recorder: "Recorder", countdown_s: float, scr
     while (frames := source.read()) is not None:
         heard_s = time.monotonic() if len(frames) else heard_s
         screen.print_cues(recorder.take_cues(recorder.take(frames)))
-        if early is not None and not early.is_behind:
-            _release(early, recorder)
+        if early is not None and recorder.settle(early):
             early = None
             _ask_pose(recorder, countdown_s)
         status = recorder.status()
@@ -162,18 +161,11 @@ def _ask_pose(recorder: "Recorder", countdown_s: float) -> None:
         recorder.session.ask_pose(countdown_s)
 
 
-def _release(early: "EarlyPort", recorder: "Recorder") -> None:
-    """Keep what came early no longer: the raw file has it."""
-    recorder.sync()
-    early.release()
-
-
 def _take_rest(source: "Source", early: "EarlyPort", recorder: "Recorder") -> None:
     """Take what came before the session was stopped; where that fails, its file stays for the next start."""
     with suppress(FusionError, AppError, OSError):
-        while early.is_behind and (frames := source.read()) is not None:
+        while not recorder.settle(early) and (frames := source.read()) is not None:
             recorder.take(frames)
-        _release(early, recorder)
 
 
 def _stop(recorder: "Recorder", language: Language) -> None:

@@ -192,9 +192,7 @@ class RunningSession:
 
     def _settle(self) -> None:
         """Once the raw file has all that came early, keep that no longer."""
-        if self._early is not None and not self._early.is_behind:
-            self.recorder.sync()
-            self._early.release()
+        if self._early is not None and self.recorder.settle(self._early):
             self._early = None
 
     def _start_pose(self) -> None:

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.live.cue_log import format_rule
+from app.live.early import EarlyPort
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
 from app.live.source import SourceFacts
 from app.storage.keys import RecordingKey
@@ -75,6 +76,14 @@ class Recorder:
         """Have the disk take what was written."""
         self._raw.sync()
         self._synced_s = time.monotonic()
+
+    def settle(self, early: EarlyPort) -> bool:
+        """Keep what came early no longer once the raw file has all of it; tell whether it has."""
+        if early.is_behind:
+            return False
+        self.sync()
+        early.release()
+        return True
 
     def take_cues(self, rows: LiveRows) -> list[Cue]:
         """Give the cues of these rows, and log them; while they are paused there are none."""

@@ -82,7 +82,7 @@ class LabelSealer:
         if not digest or is_keyed(digest):
             return digest
         sign = "-" if digest.startswith("-") else ""
-        return sign + DIGEST_MARK + base64.urlsafe_b64encode(self.sign("row", digest)).decode().rstrip("=")
+        return sign + write_keyed(self.sign("row", digest))
 
     def sign(self, about: str, text: str) -> bytes:
         """Give the HMAC-SHA256 of a text; ``about`` says what it is, and is bound to it.
@@ -122,6 +122,11 @@ class LabelSealer:
             if len(self._held) > MOST_KEYS:
                 self._held.popitem(last=False)
         return key
+
+
+def write_keyed(digest: bytes) -> str:
+    """Write a keyed digest as a row holds it."""
+    return DIGEST_MARK + base64.urlsafe_b64encode(digest).decode().rstrip("=")
 
 
 def is_keyed(stored: str) -> bool:

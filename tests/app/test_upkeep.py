@@ -595,18 +595,23 @@ def test_an_upload_under_way_is_not_restored_for_its_bytes_are_not_in_the_backup
     restored.close()
 
 
-def test_a_backup_of_before_faults_were_listed_is_restored(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    with zipfile.ZipFile(tmp_path / "b.zip") as new, zipfile.ZipFile(tmp_path / "old.zip", "w") as old:
+def drop_fact(backup: Path, old: Path, fact: str) -> None:
+    """Write a backup as it was before its manifest stated a fact."""
+    with zipfile.ZipFile(backup) as new, zipfile.ZipFile(old, "w") as written:
         for name in new.namelist():
             content = new.read(name)
             if name == "manifest.json":
                 manifest = json.loads(content)
-                del manifest["faults"]
+                del manifest[fact]
                 content = json.dumps(manifest).encode()
-            old.writestr(name, content)
+            written.writestr(name, content)
+
+
+def test_a_backup_of_before_faults_were_listed_is_restored(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    drop_fact(tmp_path / "b.zip", tmp_path / "old.zip", "faults")
     monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     assert acromion("verify", tmp_path / "old.zip").exit_code == 0

@@ -1,8 +1,6 @@
 """Each organisation has a backup of its own; that of "own" names those it does not hold."""
 
-import json
 import os
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +20,7 @@ from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.upkeep.organisations import find_further
 from tests.app.conftest import on_both_set_ups
+from tests.app.test_upkeep import drop_fact
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 
@@ -180,25 +179,13 @@ def test_a_backup_that_names_nobody_is_that_of_own(
 ) -> None:
     run("backup", tmp_path / "b.zip")
     run("backup-keys", tmp_path / "b.keys")
-    drop_name(tmp_path / "b.zip", tmp_path / "old.zip")
+    drop_fact(tmp_path / "b.zip", tmp_path / "old.zip", "organisation")
     empty_everything(two, request)
 
     words = ("restore", tmp_path / "old.zip", "--keys", tmp_path / "b.keys")
 
     assert run(*words, "--organisation", RIVERSIDE)[1].split()[0] == "E-BACKUP-OTHER"
     assert run(*words)[0] == 0
-
-
-def drop_name(backup: Path, old: Path) -> None:
-    """Write a backup as it was before backups named their organisation."""
-    with zipfile.ZipFile(backup) as new, zipfile.ZipFile(old, "w") as written:
-        for name in new.namelist():
-            content = new.read(name)
-            if name == "manifest.json":
-                manifest = json.loads(content)
-                del manifest["organisation"]
-                content = json.dumps(manifest).encode()
-            written.writestr(name, content)
 
 
 def test_a_drill_takes_the_backup_of_a_further_organisation(two: Settings, tmp_path: Path) -> None:
