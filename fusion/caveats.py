@@ -42,21 +42,16 @@ class Limit:
         Share of the recorded time that the caveat concerns, from which on it does.
     below_s
         Seconds that the caveat concerns, below which it does.
-    above_deg
-        Value of the fact ``deg`` above which it does.
     """
 
     from_share: float = inf
     below_s: float = 0.0
-    above_deg: float = inf
 
 
 NO_LIMIT = Limit()
 NO_FACTS = name_facts()
 FEW_H, POOR_H = 4, 2
 """Below so many hours analysed a recording is to be read with care, or poor (EXPOSURE.md A15)."""
-USELESS_SIGMA_DEG = 10.0
-"""A range of 20 deg to both sides: 30 cannot be told from 60 deg."""
 
 
 class Caveat(StrEnum):
@@ -178,24 +173,24 @@ class Caveat(StrEnum):
     # The sensor on the arm, and the pose.
     NO_STILL = "W-NO-STILL", POOR, name_facts(deg="deg (sigma)")
     POSE_SHORT = "W-POSE-SHORT", CAUTION
-    WHICH_POSE = "W-WHICH-POSE", CAUTION, name_facts(deg="deg (sigma)"), Limit(above_deg=USELESS_SIGMA_DEG)
-    POSE_DOUBT = "W-POSE-DOUBT", POOR, name_facts(apart_deg="deg from walking")
+    POSE_ASSUMED = "W-POSE-ASSUMED", CAUTION
+    WHICH_POSE = "W-WHICH-POSE", CAUTION, name_facts(apart_deg="deg between the candidates")
+    NOT_HELD = "W-NOT-HELD", CAUTION
+    POSE_UNSTEADY = "W-POSE-UNSTEADY", CAUTION, name_facts(what=TERM)
+    POSE_DOUBT = "W-POSE-DOUBT", POOR
     POSES_DIFFER = (
         "W-POSES-DIFFER",
         CAUTION,
         name_facts(apart_deg="deg between two poses"),
         Limit(from_share=0.5),
     )
+    SLIP = "W-SLIP", CAUTION, name_facts(apart_deg="deg between the directions of the hanging arm")
+    PUT_BACK = "W-PUT-BACK", CAUTION
     AXIS = "W-AXIS", CAUTION, name_facts(deg="deg (sigma)")
     LEAN = "W-LEAN", CAUTION
     NPOSE = "W-NPOSE", NOTE, name_facts(reads_low_by_up_to_deg="deg")
     NONWEAR = "W-NONWEAR", CAUTION
-    REMOUNT = (
-        "W-REMOUNT",
-        CAUTION,
-        name_facts(calibrated="parts with a calibration", left_out="parts without"),
-        Limit(from_share=0.5),
-    )
+    REMOUNT = "W-REMOUNT", CAUTION, NO_FACTS, Limit(from_share=0.5)
     UPSIDE = "W-UPSIDE", POOR, name_facts(deg="deg (median)")
 
     # How much was analysed, and how.

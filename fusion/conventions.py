@@ -19,20 +19,28 @@ MAIN_THRESHOLD_DEG = 60
 """Above it the arm counts as raised, wherever one threshold stands for all."""
 ARM_AXES: tuple[ArmAxis, ...] = get_args(ArmAxis)
 
-Found = Literal["given", "held", "early", "walking", "moment", "axis"]
-"""How the arm's axis was found: a window or an axis that a person gave; the first still stretch, begun within
-a minute of the start of wear ("held") or later; how the arm hung in walking; the stillest moment.
+CalibrationState = Literal["given", "held_at_start", "repeated", "assumed", "axis", "none"]
+"""How the arm's axis is known.
+
+- "given": a person gave the time of the pose; "repeated": of several poses that agree.
+- "held_at_start": a person stated that the pose was held at the start of wear, and a stillness begins there.
+- "assumed": the first stillness of wear, which nobody confirmed.
+- "axis": the sensor's axis that was strapped along the arm.
+- "none": no stillness to assume: how the arm hung in walking, or the stillest moment.
 """
-UNHELD: frozenset[Found] = frozenset({"axis", "walking", "moment"})
-"""Where no pose was held."""
+CONFIRMED: frozenset[CalibrationState] = frozenset({"given", "held_at_start", "repeated"})
+UNHELD: frozenset[CalibrationState] = frozenset({"axis", "none"})
+"""Without a pose."""
+PoseHeld = Literal["start"]
+"""When the pose was held, as a person states for all recordings alike: at the start of wear."""
 
 
-def is_npose(pose: Pose, found: Found) -> bool:
-    """Whether the arm was held along the body, so that a raised arm may read too low.
+def is_npose(pose: Pose, state: CalibrationState) -> bool:
+    """Return whether the arm was held along the body, so that a raised arm may read too low.
 
-    A strapped axis has no pose; of an axis from walking or a stillest moment the error is not known.
+    A strapped axis has no pose; the error of an axis from walking or a stillest moment is not known.
     """
-    return pose == "n-pose" and found not in UNHELD
+    return pose == "n-pose" and state not in UNHELD
 
 
 AXIS_HINT = "x, y, z, -x, -y, -z"

@@ -1,7 +1,7 @@
 """From calibrated samples to the angle between the upper arm and gravity."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import pi, sqrt
 from typing import Any
 
@@ -15,8 +15,8 @@ from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.orientation.on_demand import Vertical, VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings, estimate_sigma, smooth_nodes
+from fusion.pose.axes import AxisPart, Reading
 from fusion.pose.calibrate import CalibratedSamples
-from fusion.pose.wear import AxisPart
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Segment
 from fusion.sensor.accelerometer import AccelerometerSettings
 from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
@@ -318,20 +318,34 @@ def _measure_segment(  # noqa: PLR0913, PLR0917
         if is_kept:
             up[first:stop] = block
     known = up if is_kept else vertical
-    _measure_anew(samples, rows, known, elevation_deg)
+    _measure_parts(samples.axis_parts, rows, known, elevation_deg)
     held = (rows.hold(first, stop) for first, stop in segment.bridged)
     bridged = tuple((each.start, each.stop) for each in held)
     return ElevationSegment(rows.start_us, rows.rate_hz, elevation_deg, valid, known, sigma_deg, bridged)
 
 
-def _measure_anew(
-    samples: CalibratedSamples,
-    rows: AngleRows,
+def _measure_parts(
+    parts: tuple[AxisPart, ...],
+    rows: AngleRows | ElevationSegment,
     up: Vertical,
     elevation_deg: NDArray[np.float32],
 ) -> None:
-    """Take the rows of a remounted sensor from that part's own axis."""
-    for part in samples.axis_parts:
+    """Measure the rows of each part by that part's own axis."""
+    for part in parts:
         first, stop = _find_rows(part, rows)
         if part.arm_axis is not None and stop > first:
             elevation_deg[first:stop] = measure_elevation(up[first:stop], part.arm_axis)
+
+
+def read_otherwise(elevation: Elevation, reading: Reading) -> Elevation:
+    """Return the same fused angle as another reading of the recording has it."""
+    segments = []
+    for segment in elevation.segments:
+        assert segment.vertical is not None
+        elevation_deg = np.empty(len(segment), dtype=np.float32)
+        for first in range(0, len(segment), SAMPLES_AT_ONCE):
+            rows = slice(first, first + SAMPLES_AT_ONCE)
+            elevation_deg[rows] = measure_elevation(segment.vertical[rows], reading.arm_axis)
+        _measure_parts(reading.parts, segment, segment.vertical, elevation_deg)
+        segments.append(replace(segment, elevation_deg=elevation_deg))
+    return replace(elevation, segments=tuple(segments))

@@ -8,14 +8,15 @@ from typing import BinaryIO, Literal
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, MethodName, Pose, is_npose
+from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, is_npose
 from fusion.diary import DiaryEntry
-from fusion.elevation import Elevation, estimate_elevation
+from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
 from fusion.exposure.periods import Placed, divide_day, find_left_out, place_diary
-from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
-from fusion.pose.wear import AxisPart
+from fusion.exposure.readings import widen_over
+from fusion.pose.axes import AxisPart
+from fusion.pose.calibrate import CalibratedSamples, Calibration, Statements, calibrate
 from fusion.pose.windows import reduce_recording
 from fusion.quality import (
     Quality,
@@ -56,15 +57,17 @@ class AnalysisSettings:
     pose
         How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
     calibration_windows_s
-        (start, end) from the first sample, when the pose was held, once or again; empty: the first still
-        stretch is taken. Two for the two-point pose, hanging and then level.
+        (start, end) from the first sample, when the pose was held, once or again; empty: the first stillness
+        is assumed. Two for the two-point pose, hanging and then level.
     diary
         What the day consisted of; breaks, time not worn and outside the shift are not analysed.
     arm_axis
         Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder.
-    slip_times_s
-        When the sensor slipped on the arm, as the person says, from the first sample; times after the last
-        have no effect.
+    slip_times_s, no_slip_times_s
+        When the sensor slipped on the arm, or was put back in another place, as the person says, from the
+        first sample; when it did not, though the recording raises the question.
+    pose_held
+        "start": the person says that the pose was held at the start of wear.
     """
 
     method: MethodName = "smoothed"
@@ -73,6 +76,8 @@ class AnalysisSettings:
     diary: tuple[DiaryEntry, ...] = ()
     arm_axis: ArmAxis | None = None
     slip_times_s: tuple[float, ...] = ()
+    no_slip_times_s: tuple[float, ...] = ()
+    pose_held: PoseHeld | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,17 +184,7 @@ def analyse(
     samples, elevation = found.samples, found.elevation
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
-    exposure = withhold_short(
-        summarise_exposure(
-            day.counted,
-            recording.start,
-            recording,
-            samples.calibration.gyro_bias_dps,
-            math.hypot(samples.calibration.sigma_deg, elevation.bias_sigma_deg or 0.0),
-            division=day.division,
-            is_npose=is_npose(samples.calibration.pose, samples.calibration.found),
-        )
-    )
+    exposure = withhold_short(_summarise_readings(samples, elevation, day))
     time = _divide_time(recording, day, exposure)
     flags = (
         *samples.flags,
@@ -213,12 +208,32 @@ def analyse(
 
 
 def adopt_stated(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
-    """Take the pose window or the axis that the file states, where the person asks for neither."""
+    """Take what the file states of the pose or the axis, if the person gives neither."""
     if settings.calibration_windows_s or settings.arm_axis or settings.pose == "two-point":
         return settings
     if recording.arm_axis is not None:
         return replace(settings, arm_axis=recording.arm_axis)
-    return replace(settings, calibration_windows_s=recording.pose_windows_s)
+    held = settings.pose_held or recording.pose_held
+    return replace(settings, calibration_windows_s=recording.pose_windows_s, pose_held=held)
+
+
+def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "_Day") -> Exposure:
+    """Return the figures, with ranges that hold every reading that no person has ruled out."""
+    recording, calibration = samples.recording, samples.calibration
+
+    def summarise(counted: Elevation) -> Exposure:
+        return summarise_exposure(
+            counted,
+            recording.start,
+            recording,
+            calibration.gyro_bias_dps,
+            math.hypot(calibration.sigma_deg, elevation.bias_sigma_deg or 0.0),
+            division=day.division,
+            is_npose=is_npose(calibration.pose, calibration.state),
+        )
+
+    others = [summarise(read_otherwise(day.counted, reading)) for reading in samples.readings]
+    return widen_over(summarise(day.counted), others)
 
 
 def _flag_calibration(
@@ -250,9 +265,13 @@ def fuse_recording(
     samples = calibrate(
         recording,
         settings.pose,
-        settings.calibration_windows_s,
-        arm_axis=settings.arm_axis,
-        slip_times_s=settings.slip_times_s,
+        stated=Statements(
+            settings.calibration_windows_s,
+            settings.arm_axis,
+            settings.pose_held,
+            settings.slip_times_s,
+            settings.no_slip_times_s,
+        ),
         blocks=blocks,
     )
     del blocks  # while the angle needs room

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis
+from fusion.conventions import ArmAxis, PoseHeld
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -152,9 +152,10 @@ class Recording:
         Full scale, for the clipping check; None where the file does not tell.
     reader
         Name and version of the plug-in that read the file; None where one of our own did.
-    pose_windows_s, arm_axis
-        As the file states them: when a person held the pose (start, end), from the first sample, and the
-        sensor's axis that was strapped along the arm. What is asked of an analysis goes before them.
+    pose_windows_s, arm_axis, pose_held
+        As the file states them: when a person held the pose (start, end), from the first sample; the sensor's
+        axis that was strapped along the arm; "start" if the pose was held at the start of wear. What is asked
+        of an analysis goes before them.
     """
 
     device: str
@@ -172,6 +173,7 @@ class Recording:
     reader: tuple[str, str] | None = None
     pose_windows_s: tuple[tuple[float, float], ...] = ()
     arm_axis: ArmAxis | None = None
+    pose_held: PoseHeld | None = None
 
     def __repr__(self) -> str:
         start = f" from {self.start:%Y-%m-%d %H:%M}" if self.start else ""

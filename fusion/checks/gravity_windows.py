@@ -392,7 +392,7 @@ def _carry(
 
 
 @kernel
-def _carry_windows(  # noqa: C901, PLR0913, PLR0917 (a kernel takes plain arrays, and loops are cheap)
+def _carry_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays, and loops are cheap)
     acc: Any, turn: Any, first: Any, period: Any, gain: Any, drift: Any, room: Any, miss: Any, slope: Any
 ) -> None:  # pragma: no cover
     """Sum the accelerations in the frame of the first row, minus in the first half, plus in the second.

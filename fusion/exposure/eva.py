@@ -74,7 +74,7 @@ def start_eva(errors_deg: Float64Array, edges_us: IntArray) -> EvaTally:
 
 
 @kernel
-def scan_classes(angle_deg, valid, classes, state, seconds):  # type: ignore[no-untyped-def]  # noqa: C901
+def scan_classes(angle_deg, valid, classes, state, seconds):  # type: ignore[no-untyped-def]
     """Follow the class of every error at once: it changes only where the angle passes one of the levels.
 
     ``reached`` is how many of the levels, from the lowest, the angle has reached; ``state``, shape (g, 2),

@@ -12,7 +12,7 @@ from fusion.pose.rules import RULES, object_to_window, score_still_period
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import view_segment
-from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run, summarise_windows
+from fusion.sensor.stillness import BLOCK_S, QuarterSeconds, QuietTable, reduce_run, summarise_windows
 
 Blocks = Sequence[QuarterSeconds]
 Window = tuple[float, float]
@@ -33,6 +33,11 @@ class StillPeriod:
         Shape (3,): mean angular rate.
     score
         0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
+    sway_dps
+        How far the angular rate, averaged over quarter seconds, typically lies from its median: a living arm
+        sways, a table does not.
+    is_moving
+        Whether it moves more than a pose does, as only a window that a person gave may.
     """
 
     start_s: float
@@ -40,6 +45,8 @@ class StillPeriod:
     gravity_g: Float64Array
     gyro_bias_dps: Float64Array
     score: float
+    sway_dps: float = np.inf
+    is_moving: bool = False
 
     @property
     def end_s(self) -> float:
@@ -150,7 +157,9 @@ def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Arra
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
 
 
-def flag_window(caveat: Caveat, still: StillPeriod, facts: Mapping[str, float] | None = None) -> QualityFlag:
+def flag_window(
+    caveat: Caveat, still: StillPeriod, facts: Mapping[str, str | float] | None = None
+) -> QualityFlag:
     """One flag for a calibration window, with its place."""
     return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
 
@@ -197,6 +206,10 @@ def _cut(recording: Recording, start_s: float, end_s: float) -> tuple[Float64Arr
 
 def _measure(recording: Recording, start_s: float, end_s: float) -> StillPeriod:
     acc, gyr = _cut(recording, start_s, end_s)
-    gravity = acc.mean(axis=0)
-    score = score_still_period(end_s - start_s, float(acc.std(axis=0).max()), gravity)
-    return StillPeriod(start_s, end_s - start_s, gravity, gyr.mean(axis=0), score)
+    gravity, acc_sd_g = acc.mean(axis=0), float(acc.std(axis=0).max())
+    is_moving = acc_sd_g > RULES.quiet_acc_sd_g or float(gyr.std(axis=0).max()) > RULES.quiet_gyro_sd_dps
+    score = score_still_period(end_s - start_s, acc_sd_g, gravity)
+    per_block = max(1, round(BLOCK_S * len(gyr) / (end_s - start_s)))
+    rates = gyr[: len(gyr) // per_block * per_block].reshape(-1, per_block, 3).mean(axis=1)
+    sway_dps = float(np.median(np.linalg.norm(rates - np.median(rates, axis=0), axis=1)))
+    return StillPeriod(start_s, end_s - start_s, gravity, gyr.mean(axis=0), score, sway_dps, is_moving)

@@ -98,7 +98,6 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> Grade:
     is_graver = (
         flag.seconds * MICROSECONDS >= caveat.limit.from_share * time.recorded_us
         or flag.seconds < caveat.limit.below_s
-        or float(flag.facts.get("deg", 0.0)) > caveat.limit.above_deg
     )
     return Grade(caveat.grade + is_graver)
 
@@ -116,7 +115,7 @@ def _find_own_flags(
     yield from flag_spans(Caveat.CLIP, [span for span in exclusions if span.reason == "clipped"])
     yield from _flag_untrusted(recording, time, holes, exclusions)
     yield from _flag_length(recording, time, exclusions)
-    if calibration is not None and is_npose(calibration.pose, calibration.found):
+    if calibration is not None and is_npose(calibration.pose, calibration.state):
         yield QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
 
 

@@ -134,6 +134,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
         gyr_range_dps=_positive(facts.get("gyr_range_dps")),
         pose_windows_s=_read_pose_window(facts.get("pose_window_s", "")),
         arm_axis=_read_arm_axis(facts.get("arm_axis", "")),
+        pose_held="start" if facts.get("pose_held", "").strip().lower() == "start" else None,
     )
 
 
