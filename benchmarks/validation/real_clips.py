@@ -4,12 +4,13 @@ Clips come from CMU Graphics Lab (subjects 01 to 03, free for any use) or, as BV
 dataset 1 of Bandai Namco Research (acted styles, CC BY-NC 4.0), one style for one subject.
 
 Directions and accelerations within a clip are real, low-passed at 7 Hz. Order and length of the tasks, turns
-between clips, pauses and poses are made up. The sensor sits on a rigid arm: no skin, no muscle.
+between clips, pauses and poses are made up. The sensor is fixed to a rigid arm unless a clip has a plate
+(``skin_clips``), which moves on the arm with the skin.
 World: z up. Arm: z from the elbow to the shoulder, so that it points to the zenith when the arm hangs.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,18 +42,33 @@ Z_UP = Rotation.from_rotvec([np.pi / 2.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Plate:
+    """A plate on the skin: ``turn`` (n,), its frame to the arm's, and its ``place_m`` (n, 3).
+
+    The place is measured from the shoulder, in the arm's frame.
+    """
+
+    turn: Rotation
+    place_m: Float64Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """Motion at 120 Hz: ``turn`` (n,), arm's frame to world, and the shoulder's ``velocity_mps`` (n, 3)."""
+    """Motion at 120 Hz: ``turn`` (n,), arm's frame to world, and the shoulder's ``velocity_mps`` (n, 3).
+
+    Without a ``plate`` the sensor is fixed to the arm at ``LEVER_M``.
+    """
 
     turn: Rotation
     velocity_mps: Float64Array
+    plate: Plate | None = None
 
     def face(self, turn: Rotation) -> "Clip":
         """The clip turned about the vertical, so that it begins as near ``turn`` as may be."""
         between = (turn * self.turn[0].inv()).as_matrix()
         angle = np.arctan2(between[1, 0] - between[0, 1], between[0, 0] + between[1, 1])
         heading = Rotation.from_rotvec([0.0, 0.0, angle])
-        return Clip(heading * self.turn, heading.apply(self.velocity_mps))
+        return Clip(heading * self.turn, heading.apply(self.velocity_mps), self.plate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,23 +125,23 @@ def load_clip(path: Path, side: Side) -> Clip:
         arm = ArmMotion(CLIP_HZ, shoulder_m, elbow_m, turn)
     along = arm.turn.inv().apply(arm.shoulder_m - arm.elbow_m).mean(axis=0)
     to_segment, _ = Rotation.align_vectors(along[None], np.array([[0.0, 0.0, 1.0]]))
-    frames_s = np.arange(len(arm.turn)) / arm.rate_hz
-    time_s = np.arange(int(frames_s[-1] * CLIP_HZ) + 1) / CLIP_HZ
-    quaternion = CubicSpline(frames_s, _make_continuous(arm.turn.as_quat()))(time_s)
-    shoulder_m = CubicSpline(frames_s, arm.shoulder_m)(time_s)
-    segment = Rotation.from_quat(_low_pass(quaternion))
-    velocity = np.gradient(_low_pass(Z_UP.apply(shoulder_m)), 1.0 / CLIP_HZ, axis=0)
+    segment = Rotation.from_quat(resample(make_continuous(arm.turn.as_quat()), arm.rate_hz))
+    velocity = np.gradient(resample(Z_UP.apply(arm.shoulder_m), arm.rate_hz), 1.0 / CLIP_HZ, axis=0)
     return Clip(Z_UP * segment * to_segment, velocity)
 
 
-def _make_continuous(quaternion: Float64Array) -> Float64Array:
+def make_continuous(quaternion: Float64Array) -> Float64Array:
     """The same rotations, each quaternion on the side of the one before."""
     flips = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
     return np.asarray(quaternion * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
-def _low_pass(values: Float64Array) -> Float64Array:
-    return np.asarray(sosfiltfilt(butter(2, LOW_PASS_HZ, fs=CLIP_HZ, output="sos"), values, axis=0))
+def resample(values: Float64Array, rate_hz: float) -> Float64Array:
+    """Return the values at 120 Hz, low-passed."""
+    frames_s = np.arange(len(values)) / rate_hz
+    time_s = np.arange(int(frames_s[-1] * CLIP_HZ) + 1) / CLIP_HZ
+    low_pass = butter(2, LOW_PASS_HZ, fs=CLIP_HZ, output="sos")
+    return np.asarray(sosfiltfilt(low_pass, CubicSpline(frames_s, values)(time_s), axis=0))
 
 
 def cut_stride(clip: Clip) -> Clip:
@@ -141,9 +157,13 @@ def cut_stride(clip: Clip) -> Clip:
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """Clips joined one after the other by turns of least jerk."""
+    """Clips joined one after the other by turns of least jerk.
+
+    ``strap`` returns the plate of clips and held postures that have none; without it, no clip may have one.
+    """
 
     chance: np.random.Generator
+    strap: Callable[[Rotation], Plate] | None = None
     _clips: list[Clip] = field(default_factory=list)
     _count: int = 0
 
@@ -154,6 +174,8 @@ class Track:
 
     def go_on(self, clip: Clip, least_s: float = TURN_S) -> None:
         """Turn to the beginning of a clip, and follow it."""
+        if self.strap and clip.plate is None:
+            clip = replace(clip, plate=self.strap(clip.turn))
         if self._clips:
             clip = clip.face(self.now)
             self._add(_bridge(self._clips[-1], clip, least_s))
@@ -185,7 +207,12 @@ class Track:
     def join(self) -> Clip:
         """All of it in one."""
         turn = Rotation.concatenate([clip.turn for clip in self._clips])
-        return Clip(turn, np.concatenate([clip.velocity_mps for clip in self._clips]))
+        velocity_mps = np.concatenate([clip.velocity_mps for clip in self._clips])
+        plates = [clip.plate for clip in self._clips if clip.plate]
+        if not plates:
+            return Clip(turn, velocity_mps)
+        turns = Rotation.concatenate([plate.turn for plate in plates])
+        return Clip(turn, velocity_mps, Plate(turns, np.concatenate([plate.place_m for plate in plates])))
 
     def _find_turn(self, clip: Clip) -> float:
         return float((self.now.inv() * clip.face(self.now).turn[0]).magnitude())
@@ -197,18 +224,31 @@ class Track:
 
 def _bridge(before: Clip, after: Clip, least_s: float) -> Clip:
     """Quintic turn from one clip to the next, with their rates and accelerations at both ends."""
-    last = before.turn[-1]
-    tail = (last.inv() * before.turn[-3:]).as_rotvec()
-    head = (last.inv() * after.turn[:3]).as_rotvec()
+    last, tail, head = _find_ends(before.turn, after.turn)
     change_mps = float(np.linalg.norm(after.velocity_mps[0] - before.velocity_mps[-1]))
     turned_deg = np.degrees(np.linalg.norm(head[0]))
     length_s = max(least_s, float(turned_deg) / TURN_DPS, change_mps / TURN_MPS2)
     count = max(2, round(length_s * CLIP_HZ))
     time_s = np.arange(1, count) / CLIP_HZ
     ends_s = [0.0, count / CLIP_HZ]
-    turns = BPoly.from_derivatives(ends_s, [_derive(tail[::-1], -1.0), _derive(head, 1.0)])
-    speeds = [_derive(before.velocity_mps[:-4:-1], -1.0)[:2], _derive(after.velocity_mps[:3], 1.0)[:2]]
-    return Clip(last * Rotation.from_rotvec(turns(time_s)), BPoly.from_derivatives(ends_s, speeds)(time_s))
+
+    def ease(tail: Float64Array, head: Float64Array, orders: int = 3) -> Float64Array:
+        ends = [_derive(tail[::-1], -1.0)[:orders], _derive(head, 1.0)[:orders]]
+        return np.asarray(BPoly.from_derivatives(ends_s, ends)(time_s))
+
+    turn = last * Rotation.from_rotvec(ease(tail, head))
+    velocity_mps = ease(before.velocity_mps[-3:], after.velocity_mps[:3], orders=2)
+    if before.plate is None or after.plate is None:
+        return Clip(turn, velocity_mps)
+    last, tail, head = _find_ends(before.plate.turn, after.plate.turn)
+    place_m = ease(before.plate.place_m[-3:], after.plate.place_m[:3])
+    return Clip(turn, velocity_mps, Plate(last * Rotation.from_rotvec(ease(tail, head)), place_m))
+
+
+def _find_ends(before: Rotation, after: Rotation) -> tuple[Rotation, Float64Array, Float64Array]:
+    """Return the last rotation, and from it the three at the end and the three after, as vectors."""
+    last = before[-1]
+    return last, (last.inv() * before[-3:]).as_rotvec(), (last.inv() * after[:3]).as_rotvec()
 
 
 def _derive(values: Float64Array, sign: float) -> list[Float64Array]:
@@ -218,22 +258,28 @@ def _derive(values: Float64Array, sign: float) -> list[Float64Array]:
 
 
 def feel(clip: Clip, rate_hz: float) -> ArmState:
-    """What an ideal sensor on the arm reads at ``rate_hz``, and the exact elevation.
+    """Return the readings of an ideal sensor on the arm, or on its plate, and the exact elevation of the arm.
 
     The angular rate is the rotation from half a sample before to half a sample after.
     """
     frames_s = np.arange(len(clip.velocity_mps)) / CLIP_HZ
-    turns = CubicSpline(frames_s, _make_continuous(clip.turn.as_quat()))
+    arm_turns = CubicSpline(frames_s, make_continuous(clip.turn.as_quat()))
+    sensor = clip.turn * clip.plate.turn if clip.plate else clip.turn
+    turns = CubicSpline(frames_s, make_continuous(sensor.as_quat()))
     velocity = CubicSpline(frames_s, clip.velocity_mps)
     time_s = np.arange(int((frames_s[-1] - 1.0 / rate_hz) * rate_hz)) / rate_hz + 0.5 / rate_hz
     turn = Rotation.from_quat(turns(time_s))
     edges = Rotation.from_quat(turns(np.append(time_s - 0.5 / rate_hz, time_s[-1] + 0.5 / rate_hz)))
     rate = (edges[:-1].inv() * edges[1:]).as_rotvec() * rate_hz
     force = velocity(time_s, 1) + np.array([0.0, 0.0, STANDARD_GRAVITY])
-    lever = np.cross(np.gradient(rate, 1.0 / rate_hz, axis=0), LEVER_M)
-    lever += np.cross(rate, np.cross(rate, LEVER_M))
+    if clip.plate:
+        lever = turn.inv().apply(CubicSpline(frames_s, clip.turn.apply(clip.plate.place_m))(time_s, 2))
+    else:
+        lever = np.cross(np.gradient(rate, 1.0 / rate_hz, axis=0), LEVER_M)
+        lever += np.cross(rate, np.cross(rate, LEVER_M))
     acc_g = (turn.inv().apply(force) + lever) / STANDARD_GRAVITY
-    return ArmState(acc_g, np.degrees(rate), np.zeros_like(acc_g), find_elevation_deg(turn))
+    elevation_deg = find_elevation_deg(Rotation.from_quat(arm_turns(time_s)))
+    return ArmState(acc_g, np.degrees(rate), np.zeros_like(acc_g), elevation_deg)
 
 
 def find_elevation_deg(turn: Rotation) -> NDArray[np.float64]:
