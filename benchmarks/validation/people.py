@@ -256,7 +256,7 @@ def score(worn: WornDay, key: str, device: Device, seed: int) -> Scored:
         begun, dropped_s=dropped_s, worn_s=float(worn.worn.sum() / found.rate_hz), codes=codes,
         is_held=_is_held(analysis, poses_s), axis_deg=_find_axis_error(analysis, worn),
         sigma_deg=analysis.calibration.sigma_deg if analysis.calibration else np.nan,
-        found=analysis.calibration.found if analysis.calibration else "",
+        found=analysis.calibration.state if analysis.calibration else "",
     )  # fmt: skip
     if not rows.any():
         return replace(begun, refused="nothing valid")
