@@ -379,7 +379,7 @@ def _ask(wears: Sequence[Wear], poses: Sequence[FoundPose], stated: Statements) 
         asked: list[Question | None] = []
         if wear is not wears[0] and not is_posed and poses[0].state != "axis":
             asked.append(Question("put_back", wear.worn_from_s - wear.off_s, wear.worn_from_s))
-        asked.append(ask_for_slip(wear.strides))
+        asked.append(ask_for_slip(wear.strides, wear.calm))
         for question in asked:
             if question and not question.is_answered(answers_s) and not _is_refuted(question, poses):
                 yield replace(question, until_s=wear.end_s)

@@ -39,10 +39,13 @@ class Moments:
     time_s: Float64Array
     up: Float64Array
 
+    def select(self, rows: NDArray[np.bool_]) -> "Moments":
+        """Return some of the moments."""
+        return Moments(self.time_s[rows], self.up[rows])
+
     def within(self, first_s: float, end_s: float) -> "Moments":
         """Return those from ``first_s`` on and before ``end_s``."""
-        rows = (self.time_s >= first_s) & (self.time_s < end_s)
-        return Moments(self.time_s[rows], self.up[rows])
+        return self.select((self.time_s >= first_s) & (self.time_s < end_s))
 
     def thin(self, most: int = MOST) -> "Moments":
         """Return at most so many, at even steps."""
@@ -50,15 +53,20 @@ class Moments:
         return Moments(self.time_s[::step], self.up[::step])
 
 
-def find_calm_moments(
-    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
-) -> Float64Array:
-    """Return the times (m,) at which the mean acceleration of 2 s is within 0.1 g of gravity."""
-    times = [np.zeros(0)]
-    for run in blocks:
-        time_s, acc_g, _ = _average_blocks(run)
-        times.append(time_s[_take_calm(time_s, acc_g, accelerometer)[1]])
-    return np.concatenate(times)
+def find_calm_moments(blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection) -> Moments:
+    """Return the moments at which the mean acceleration of 2 s is within 0.1 g of gravity."""
+    return _join([_find_calm(run, accelerometer) for run in blocks])
+
+
+def _find_calm(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
+    time_s, acc_g, _ = _average_blocks(run)
+    up, calm = _take_calm(time_s, acc_g, accelerometer)
+    return Moments(time_s[calm], up[calm])
+
+
+def _join(found: Sequence[Moments]) -> Moments:
+    times, ups = [one.time_s for one in found], [one.up for one in found]
+    return Moments(np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 3)), *ups]))
 
 
 def find_striding_moments(
@@ -72,9 +80,7 @@ def find_striding_moments(
     from the arm's axis (optical capture of 16 styles, 5 to 42 over all), and 2.5 to 7 from the same person's
     relaxed stance; on the two worn upper arms among the project's recordings (45 s of walking) 6 and 10.
     """
-    found = [_find_striding(run, accelerometer) for run in blocks]
-    times, ups = [one.time_s for one in found], [one.up for one in found]
-    return Moments(np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 3)), *ups]))
+    return _join([_find_striding(run, accelerometer) for run in blocks])
 
 
 def _find_striding(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
