@@ -12,7 +12,7 @@ const SPELLINGS = [
 const DAY_FRACTION = /^(?:0?|[0-9]{5})[.,][0-9]+$/;
 
 // Seconds since midnight, or NaN for what is no clock time.
-export function readClock(text) {
+function readClock(text) {
   const told = DAY_FRACTION.test(text) ? null : SPELLINGS.map((spelling) => spelling.exec(text)).find(Boolean);
   if (!told) return NaN;
   const [hour, minute, second] = ["hour", "minute", "second"].map((name) => Number((told.groups[name] || "0").replace(",", ".")));
