@@ -26,7 +26,8 @@ COLUMNS: Mapping[str, str] = {
     "side": "side", "arm": "side", "cote": "side", "bras": "side",
     "pose": "pose",
     "calibration": "calibration", "calibration s": "calibration", "etalonnage": "calibration",
-    "axis": "axis", "axe": "axis", "slip at": "slip_at", "slip": "slip_at", "glissement": "slip_at",
+    "axis": "axis", "axe": "axis",
+    "slip at": "slip_at", "slip at s": "slip_at", "slip": "slip_at", "glissement": "slip_at",
     "diary": "diary", "journal": "diary",
 }  # fmt: skip
 SIDES: Mapping[str, Side] = {
