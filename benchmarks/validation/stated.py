@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.validation.document import Section, draw_table
-from benchmarks.validation.real_clips import CLIP_HZ, STRIDE_TURN_S, Clip, Track, feel, load_library
+from benchmarks.validation.document import draw_table
+from benchmarks.validation.real_clips import STRIDE_TURN_S, Clip, Track, feel, load_library
 from benchmarks.validation.skin_clips import Strap, load_skin_library
-from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg
+from benchmarks.validation.worn import DEVICES, find_rmse_deg
 from fusion.conventions import CalibrationState
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
 from fusion.exposure import Exposure, summarise_exposure
+from fusion.numerics.rotations import find_angle_deg
 from fusion.pipeline import Analysis, AnalysisSettings, analyse
-from fusion.pose.postures import find_angle_deg
 from fusion.quality import Verdict
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.simulation.body import ArmState

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.numerics.rotations import cos_deg
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds
@@ -113,16 +114,6 @@ def _average_blocks(run: QuarterSeconds) -> tuple[Float64Array, Float64Array, Fl
     variance = (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
     time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
     return np.asarray(time_s), np.asarray(means[:, :3]), np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
-def cos_deg(angle_deg: float) -> float:
-    """Return the cosine of an angle in degrees."""
-    return float(np.cos(np.radians(angle_deg)))
-
-
-def find_angle_deg(first: Float64Array, second: Float64Array) -> float:
-    """Return the angle between two vectors, whatever their lengths."""
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
 
 
 def share_near(up: Float64Array, directions: Float64Array) -> Float64Array:

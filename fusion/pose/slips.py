@@ -11,7 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.pose.postures import LEAST_STRIDING, Moments, find_angle_deg, find_commonest, share_near
+from fusion.numerics.rotations import find_angle_deg, find_turn
+from fusion.pose.postures import LEAST_STRIDING, Moments, find_commonest, share_near
 from fusion.recording import Float64Array
 
 MOVED_DEG = 12.0
@@ -27,12 +28,12 @@ ANSWER_S = 600.0
 class Question:
     """The sensor may have moved between two times.
 
-    ``kind``: "slip" while it was worn, "put_back" after it was off; ``apart_deg``: by how much, if walking
-    tells. ``turn`` (3, 3) turns an axis from before into the one after it, until ``until_s``; None if not
+    ``kind``: "slip" while it was worn, "put_back" after it was off, "poses" between two that disagree;
+    ``apart_deg``: by how much, if known. ``turn`` (3, 3) turns an axis from before into the one after it, until ``until_s``; None if not
     known.
     """
 
-    kind: Literal["slip", "put_back"]
+    kind: Literal["slip", "put_back", "poses"]
     first_s: float
     end_s: float
     apart_deg: float = 0.0
@@ -69,7 +70,7 @@ def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
     earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up
     if min(len(earlier), len(later)) >= LEAST_REST and _are_alike(earlier, later):
         return None
-    return Question("slip", first_s, end_s, apart_deg, _turn_to(before, after))
+    return Question("slip", first_s, end_s, apart_deg, find_turn(before, after))
 
 
 def _are_alike(earlier: Float64Array, later: Float64Array) -> bool:
@@ -81,10 +82,3 @@ def _are_alike(earlier: Float64Array, later: Float64Array) -> bool:
 def _describe(up: Float64Array) -> tuple[Float64Array, float]:
     step = -(-len(up) // MOST_STRIDES)
     return find_commonest(up[::step])
-
-
-def _turn_to(before: Float64Array, after: Float64Array) -> Float64Array:
-    """Return the smallest turn, (3, 3), of one direction into another."""
-    cross, cosine = np.cross(before, after), float(before @ after)
-    skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
-    return np.asarray(np.eye(3) + skew + skew @ skew / max(1.0 + cosine, 1e-9))

@@ -66,6 +66,11 @@ def divide_by_wear(
     )
 
 
+def find_wear(wears: Sequence[Wear], time_s: float) -> Wear:
+    """Return the stretch of wear that a time lies in."""
+    return next(wear for wear in reversed(wears) if wear.start_s <= time_s)
+
+
 def _find_cuts(blocks: Sequence[QuarterSeconds]) -> list[Cut]:
     cuts = [cut for run in blocks for cut in _find_off(run)]
     for run, following in pairwise(blocks):
