@@ -2,9 +2,10 @@
 
 import io
 from collections.abc import Iterator
+from contextlib import ExitStack
 from typing import Any, Literal
 from urllib.parse import parse_qsl
-from zipfile import ZIP_STORED, ZipFile
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse, StreamingResponse
@@ -13,16 +14,19 @@ from app.api.library.analyses import run_to_end
 from app.api.library.files import build_download_name
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.names import find_names
-from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged
+from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
+from app.jobs.trail import touch
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
+from app.report.export.naming import make_safe_name
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
+from app.storage.store import COPY_BYTES, borrow_recording
 from app.web.forms import first, read_form
 from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.recording.analysis import find_results
@@ -34,6 +38,7 @@ SHOWN = 500
 MOST_VIEWS = 50
 LONGEST_VIEW = 60
 DAY_S = 86400
+ZIP64_FROM_BYTES = 1 << 30
 PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 
 router = APIRouter(include_in_schema=False)
@@ -68,6 +73,18 @@ def take_reports(request: Request, services: UsedServices, language: UsedLanguag
     )
 
 
+@router.get("/library/recordings.zip")
+def take_recordings(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """Download the original files of a study, or of any list; ``without-recording.txt`` names lost ones."""
+    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
+    jobs = list({entry.job.recording_id: entry.job for entry in entries}.values())
+    for job in jobs:
+        touch(job.recording_id, job.id)
+    headers = {"Content-Disposition": 'attachment; filename="recordings.zip"'}
+    packed = pack_recordings(services, jobs, language)
+    return StreamingResponse(packed, media_type="application/zip", headers=headers)
+
+
 @router.post("/library/views")
 async def save_view(request: Request, services: UsedServices) -> Response:
     """Save the filter and order of the list under a name.
@@ -94,7 +111,7 @@ def drop_view(view_id: str, request: Request, services: UsedServices) -> Respons
 
 
 class _Outlet(io.RawIOBase):
-    """Holds what a ZIP writes until it is sent, so that no more than one report is in memory."""
+    """Holds what a ZIP writes until it is sent, so that no more than one report, or piece, is in memory."""
 
     def __init__(self) -> None:
         self.held = bytearray()
@@ -123,19 +140,46 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Ite
                 why = describe_problem(refusal.code, refusal.facts, language).title
                 without.append(f"{job.file_name}: {why}")
                 continue
-            packed.writestr(_name_once(build_download_name(services, job, made), job, names), body)
+            name = build_download_name(services, job, made)
+            packed.writestr(_name_once(name, job.id, names), body)
             yield outlet.take()
         if without:
             packed.writestr("without-report.txt", "\n".join(without) + "\n")
     yield outlet.take()
 
 
-def _name_once(name: str, job: Job, names: set[str]) -> str:
-    """Give a name that no report before has: two visits of one day carry their analysis, too."""
-    if name in names:
+def pack_recordings(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
+    """Write a ZIP of original files, a piece at a time; it breaks off if a file changes meanwhile."""
+    missing = "without-recording.txt"
+    outlet, without, names = _Outlet(), [], {missing}
+    with ZipFile(outlet, "w", ZIP_DEFLATED, compresslevel=1) as packed:
+        for job in jobs:
+            with ExitStack() as lent:
+                try:
+                    path = lent.enter_context(
+                        borrow_recording(services.storage, job.recording_id, job.sha256)
+                    )
+                except StoreDamaged as refusal:
+                    why = describe_problem(refusal.code, refusal.facts, language).title
+                    without.append(f"{job.file_name} ({job.recording_id}): {why}")
+                    continue
+                name = _name_once(make_safe_name(job.file_name), job.recording_id, names)
+                is_large = job.size_bytes >= ZIP64_FROM_BYTES
+                with path.open("rb") as file, packed.open(name, "w", force_zip64=is_large) as entry:
+                    while piece := file.read(COPY_BYTES):
+                        entry.write(piece)
+                        yield outlet.take()
+        if without:
+            packed.writestr(missing, "\n".join(without) + "\n")
+    yield outlet.take()
+
+
+def _name_once(name: str, identity: str, names: set[str]) -> str:
+    """Return a name that differs from all before, in upper and lower case too: a second one has its id."""
+    if name.casefold() in names:
         stem, _, ending = name.partition(".")
-        name = f"{stem}_{job.id}.{ending}"
-    names.add(name)
+        name = f"{stem}_{identity}.{ending}" if ending else f"{stem}_{identity}"
+    names.add(name.casefold())
     return name
 
 
