@@ -123,7 +123,9 @@ def end_hold(
 
 
 def get(
-    recording: Annotated[str, typer.Argument(metavar="RECORDING", help="Its id: rec_...")],
+    recording: Annotated[
+        str, typer.Argument(metavar="ID", help="Of the recording, or of an analysis of it.")
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The file to write.")],
     force: Annotated[bool, typer.Option("--force", help="Replace FILE.")] = False,
     data: DataOption = None,
@@ -139,9 +141,10 @@ def get(
     if out.exists() and not (force and out.is_file()):
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
     if not recording.isprintable():  # a broken byte of the terminal, which no database takes
-        raise typer.BadParameter("characters that cannot be printed", param_hint="RECORDING")
+        raise typer.BadParameter("characters that cannot be printed", param_hint="ID")
     with _opened(lang, data, organisation) as (place, store):
-        row = RecordingStore(store.engine, store.reader).get(recording)
+        recording_id = store.find_recording(recording) or recording
+        row = RecordingStore(store.engine, store.reader).get(recording_id)
         storage = open_storage(place)
         storage.prepare()
         with borrow_recording(storage, row.id, row.sha256) as source:

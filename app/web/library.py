@@ -1,14 +1,15 @@
 """Tables of the library for download, and the trash: put in, take back, delete for good."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from typing import Any, Literal
 from urllib.parse import parse_qsl
-from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
+from zipfile import ZIP_STORED, ZipFile
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from app.api.library.analyses import run_to_end
 from app.api.library.files import build_download_name
@@ -67,10 +68,7 @@ def take_reports(request: Request, services: UsedServices, language: UsedLanguag
     """Give the PDF of every report that the list shows; what has none is named in ``without-report.txt``."""
     entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
     jobs = [entry.job for entry in entries]
-    headers = {"Content-Disposition": 'attachment; filename="reports.zip"'}
-    return StreamingResponse(
-        pack_reports(services, jobs, language), media_type="application/zip", headers=headers
-    )
+    return PackedResponse(pack_reports(services, jobs, language), "reports.zip")
 
 
 @router.get("/library/recordings.zip")
@@ -80,9 +78,7 @@ def take_recordings(request: Request, services: UsedServices, language: UsedLang
     jobs = list({entry.job.recording_id: entry.job for entry in entries}.values())
     for job in jobs:
         touch(job.recording_id, job.id)
-    headers = {"Content-Disposition": 'attachment; filename="recordings.zip"'}
-    packed = pack_recordings(services, jobs, language)
-    return StreamingResponse(packed, media_type="application/zip", headers=headers)
+    return PackedResponse(pack_recordings(services, jobs, language), "recordings.zip")
 
 
 @router.post("/library/views")
@@ -128,7 +124,23 @@ class _Outlet(io.RawIOBase):
         return taken
 
 
-def pack_reports(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
+class PackedResponse(StreamingResponse):
+    """Sends a ZIP as it is written, and closes it: no copy in clear outlives a download that breaks off."""
+
+    def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
+        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        super().__init__(packed, media_type="application/zip", headers=headers)
+        self._packed = packed
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the ZIP, then close it."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._packed.close()
+
+
+def pack_reports(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
     """Write a ZIP piece by piece; a PDF is packed already, so it is stored as it is."""
     outlet, without, names = _Outlet(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
@@ -148,11 +160,14 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Ite
     yield outlet.take()
 
 
-def pack_recordings(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
-    """Write a ZIP of original files, a piece at a time; it breaks off if a file changes meanwhile."""
+def pack_recordings(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
+    """Write a ZIP of original files, a piece at a time; it breaks off if a file changes meanwhile.
+
+    Nothing is compressed: most originals are packed already, and a study has gigabytes.
+    """
     missing = "without-recording.txt"
     outlet, without, names = _Outlet(), [], {missing}
-    with ZipFile(outlet, "w", ZIP_DEFLATED, compresslevel=1) as packed:
+    with ZipFile(outlet, "w", ZIP_STORED) as packed:
         for job in jobs:
             with ExitStack() as lent:
                 try:

@@ -1,8 +1,10 @@
 """The original file of a recording comes back: by the API, in a ZIP, by command."""
 
+import gc
 import hashlib
 import io
 import os
+import socket
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -22,6 +24,7 @@ from app.settings import Settings
 from app.storage.sealing import SealedStorage
 from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.test_api_recordings import keep
+from tests.app.test_api_timeouts import wait_until
 
 CONTENT = bytes(range(256)) * 20_000  # more than two pieces of a seal, and than one of a download
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -251,6 +254,21 @@ def test_the_zip_of_a_study_holds_the_originals_of_the_study(
     assert read_zip(client, batch=study) == {"one.csv": CONTENT, "two.csv": b"22"}
 
 
+def test_a_zip_that_is_broken_off_leaves_no_copy_in_clear(
+    address: tuple[str, int], settings: Settings, store: JobStore, storage: SealedStorage
+) -> None:
+    add_large(store, storage, "one.csv")
+    with socket.create_connection(address) as caller:
+        caller.sendall(b"GET /library/recordings.zip HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert caller.recv(100).startswith(b"HTTP/1.1 200")
+        gc.disable()
+
+    try:
+        wait_until(lambda: not list((settings.data_dir / "opened").iterdir()))
+    finally:
+        gc.enable()
+
+
 def test_two_of_one_name_are_both_in_the_zip(client: TestClient, add_job: AddJob) -> None:
     first, second = add_job(b"1", "CWA-DATA.CWA"), add_job(b"2", "cwa-data.cwa")
 
@@ -339,6 +357,14 @@ def test_the_command_writes_the_original(
     assert [(line.who, line.recording_id, line.other) for line in lines] == [
         ("machine", job.recording_id, '{"command": "get"}')
     ]
+
+
+def test_an_analysis_names_its_recording_to_the_command(
+    settings: Settings, add_job: AddJob, tmp_path: Path
+) -> None:
+    get(settings, add_job(b"recording").id, "-o", str(tmp_path / "out"))
+
+    assert (tmp_path / "out").read_bytes() == b"recording"
 
 
 def test_only_the_owner_may_read_what_the_command_wrote(

@@ -51,9 +51,10 @@ def test_the_original_of_a_failed_analysis_is_downloaded_in_french(
     page: Page, server: RunningServer, unknown: str
 ) -> None:
     page.goto(f"{server.address}analyses/{unknown}?lang=fr")
+    keep_picture(page, "original-fr")
 
     with page.expect_download() as download:
-        page.get_by_role("link", name="Télécharger l'enregistrement d'origine").click()
+        page.get_by_role("link", name="Télécharger l’enregistrement d’origine").click()
 
     assert download.value.suggested_filename == "unknown.csv"
 
