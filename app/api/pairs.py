@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.library.analysis_models import view_settings
-from app.api.library.files import MEDIA_TYPES, build_file_headers, format_ascii, is_known
+from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
 from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
@@ -544,5 +544,5 @@ def _serve(request: Request, body: bytes, download: str) -> Response:
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if not download.endswith(".html"):
-        headers["Content-Disposition"] = f'attachment; filename="{format_ascii(download)}"'
+        headers["Content-Disposition"] = format_disposition(download)
     return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)
