@@ -20,6 +20,7 @@ from datetime import date, datetime, time, timedelta
 from functools import partial
 from typing import Literal, get_args
 
+from fusion.conventions import check_choice
 from fusion.errors import UnusableDiary
 
 # Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
@@ -119,6 +120,10 @@ class DiaryEntry:
     left_out: bool | None = None
     line: int = 0
     file: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for an unknown kind."""
+        check_choice("kind", self.kind, KINDS)
 
 
 Row = DiaryEntry | tuple[int, float | str]

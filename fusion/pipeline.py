@@ -3,12 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import BinaryIO, Literal
+from typing import BinaryIO, Literal, get_args
 
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, MethodName, Pose, is_npose
+from fusion.conventions import ARM_AXES, ArmAxis, MethodName, Pose, check_choice, is_npose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.errors import UnknownAxis
@@ -73,6 +73,19 @@ class AnalysisSettings:
     diary: tuple[DiaryEntry, ...] = ()
     arm_axis: ArmAxis | None = None
     slip_times_s: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for a value that cannot be used."""
+        check_choice("method", self.method, get_args(MethodName))
+        check_choice("pose", self.pose, get_args(Pose))
+        check_choice("arm_axis", self.arm_axis, (None, *ARM_AXES))
+        for window in self.calibration_windows_s:
+            is_pair = isinstance(window, tuple | list) and len(window) == 2
+            if not is_pair or not -math.inf < window[0] < window[1] < math.inf:
+                raise ValueError(f"calibration_windows_s: {window}; allowed: (start, end), s, start < end")
+        for time_s in self.slip_times_s:
+            if not 0.0 <= time_s < math.inf:
+                raise ValueError(f"slip_times_s: {time_s}; allowed: seconds from the first sample, >= 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
