@@ -142,6 +142,22 @@ def test_a_list_with_a_fault_changes_nothing(client: TestClient, study: str, lis
     assert read_whose(client, study) == {"0.csv": ("", None), "1.csv": ("", None)}
 
 
+def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_recording(
+    client: TestClient, study: str
+) -> None:
+    sent = client.put(
+        "/api/v1/analyze", params={"file_name": "0.csv", "study": NAME}, content=b"other"
+    ).json()
+    listed = "file,subject\n{}0.csv,S01\n"
+
+    refused = client.post(study, content=listed.format(""), headers={"Accept": "application/json"})
+    told = client.post(study, content=listed.format(f"{sent['recording_id']}/")).json()
+
+    assert (refused.status_code, refused.json()["code"]) == (422, "E-PARTICIPANTS")
+    assert f"{sent['recording_id']}/0.csv" in refused.json()["detail"]
+    assert told == {"changed": 1, "unknown": []}
+
+
 def test_a_list_for_a_study_that_is_not_there_is_refused(client: TestClient) -> None:
     assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404
 
