@@ -63,6 +63,18 @@ def test_an_empty_cell_says_nothing() -> None:
     assert read_one("file,subject,side\na.gt3x,,\n") == {}
 
 
+@pytest.mark.parametrize(
+    "nobody", ["NA", "N/A", "NaN", "null", "None", "unknown", "Inconnu", "-", "?", "\u200b"]
+)
+def test_a_word_for_a_missing_value_is_no_code(nobody: str) -> None:
+    assert read_one(f"file,subject\na.gt3x,{nobody}\n") == {"subject": ""}
+
+
+@pytest.mark.parametrize("code", ["na", "N1", "0", "unknown-3", "É"])
+def test_a_code_that_only_resembles_such_a_word_is_one(code: str) -> None:
+    assert read_one(f"file,subject\na.gt3x,{code}\n") == {"subject": code}
+
+
 def test_french_headers_semicolons_and_a_spreadsheet_encoding_are_read() -> None:
     text = "fichier;sujet;côté\né.gt3x;S01;gauche\n"
 
