@@ -26,6 +26,7 @@ OnStage = Callable[[Stage, float], None]
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _LONGEST_NAME = 200
 LONGEST_SUBJECT = 100
+_NOBODY = frozenset({"n/a", "nan", "null", "none", "unknown", "inconnu", "inconnue"})
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 WINDOW_HINT = "START_S,END_S"
 SLIP_HINT = "SECONDS"
@@ -42,7 +43,7 @@ def clean_file_name(name: str) -> str:
 
 
 def check_subject(text: str) -> str:
-    """Take a subject code of one printable line.
+    """Return a subject code of one printable line, "" if it names nobody.
 
     Raises
     ------
@@ -50,7 +51,18 @@ def check_subject(text: str) -> str:
     """
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
         raise ValueError(SUBJECT_HINT)
-    return text.strip()
+    return find_code(text)
+
+
+def find_code(subject: str) -> str:
+    """Return the code by which people are told apart, "" if it names nobody.
+
+    Programs write a missing value as NA, NaN or null, and people write "unknown" or "-": recordings that
+    share such a word are not of one person.
+    """
+    code = subject.strip()
+    is_word = code == "NA" or code.casefold() in _NOBODY
+    return "" if is_word or not any(sign.isalnum() for sign in code) else code
 
 
 def parse_window(text: str) -> tuple[float, float]:

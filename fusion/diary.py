@@ -21,7 +21,8 @@ from datetime import date, datetime, time, timedelta
 from functools import partial
 from typing import Literal, get_args
 
-from fusion.errors import UnusableDiary
+from fusion.conventions import check_choice
+from fusion.errors import UnusableDiary, join_facts
 
 # Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
 
@@ -84,7 +85,6 @@ ENDS = ("end", "stop", "fin")
 YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": True,
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
-MOST_NAMED = 20
 MOST_ROWS = 10_000
 LOG_IDS = ("id", "identifiant", "participant", "subject", "sujet")
 LOG_DATE = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
@@ -135,6 +135,10 @@ class DiaryEntry:
     line: int = 0
     file: str = ""
 
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for an unknown kind."""
+        check_choice("kind", self.kind, KINDS)
+
 
 Row = DiaryEntry | tuple[int, float | str]
 """An entry, or the line and the moment of a row that only ends the one before."""
@@ -178,21 +182,15 @@ def _read_each(
 
 
 def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
-    """Refuse a diary for all its slips at once: the facts of the second end in ``_2``, and so on.
+    """Refuse a diary for all its slips at once.
 
     Raises
     ------
     UnusableDiary
-        Where there is any slip; beyond twenty, ``more`` counts the others.
+        Where there is any slip.
     """
-    if not slips:
-        return
-    facts = dict(slips[0].facts)
-    for number, slip in enumerate(slips[1:MOST_NAMED], 2):
-        facts |= {f"{name}_{number}": value for name, value in slip.facts.items()}
-    if len(slips) > MOST_NAMED:
-        facts["more"] = len(slips) - MOST_NAMED
-    raise UnusableDiary(**facts)
+    if slips:
+        raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
 
 
 def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:

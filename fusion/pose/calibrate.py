@@ -1,10 +1,10 @@
 """What ties the sensor to the arm: a pose that a person confirmed, the first stillness, or an axis."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, CalibrationState, Pose, PoseHeld
+from fusion.conventions import CalibrationState, Pose
 from fusion.numerics.intervals import join_overlapping
 from fusion.numerics.rotations import find_angle_deg
 from fusion.pose.axes import (
@@ -31,7 +31,6 @@ from fusion.pose.wear import Wear, divide_by_wear, find_wear
 from fusion.pose.windows import (
     Blocks,
     StillPeriod,
-    Window,
     find_still_stretches,
     flag_window,
     measure_asked,
@@ -50,6 +49,7 @@ from fusion.sensor.self_calibration import (
     calibrate_sensor,
 )
 from fusion.sensor.stillness import find_still_moments
+from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,51 +136,10 @@ class CalibratedSamples:
         return apply_calibration(view_segment(segment), sensor, *ranges)
 
 
-@dataclass(frozen=True, slots=True)
-class Statements:
-    """What a person states about the pose and the sensor's place on the arm.
-
-    Attributes
-    ----------
-    windows_s
-        (start, end) in seconds from the recording's first sample: when the pose was held, once or again; for
-        `two-point` two, hanging then level.
-    arm_axis
-        The sensor's axis that was strapped along the arm, towards the shoulder, if no pose was held.
-    pose_held
-        "start": the pose was held at the start of wear.
-    slip_times_s, no_slip_times_s
-        When the sensor slipped, or was put back in another place; when it did not, though it may seem so.
-    """
-
-    windows_s: tuple[Window, ...] = ()
-    arm_axis: ArmAxis | None = None
-    pose_held: PoseHeld | None = None
-    slip_times_s: tuple[float, ...] = ()
-    no_slip_times_s: tuple[float, ...] = ()
-
-
-NOTHING_STATED = Statements()
-
-
 def calibrate(
-    recording: Recording,
-    pose: Pose,
-    windows_s: tuple[Window, ...] = (),
-    *,
-    stated: Statements = NOTHING_STATED,
-    blocks: Blocks | None = None,
+    recording: Recording, settings: AnalysisSettings = DEFAULT_SETTINGS, *, blocks: Blocks | None = None
 ) -> CalibratedSamples:
-    """Tie the sensor to the arm by a pose held still.
-
-    Parameters
-    ----------
-    windows_s
-        Short for ``stated.windows_s``.
-    stated
-        What a person states.
-    blocks
-        The recording reduced, if the caller has it already.
+    """Tie the sensor to the arm by a pose held still; ``blocks``: the recording reduced, if known already.
 
     The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`), or for `two-point`
     the direction in the plane of both gravity directions that shares their departure from 90 deg equally
@@ -192,7 +151,6 @@ def calibrate(
         Facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity", "angle", "none"),
         ``start_s``, ``end_s``.
     """
-    stated = replace(stated, windows_s=windows_s) if windows_s else stated
     blocks = blocks or reduce_recording(recording)
     stills = find_still_moments(blocks)
     views = [view_segment(segment) for segment in recording.segments]
@@ -201,15 +159,15 @@ def calibrate(
     wears = divide_by_wear(blocks, correction)
     still = find_still_stretches(blocks, correction)
     early = find_early_stills(recording, wears, still)
-    found, windows = _find_stated(recording, wears[0], pose, correction, stated)
-    poses = found or (find_pose(recording, blocks, wears[0], early[0], correction, stated.pose_held),)
-    first, read = poses[0], read_recording(wears, poses, stated.slip_times_s)
-    questions = tuple(ask(wears, poses, (*stated.slip_times_s, *stated.no_slip_times_s)))
+    found, windows = _find_stated(recording, wears[0], correction, settings)
+    poses = found or (find_pose(recording, blocks, wears[0], early[0], correction, settings.pose_held),)
+    first, read = poses[0], read_recording(wears, poses, settings.slip_times_s)
+    questions = tuple(ask(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
     windows = windows or ((first.still,) if first.still else ())
     candidates = [still.correct(correction) for still in first.candidates]
     walking = find_walking(find_wear(wears, first.time_s).strides)
     calibration = Calibration(
-        pose,
+        settings.pose,
         read.first.axis,
         read.first.sigma_deg,
         first.state,
@@ -228,7 +186,7 @@ def calibrate(
     ]
     readings = tuple(list_readings(read, candidates, questions, put_back))
     flags = (
-        *_flag_pose(calibration, stated),
+        *_flag_pose(calibration, settings),
         *_flag_moves(read.parts, (*questions, *read.differ), recording),
     )
     return CalibratedSamples(
@@ -237,26 +195,29 @@ def calibrate(
 
 
 def _find_stated(
-    recording: Recording, wear: Wear, pose: Pose, accelerometer: AccelerometerCorrection, stated: Statements
+    recording: Recording, wear: Wear, accelerometer: AccelerometerCorrection, settings: AnalysisSettings
 ) -> tuple[tuple[FoundPose, ...], tuple[StillPeriod, ...]]:
     """Return the poses or the axis that a person stated, in order of time, and the windows."""
-    if stated.windows_s and pose == "two-point":
-        hanging, level = measure_pair(recording, stated.windows_s)
+    if settings.calibration_windows_s and settings.pose == "two-point":
+        hanging, level = measure_pair(recording, settings.calibration_windows_s)
         axis = share_between(hanging.correct(accelerometer), level.correct(accelerometer))
         sigma_deg = estimate_held_sigma(min(hanging.duration_s, level.duration_s))
         return (FoundPose("given", hanging.start_s, axis, sigma_deg, hanging),), (hanging, level)
-    if stated.windows_s:
-        windows = tuple(measure_asked(recording, window_s) for window_s in join_overlapping(stated.windows_s))
+    if settings.calibration_windows_s:
+        windows = tuple(
+            measure_asked(recording, window_s)
+            for window_s in join_overlapping(settings.calibration_windows_s)
+        )
         spread_deg = find_spread_deg([still.correct(accelerometer) for still in windows])
         state: CalibrationState = "repeated" if len(windows) > 1 and spread_deg <= ALIKE_DEG else "given"
         return tuple(describe_pose(state, still, accelerometer) for still in windows), windows
-    if stated.arm_axis is not None:
-        along = point_along(stated.arm_axis)
+    if settings.arm_axis is not None:
+        along = point_along(settings.arm_axis)
         return (FoundPose("axis", wear.worn_from_s, along, AXIS_SIGMA_DEG),), ()
     return (), ()
 
 
-def _flag_pose(calibration: Calibration, stated: Statements) -> Iterator[QualityFlag]:
+def _flag_pose(calibration: Calibration, settings: AnalysisSettings) -> Iterator[QualityFlag]:
     """Flag what is not known of the pose."""
     state, facts = calibration.state, {"deg": round(calibration.sigma_deg, 1)}
     if state in {"axis", "none"}:
@@ -267,10 +228,10 @@ def _flag_pose(calibration: Calibration, stated: Statements) -> Iterator[Quality
         yield flag_stretches(Caveat.WHICH_POSE if told else Caveat.POSE_ASSUMED, spans_s, told)
         if calibration.pose == "side-lean":  # no sensor on the arm knows whether the trunk was leaning
             yield flag_window(Caveat.LEAN, calibration.windows[0])
-    if state in {"assumed", "none"} and stated.pose_held:
+    if state in {"assumed", "none"} and settings.pose_held:
         yield QualityFlag(Caveat.NOT_HELD)
     for still in calibration.windows if state != "none" else ():
-        if stated.windows_s and still.duration_s < RULES.length_s - 1e-6:
+        if settings.calibration_windows_s and still.duration_s < RULES.length_s - 1e-6:
             yield flag_window(Caveat.POSE_SHORT, still)
         if still.is_moving or still.sway_dps < TABLE_SWAY_DPS:
             yield flag_window(Caveat.POSE_UNSTEADY, still, {"what": "moving" if still.is_moving else "table"})

@@ -142,6 +142,20 @@ def test_a_list_with_a_fault_changes_nothing(client: TestClient, study: str, lis
     assert read_whose(client, study) == {"0.csv": ("", None), "1.csv": ("", None)}
 
 
+def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_recording(
+    client: TestClient, study: str
+) -> None:
+    asked = {"file_name": "0.csv", "study": NAME}
+    sent = client.put("/api/v1/analyze", params=asked, content=b"other").json()
+    name = f"{sent['recording_id']}/0.csv"
+
+    refused = client.post(study, content="file,subject\n0.csv,S01\n")
+    told = client.post(study, content=f"file,subject\n{name},S01\n").json()
+
+    assert (refused.status_code, name in refused.text) == (422, True)
+    assert told == {"changed": 1, "unknown": []}
+
+
 def test_a_list_for_a_study_that_is_not_there_is_refused(client: TestClient) -> None:
     assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404
 

@@ -66,15 +66,26 @@ def test_a_report_of_two_is_for_the_paper_asked(
 
 
 @pytest.mark.parametrize("command", ["pair", "compare"])
-@pytest.mark.parametrize(("more", "warned"), [((), True), (("--same-subject",), False)])
-def test_a_missing_code_is_a_warning_that_can_be_silenced(
-    paired: Path, tmp_path: Path, command: str, more: tuple[str, ...], warned: bool
+@pytest.mark.parametrize(("more", "exit_code"), [((), 3), (("--same-subject",), 0)])
+def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
+    paired: Path, tmp_path: Path, command: str, more: tuple[str, ...], exit_code: int
 ) -> None:
     sides = [next((paired / side).iterdir()) for side in ("left", "right")]
 
     result = run(command, *sides, "-o", tmp_path, "--report", "html", *more)
 
-    assert (result.exit_code, "say --same-subject" in result.stderr) == (0, warned)
+    assert (result.exit_code, "say --same-subject" in result.stderr) == (exit_code, exit_code == 3)
+
+
+@pytest.mark.parametrize("command", ["pair", "compare"])
+def test_a_missing_code_is_refused_before_any_recording_is_analysed(tmp_path: Path, command: str) -> None:
+    for name in ("left.csv", "right.csv"):
+        (tmp_path / name).write_text("not looked at")
+
+    result = run(command, tmp_path / "left.csv", tmp_path / "right.csv", "-o", tmp_path / "out")
+
+    assert (result.exit_code, "say --same-subject" in result.stderr) == (3, True)
+    assert not (tmp_path / "out").exists()
 
 
 def test_one_recording_twice_is_refused_with_its_reason(paired: Path) -> None:

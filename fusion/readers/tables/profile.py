@@ -6,8 +6,9 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, get_args
 
+from fusion.conventions import check_choice
 from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
 from fusion.readers.archives import unpack
 from fusion.readers.source import open_source
@@ -29,6 +30,13 @@ from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 Place = str | int
 """A column by its name in the header, or by its number, counted from 1."""
 HEADER_REACH = 4
+CHOICES: Mapping[str, Sequence[object]] = {
+    "acceleration_unit": ("", *ACC_UNITS_G),
+    "angular_rate_unit": ("", *GYR_UNITS_DPS),
+    "time_unit": ("", *TIME_UNITS_EXPONENT),
+    "date_order": (None, *get_args(DateOrder)),
+}
+"""What a profile may name, by field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +77,11 @@ class ColumnProfile:
     date_order: DateOrder | None = None
     name: str = ""
     sensor: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for an unknown unit or order of the date."""
+        for name, allowed in CHOICES.items():
+            check_choice(name, getattr(self, name), allowed)
 
     def to_json(self) -> str:
         """The profile as it is saved."""
@@ -114,13 +127,7 @@ def _is_place(place: object) -> bool:
 
 
 def _check_units(values: Mapping[str, Any]) -> None:
-    allowed: dict[str, Sequence[object]] = {
-        "acceleration_unit": ("", *ACC_UNITS_G),
-        "angular_rate_unit": ("", *GYR_UNITS_DPS),
-        "time_unit": ("", *TIME_UNITS_EXPONENT),
-        "date_order": (None, "ymd", "dmy", "mdy"),
-    }
-    for name, units in allowed.items():
+    for name, units in CHOICES.items():
         if values.get(name, units[0]) not in units:
             raise UnusableProfile(why="units", name=name)
     for name in ("acceleration_factor", "angular_rate_factor", "rate_hz"):
