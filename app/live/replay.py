@@ -7,10 +7,11 @@ from pathlib import Path
 from app.live.source import SourceFacts
 from fusion.errors import UnusableRecording
 from fusion.live import Frames, replay_frames
-from fusion.pipeline import AnalysisSettings, adopt_stated
+from fusion.pipeline import adopt_stated
 from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
 from fusion.recording import MICROSECONDS, Float64Array, Recording
+from fusion.settings import AnalysisSettings
 
 CHUNK_S = 0.04
 FASTEST = 20.0

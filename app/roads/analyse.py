@@ -24,7 +24,7 @@ from app.storage.store import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.elevation import ElevationSegment
-from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
+from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.poses import find_nearest_axis, propose_poses
 from fusion.pose.windows import StillPeriod
 from fusion.quality import propose_nonwear
@@ -32,6 +32,7 @@ from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Segment, Span
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import reduce_run
+from fusion.settings import AnalysisSettings
 
 # The day of an analysis, for the page on which a person looks at it and corrects it.
 

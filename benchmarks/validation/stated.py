@@ -30,9 +30,10 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.numerics.rotations import find_angle_deg
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pipeline import Analysis, analyse
 from fusion.quality import Verdict
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
+from fusion.settings import AnalysisSettings
 from fusion.simulation.body import ArmState
 from fusion.simulation.sensor import PARTS, Device, draw_errors, quantise, sense
 from fusion.simulation.shift import START

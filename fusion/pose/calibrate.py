@@ -1,7 +1,7 @@
 """What ties the sensor to the arm: a pose that a person confirmed, the first stillness, or an axis."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fusion.caveats import Caveat
 from fusion.conventions import CalibrationState, Pose
@@ -12,7 +12,6 @@ from fusion.pose.axes import (
     AXIS_SIGMA_DEG,
     AxisPart,
     Reading,
-    estimate_held_sigma,
     find_spread_deg,
     point_along,
 )
@@ -23,10 +22,9 @@ from fusion.pose.poses import (
     find_early_stills,
     find_pose,
 )
-from fusion.pose.postures import find_walking
 from fusion.pose.readings import ask, list_readings, read_recording
 from fusion.pose.rules import RULES
-from fusion.pose.slips import Question
+from fusion.pose.slips import Question, find_walking
 from fusion.pose.wear import Wear, divide_by_wear, find_wear
 from fusion.pose.windows import (
     Blocks,
@@ -157,8 +155,7 @@ def calibrate(
     sensor, runs = calibrate_sensor(views, blocks, stills, recording.acc_range_g, recording.gyr_range_dps)
     correction = sensor.accelerometer
     wears = divide_by_wear(blocks, correction)
-    still = find_still_stretches(blocks, correction)
-    early = find_early_stills(recording, wears, still)
+    early = find_early_stills(recording, wears, find_still_stretches(blocks, correction))
     found, windows = _find_stated(recording, wears[0], correction, settings)
     poses = found or (find_pose(recording, blocks, wears[0], early[0], correction, settings.pose_held),)
     first, read = poses[0], read_recording(wears, poses, settings.slip_times_s)
@@ -201,8 +198,9 @@ def _find_stated(
     if settings.calibration_windows_s and settings.pose == "two-point":
         hanging, level = measure_pair(recording, settings.calibration_windows_s)
         axis = share_between(hanging.correct(accelerometer), level.correct(accelerometer))
-        sigma_deg = estimate_held_sigma(min(hanging.duration_s, level.duration_s))
-        return (FoundPose("given", hanging.start_s, axis, sigma_deg, hanging),), (hanging, level)
+        shorter = min(hanging, level, key=lambda still: still.duration_s)
+        pose = replace(describe_pose("given", shorter, accelerometer), time_s=hanging.start_s, axis=axis)
+        return (pose,), (hanging, level)
     if settings.calibration_windows_s:
         windows = tuple(
             measure_asked(recording, window_s)
@@ -212,8 +210,8 @@ def _find_stated(
         state: CalibrationState = "repeated" if len(windows) > 1 and spread_deg <= ALIKE_DEG else "given"
         return tuple(describe_pose(state, still, accelerometer) for still in windows), windows
     if settings.arm_axis is not None:
-        along = point_along(settings.arm_axis)
-        return (FoundPose("axis", wear.worn_from_s, along, AXIS_SIGMA_DEG),), ()
+        along, worn_s = point_along(settings.arm_axis), wear.worn_from_s
+        return (FoundPose("axis", worn_s, worn_s, along, AXIS_SIGMA_DEG),), ()
     return (), ()
 
 

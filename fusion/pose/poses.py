@@ -6,7 +6,7 @@ candidate. A stillness that does not sway is a table: the sensor is worn from it
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from fusion.conventions import CalibrationState, PoseHeld
@@ -17,7 +17,7 @@ from fusion.pose.axes import (
     WALKING_SIGMA_DEG,
     estimate_held_sigma,
 )
-from fusion.pose.postures import find_walking
+from fusion.pose.slips import find_walking
 from fusion.pose.wear import Wear, divide_by_wear
 from fusion.pose.windows import (
     Blocks,
@@ -42,16 +42,19 @@ MOST_REPEATS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPose:
-    """A pose, or what stands for one.
+    """A pose, several that agree, or what stands for one.
 
-    ``time_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its standard
-    deviation. ``candidates``: the stillnesses that may be the pose, if nobody confirmed one.
+    ``time_s``, ``end_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its
+    standard deviation; ``repeat_deg``: the largest angle between several. ``candidates``: the stillnesses
+    that may be the pose, if nobody confirmed one.
     """
 
     state: CalibrationState
     time_s: float
+    end_s: float
     axis: Float64Array
     sigma_deg: float
+    repeat_deg: float | None = None
     still: StillPeriod | None = None
     candidates: tuple[StillPeriod, ...] = ()
 
@@ -124,7 +127,8 @@ def describe_pose(
 ) -> FoundPose:
     """Return a stillness as a pose."""
     sigma_deg = estimate_held_sigma(still.duration_s)
-    return FoundPose(state, still.start_s, still.correct(accelerometer), sigma_deg, still, candidates)
+    axis = still.correct(accelerometer)
+    return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
 
 
 def _do_without(
@@ -134,8 +138,9 @@ def _do_without(
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)
     if walking is not None:
-        return FoundPose("none", float(wear.strides.time_s[0]), walking, WALKING_SIGMA_DEG)
-    return FoundPose("none", still.start_s, still.correct(accelerometer), MOMENT_SIGMA_DEG, still)
+        first_s = float(wear.strides.time_s[0])
+        return FoundPose("none", first_s, first_s, walking, WALKING_SIGMA_DEG)
+    return replace(describe_pose("none", still, accelerometer), sigma_deg=MOMENT_SIGMA_DEG)
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,21 +32,10 @@ SAID_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownAxis:
-    """Poses that agree, from the first's start to the last's end, and their mean."""
-
-    start_s: float
-    end_s: float
-    axis: Float64Array
-    sigma_deg: float
-    repeat_deg: float | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Read:
     """The first axis, the stretches that it does not read, in order of time, and poses that disagree."""
 
-    first: KnownAxis
+    first: FoundPose
     parts: tuple[AxisPart, ...]
     differ: tuple[Question, ...]
 
@@ -65,7 +54,7 @@ def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times
     for section, known in zip(sections, own, strict=True):
         parts += _place(section, known, wears, first) if known else [AxisPart(*section, None)]
     differ = [
-        Question("poses", before.end_s, one.start_s, find_angle_deg(before.axis, one.axis))
+        Question("poses", before.end_s, one.time_s, find_angle_deg(before.axis, one.axis))
         for known in own
         for before, one in pairwise(known)
     ]
@@ -73,18 +62,18 @@ def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times
 
 
 def _place(
-    section: Window, known: Sequence[KnownAxis], wears: Sequence[Wear], first: KnownAxis
+    section: Window, known: Sequence[FoundPose], wears: Sequence[Wear], first: FoundPose
 ) -> Iterator[AxisPart]:
     """Yield the stretches of a section that the first axis does not read."""
     start_s, end_s = section
-    turns_s = [max(find_wear(wears, one.start_s).start_s, before.end_s) for before, one in pairwise(known)]
+    turns_s = [max(find_wear(wears, one.time_s).start_s, before.end_s) for before, one in pairwise(known)]
     for one, from_s, to_s in zip(known, [start_s, *turns_s], [*turns_s, end_s], strict=True):
         if one is not first:
             wider_deg = float(np.sqrt(max(0.0, one.sigma_deg**2 - first.sigma_deg**2)))
             yield AxisPart(from_s, to_s, one.axis, wider_deg, is_posed=True)
 
 
-def _join_agreeing(poses: Sequence[FoundPose]) -> list[KnownAxis]:
+def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
     """Join poses that follow each other within 10 deg."""
     groups: list[list[FoundPose]] = []
     for pose in poses:
@@ -95,13 +84,13 @@ def _join_agreeing(poses: Sequence[FoundPose]) -> list[KnownAxis]:
     return [_join(group) for group in groups]
 
 
-def _join(poses: list[FoundPose]) -> KnownAxis:
-    first, last, axis = poses[0], poses[-1], _average(poses)
-    end_s = last.still.end_s if last.still else last.time_s
+def _join(poses: list[FoundPose]) -> FoundPose:
     if len(poses) == 1:
-        return KnownAxis(first.time_s, end_s, axis, first.sigma_deg, None)
+        return poses[0]
+    axis = _average(poses)
     sigma_deg = estimate_repeated_sigma([find_angle_deg(axis, pose.axis) for pose in poses])
-    return KnownAxis(first.time_s, end_s, axis, sigma_deg, find_spread_deg([pose.axis for pose in poses]))
+    repeat_deg = find_spread_deg([pose.axis for pose in poses])
+    return replace(poses[0], axis=axis, sigma_deg=sigma_deg, repeat_deg=repeat_deg, end_s=poses[-1].end_s)
 
 
 def _average(poses: Sequence[FoundPose]) -> Float64Array:

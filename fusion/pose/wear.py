@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from fusion.pose.postures import Moments, find_calm_moments, find_striding_moments
 from fusion.sensor.accelerometer import AccelerometerCorrection
+from fusion.sensor.moments import Moments, find_calm_moments, find_striding_moments
 from fusion.sensor.stillness import QuarterSeconds, summarise_windows
 from fusion.still_limits import OFF_THE_ARM
 

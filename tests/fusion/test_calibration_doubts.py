@@ -7,11 +7,12 @@ import pytest
 
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, estimate_elevation
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
 from fusion.quality import flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording
 from fusion.sensor.model import GyroBias
+from fusion.settings import AnalysisSettings
 from tests.factories import hold
 
 

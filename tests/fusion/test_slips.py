@@ -5,9 +5,10 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.elevation import estimate_elevation
-from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pipeline import analyse
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording
+from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
 from tests.factories import record

@@ -8,10 +8,11 @@ from scipy.ndimage import uniform_filter1d
 
 from fusion.elevation import estimate_elevation
 from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
-from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pipeline import analyse
 from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
 from fusion.sensor.accelerometer import AccelerometerCorrection, leave_accelerometer
+from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
 from tests.badfiles.person_files import swing

@@ -1,8 +1,4 @@
-"""How the arm hangs while its wearer walks, told from the directions in which the sensor sees gravity.
-
-The arm hangs in walking whatever the work is, so that walking shows a sensor that turned on the arm. All
-comparisons are of angles between directions: how the sensor is strapped on does not matter.
-"""
+"""The directions in which the sensor saw gravity, in windows of 2 s, at rest and in walking."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +11,6 @@ from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds
 
-NEAR_DEG = 10.0
-"""Directions are counted within this angle of each other."""
 MOST = 500
 """So many moments at even steps are enough to compare all with all."""
 CALM_BLOCKS = 8
@@ -24,13 +18,6 @@ CALM_WITHIN_G = 0.1
 STRIDING_SD_G = (0.15, 0.8)
 STRIDING_WINDOWS = 5
 STRIDING_WITHIN_DEG = 15.0
-LEAST_STRIDING = 15
-"""Half a minute of walking, in windows of 2 s."""
-MINUTE_STRIDING = 30
-STEADY_SHARE = 0.75
-"""Of recorded motion 93 to 100 % of walking lay within 10 deg of its commonest direction, 55 to 62 % of fast
-work that passes for walking.
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,29 +101,3 @@ def _average_blocks(run: QuarterSeconds) -> tuple[Float64Array, Float64Array, Fl
     variance = (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
     time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
     return np.asarray(time_s), np.asarray(means[:, :3]), np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
-def share_near(up: Float64Array, directions: Float64Array) -> Float64Array:
-    """Return the share of the moments near each direction."""
-    # Not `@`: the threads it starts for so little wait longer, at work, than the product takes.
-    cosines = np.einsum("md,nd->nm", up, directions)
-    return np.asarray((cosines >= cos_deg(NEAR_DEG)).mean(axis=1))
-
-
-def find_commonest(up: Float64Array) -> tuple[Float64Array, float]:
-    """Return the commonest direction, and the share of the moments near it."""
-    shares = share_near(up, up)
-    best = int(np.argmax(shares))
-    mean = up[up @ up[best] >= cos_deg(NEAR_DEG)].mean(axis=0)
-    return mean / np.linalg.norm(mean), float(shares[best])
-
-
-def find_walking(strides: Moments) -> Float64Array | None:
-    """Return how the arm hung in a minute of walking or more, most of it in one direction; None without.
-
-    Fast work passes for walking, but not in one direction.
-    """
-    if len(strides.up) < MINUTE_STRIDING:
-        return None
-    direction, share = find_commonest(strides.thin().up)
-    return direction if share >= STEADY_SHARE else None
