@@ -261,7 +261,7 @@ _STATES_BEFORE: Mapping[str, CalibrationState] = {
     "moment": "none",
     "axis": "axis",
 }
-"""Of findings up to method version 4, which say how the pose was ``found``."""
+"""Of earlier findings, which say how the pose was ``found``."""
 
 
 def encode_findings(findings: Findings, subject: ReportSubject) -> bytes:
