@@ -28,8 +28,10 @@ COLUMNS: Mapping[str, str] = {
     "pose": "pose",
     "calibration": "calibration", "calibration s": "calibration", "etalonnage": "calibration",
     "pose held": "pose_held", "pose tenue": "pose_held",
-    "axis": "axis", "axe": "axis", "slip at": "slip_at", "slip": "slip_at", "glissement": "slip_at",
-    "no slip at": "no_slip_at", "no slip": "no_slip_at", "sans glissement": "no_slip_at",
+    "axis": "axis", "axe": "axis",
+    "slip at": "slip_at", "slip at s": "slip_at", "slip": "slip_at", "glissement": "slip_at",
+    "no slip at": "no_slip_at", "no slip at s": "no_slip_at", "no slip": "no_slip_at",
+    "sans glissement": "no_slip_at",
     "diary": "diary", "journal": "diary",
 }  # fmt: skip
 SIDES: Mapping[str, Side] = {

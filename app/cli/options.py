@@ -40,7 +40,10 @@ SideOption = Annotated[Side | None, typer.Option(help="Which arm.")]
 SubjectOption = Annotated[str, typer.Option("--subject", help="Subject code; never a name.")]
 DiaryOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE.csv", help="Shift, tasks, breaks, not worn: start,end,kind,label."),
+    typer.Option(
+        metavar="FILE.csv",
+        help="Shift, tasks, breaks, not worn: start,end,kind,label (clock), or start_s,end_s.",
+    ),
 ]
 ProfileOption = Annotated[
     Path | None,

@@ -12,7 +12,10 @@ export function listenToForm(day) {
   if (empty) empty.remove(); // it serves those without a script
   for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
-  form.addEventListener("change", () => day.changed(true));
+  form.addEventListener("change", ({ target }) => {
+    if (target.matches(".moment, [name=slips]")) target.value = day.clock.normalise(target.value);
+    day.changed(true);
+  });
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => send(day, event));
