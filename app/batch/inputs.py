@@ -1,9 +1,9 @@
 """The list of participants of a study: whose arm is in which file, and what was done at its calibration.
 
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
-``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at`` and
-``no_slip_at`` (seconds) and ``diary`` (a CSV beside the list). A row goes before the settings of the run; what
-it leaves empty does not.
+``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at``
+and ``no_slip_at`` (seconds) and ``diary`` (a CSV beside the list). A row goes before the settings of the run;
+what it leaves empty does not.
 """
 
 import os

@@ -42,7 +42,7 @@ DiaryOption = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE.csv",
-        help="Shift, tasks, breaks, not worn: start,end,kind,label (clock), or start_s,end_s.",
+        help="Shift, tasks, breaks, not worn, the pose: start,end,kind,label (clock), or start_s,end_s.",
     ),
 ]
 ProfileOption = Annotated[

@@ -41,7 +41,7 @@ from app.request import (
     write_profile,
 )
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, parse_arm_axis
-from fusion.diary import DiaryEntry, read_diary, refuse_slips, split_times
+from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from fusion.errors import UnusableDiary
 from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
@@ -73,7 +73,7 @@ class PeriodView(BaseModel):
     end: ClockText = None
     start_s: StrictFloat | None = None
     end_s: StrictFloat | None = None
-    kind: Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
+    kind: Kind
     label: Annotated[str, Field(max_length=200)] = ""
     left_out: StrictBool | None = None
 
