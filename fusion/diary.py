@@ -56,9 +56,12 @@ def plain_word(word: str) -> str:
     return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
 
 
-Kind = Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
+Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""In the order in which they are laid over one another: a break within a task cuts the task."""
+"""In the order in which they are laid over one another: a break within a task cuts the task.
+
+A "pose" is no part of the day: the calibration pose was held then.
+"""
 
 COLUMNS = {
     "start": "start", "from": "start", "time": "start", "begin": "start",
@@ -74,6 +77,7 @@ COLUMNS = {
 WORDS: dict[str, Kind] = {
     "shift": "shift", "quart": "shift", "poste": "shift",
     "work": "work", "travail": "work",
+    "pose": "pose", "calibration": "pose", "etalonnage": "pose",
     "task": "task", "tache": "task",
     "seated": "seated", "sitting": "seated", "assis": "seated", "assise": "seated",
     "supported": "supported", "appuye": "supported", "soutenu": "supported",

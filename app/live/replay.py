@@ -84,9 +84,7 @@ def find_axis(recording: Recording) -> Float64Array | None:
     """Find the arm's axis as an analysis of the recording does."""
     settings = adopt_stated(recording, AnalysisSettings())
     try:
-        found = calibrate(
-            recording, settings.pose, settings.calibration_windows_s, arm_axis=settings.arm_axis
-        )
+        found = calibrate(recording, settings)
     except UnusableRecording:
         return None
     return found.calibration.arm_axis

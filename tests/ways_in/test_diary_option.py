@@ -59,7 +59,7 @@ def test_a_slip_in_the_diary_is_told_before_anything_is_read(tmp_path: Path) -> 
 
     assert result.exit_code == 2
     assert "E-DIARY" in result.output
-    assert "Write one of: shift, work, task" in result.output
+    assert "Write one of: shift, work, pose, task" in result.output
     assert not (tmp_path / "out").exists()
 
 
