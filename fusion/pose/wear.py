@@ -18,7 +18,7 @@ from fusion.still_limits import OFF_THE_ARM
 
 OFF_S, HOLE_S = 600.0, 300.0
 LEAST_SHARE = 0.15
-"""Of the calm moments of the day: a stretch with fewer is a sensor in a bag or in a hand."""
+"""Of the calm moments of the longest stretch: one with fewer is a sensor in a bag or in a hand."""
 Cut = tuple[float, float]
 """Start and end of a stretch in which the sensor may have been off, s."""
 
@@ -47,12 +47,10 @@ def divide_by_wear(
     for off_s, on_s in cuts:
         calm = calm.select((calm.time_s <= off_s) | (calm.time_s >= on_s))
     edges_s = [-np.inf, *((off_s + on_s) / 2.0 for off_s, on_s in cuts), np.inf]
-    worn = [
-        float(((calm.time_s >= first) & (calm.time_s < stop)).mean()) for first, stop in pairwise(edges_s)
-    ]
+    worn = [len(calm.within(*span_s).up) for span_s in pairwise(edges_s)]
     opened_s = blocks[0].start_s if blocks else 0.0
     openings = [(opened_s, opened_s), *cuts]
-    kept = [k for k, share in enumerate(worn) if share >= LEAST_SHARE] or [0]
+    kept = [k for k, count in enumerate(worn) if count >= LEAST_SHARE * max(worn)]
     starts_s = [-np.inf, *(edges_s[k] for k in kept[1:]), np.inf]
     return tuple(
         Wear(

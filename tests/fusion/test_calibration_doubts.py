@@ -65,7 +65,7 @@ def lose(elevation: Elevation, first_s: float, end_s: float) -> Elevation:
 
 @pytest.mark.parametrize(("end_s", "told"), [(6.9, 0), (7.1, 1), (30.0, 1)])
 def test_a_calibration_of_which_half_is_not_trusted_is_in_doubt(end_s: float, told: int) -> None:
-    samples = calibrate(hang_and_raise(), "n-pose", ((2.0, 12.0),))
+    samples = calibrate(hang_and_raise(), AnalysisSettings(calibration_windows_s=((2.0, 12.0),)))
 
     flags = flag_untrusted_pose(samples.calibration, lose(estimate_elevation(samples), 0.0, end_s))
 
