@@ -75,9 +75,7 @@ def _apply_participants(batch_id: str, people: tuple[Participant, ...], services
     tasks = [Task(Path(job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, people)
     changed = [
-        (job, replace(task.request, conclusion=None))
-        for job, task in zip(jobs, assigned, strict=True)
-        if task.request != job.request
+        (job, task.request) for job, task in zip(jobs, assigned, strict=True) if task.request != job.request
     ]
     for _, asked in changed:
         hint = find_window_hint(asked.pose, len(asked.calibration_windows_s), asked.arm_axis)
