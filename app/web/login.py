@@ -228,8 +228,12 @@ def respond_with_login(request: Request) -> Response:
 
 
 def respond_with_confirmation(request: Request) -> Response:
-    """Ask for the password again, and lead back afterwards."""
-    return _lead(request, "/confirm", _find_wanted(request))
+    """Ask for the password again, and lead back afterwards: of a form, to the page that it stood on."""
+    wanted = _find_wanted(request)
+    if request.method not in ("GET", "HEAD"):
+        page = urlsplit(request.headers.get("referer", ""))
+        wanted = page.path.removeprefix(find_base(request)) + (f"?{page.query}" if page.query else "")
+    return _lead(request, "/confirm", wanted or "/")
 
 
 def respond_with_place(request: Request) -> Response:
@@ -367,11 +371,9 @@ def _find_back(request: Request) -> str:
 
 
 def _find_wanted(request: Request) -> str:
-    """Return the page that a browser asked for or, for a form, the page that the form is on."""
-    is_form = request.method not in ("GET", "HEAD")
-    page = urlsplit(request.headers.get("referer", "") if is_form else str(request.url))
-    kept = drop_secrets(page.query)
-    return page.path.removeprefix(find_base(request)) + (f"?{kept}" if kept else "")
+    kept = drop_secrets(request.url.query)
+    query = f"?{kept}" if kept else ""
+    return request.url.path.removeprefix(find_base(request)) + query
 
 
 def _lead(request: Request, place: str, wanted: str) -> Response:

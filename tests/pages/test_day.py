@@ -5,7 +5,7 @@ from pathlib import Path
 from urllib.parse import parse_qs
 
 import pytest
-from playwright.sync_api import Dialog, Page, expect
+from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish
@@ -239,21 +239,6 @@ def test_a_time_that_cannot_be_is_marked_where_it_was_typed(day: Page) -> None:
     field.press("Tab")
 
     expect(field).to_have_attribute("aria-invalid", "true")
-
-
-def test_what_was_typed_is_not_left_without_a_question(day: Page, server: RunningServer) -> None:
-    asked: list[str] = []
-
-    def accept(dialog: Dialog) -> None:
-        asked.append(dialog.type)
-        dialog.accept()
-
-    day.on("dialog", accept)
-    add_period(day, "break", "not sent yet")
-
-    day.goto(server.address)
-
-    assert asked == ["beforeunload"]
 
 
 def test_every_change_is_undone(day: Page) -> None:

@@ -6,11 +6,7 @@ export async function send(form, button, { busy, lost, refused }) {
   try {
     const to = button.getAttribute("formaction") || form.action;
     const answer = await fetch(to, { method: "POST", body: new URLSearchParams(new FormData(form)) });
-    if (answer.ok) {
-      // Not where the login has ended: the page asks for the password, and nothing was sent.
-      if (new URL(answer.url).pathname.includes("/analyses/")) form.dispatchEvent(new Event("sent"));
-      return location.assign(answer.url);
-    }
+    if (answer.ok) return form.dispatchEvent(new Event("sent")), location.assign(answer.url);
     refuse(refused, await answer.text());
     lost.hidden = true;
   } catch {
