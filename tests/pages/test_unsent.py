@@ -35,6 +35,18 @@ def leave_and_return(page: Page, server: RunningServer, analysis_id: str) -> Non
     wait_for_curve(page)
 
 
+def note_questions(page: Page) -> list[str]:
+    """Accept every question of the browser; gives a list to which each is added."""
+    asked: list[str] = []
+
+    def accept(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    page.on("dialog", accept)
+    return asked
+
+
 def test_a_conclusion_that_was_not_sent_is_there_again(
     page: Page, server: RunningServer, report_id: str
 ) -> None:
@@ -50,8 +62,7 @@ def test_a_conclusion_that_was_not_sent_is_there_again(
 def test_leaving_the_page_asks_nothing_when_all_is_kept(
     page: Page, server: RunningServer, report_id: str
 ) -> None:
-    asked: list[str] = []
-    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+    asked = note_questions(page)
     open_analysis(page, server, report_id)
     page.get_by_label("What you conclude").fill(TYPED)
 
@@ -192,13 +203,7 @@ def test_after_two_weeks_nothing_is_kept(page: Page, server: RunningServer, repo
 def test_a_browser_that_keeps_nothing_asks_before_the_page_is_left(
     page: Page, server: RunningServer, report_id: str
 ) -> None:
-    asked: list[str] = []
-
-    def accept(dialog: Dialog) -> None:
-        asked.append(dialog.type)
-        dialog.accept()
-
-    page.on("dialog", accept)
+    asked = note_questions(page)
     page.add_init_script("Storage.prototype.setItem = () => { throw new Error('denied'); }")
     open_analysis(page, server, report_id)
     page.get_by_label("What you conclude").press_sequentially("typed")
