@@ -163,6 +163,8 @@ _ROUTES: Mapping[Needed, str] = {
     """,
     "release": """
         POST /analyses/{analysis_id}/conclude
+        POST /analyses/{analysis_id}/dismiss
+        DELETE /api/v1/analyses/{analysis_id}/conclusion-draft
         POST /analyses/{analysis_id}/release
         POST /api/v1/analyses/{analysis_id}/release
         DELETE /api/v1/analyses/{analysis_id}/release

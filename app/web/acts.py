@@ -196,7 +196,7 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
 def _ask_again(entry: Entry, change: Mapping[str, Any]) -> tuple[Job, ReportRequest | None]:
     """Build the request of the next analysis; None where it would change nothing or one is under way."""
     newest = entry.attempt or entry.job
-    said = replace(newest.request, **change, conclusion=None, reason="")
+    said = replace(newest.request, **change, reason="")
     is_same = bool(change) and all(getattr(newest.request, name) == value for name, value in change.items())
     is_waiting = not change and not newest.is_over
     return newest, None if is_same or is_waiting or newest.request.reference else said

@@ -72,9 +72,7 @@ def _apply_participants(batch_id: str, content: bytes, services: Services) -> di
     tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, content, None)
     changed = [
-        (job, replace(task.request, conclusion=None))
-        for job, task in zip(jobs, assigned, strict=True)
-        if task.request != job.request
+        (job, task.request) for job, task in zip(jobs, assigned, strict=True) if task.request != job.request
     ]
     check_queue(services, len(changed))
     for job, asked in changed:

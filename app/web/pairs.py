@@ -20,7 +20,6 @@ from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.recording.curves import CurveView, Laid, build_curves
-from app.web.recording.day import add_changed
 from app.web.rendering import find_base, render_page
 from app.web.reports import find_way, lay_way
 from fusion.comparison import FigureChange
@@ -186,7 +185,7 @@ def analyse_alike(first: str, second: str, request: Request, services: UsedServi
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
     before, after = services.store.get(first), services.store.get(second)
     asked = align_request(before.request, after.request)
-    again = add_changed(services, before, asked)
+    again = services.store.add_correction(before, asked)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
 
 

@@ -57,7 +57,7 @@ def test_a_study_goes_on_with_what_a_person_corrected(
     first = add_job(b"1")
     store.join_study(NAME, first.id)
 
-    corrected = store.add_correction((first.recording_id, first.sha256), ReportRequest("a.csv", side="left"))
+    corrected = store.add_correction(first, ReportRequest("a.csv", side="left"))
 
     assert hold(batches, study_id) == [corrected.id]
 
@@ -67,7 +67,7 @@ def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient,
     batch = client.post("/api/v1/batches", json={"name": "spring", "items": [{"recording_id": recording}]})
     (asked,) = store.find_newest()
 
-    store.add_correction((recording, asked.sha256), ReportRequest("a.csv", side="left"))
+    store.add_correction(asked, ReportRequest("a.csv", side="left"))
 
     kept = client.get("/api/v1/analyses", params={"batch_id": batch.json()["id"]}).json()["items"]
     assert [item["id"] for item in kept] == [asked.id]

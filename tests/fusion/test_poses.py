@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.conventions import PoseHeld, parse_arm_axis
-from fusion.elevation import estimate_elevation
 from fusion.pose.axes import choose_apart, estimate_repeated_sigma
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.pose.poses import ProposedPose, propose_poses
@@ -281,9 +280,7 @@ def test_between_two_poses_that_disagree_nothing_is_cut_and_the_earlier_reads_up
     (flag,) = samples.flags
     assert (flag.code, flag.first_s, flag.last_s) == ("W-POSES-DIFFER", 9.0, 111.0)
     assert flag.facts == {"apart_deg": 20}
-    one = course.calibrate((1.0, 9.0))
-    valid = [estimate_elevation(each).segments[0].valid for each in (samples, one)]
-    assert np.array_equal(*valid)
+    assert not any(part.arm_axis is None for part in samples.axis_parts)
     (part,) = samples.axis_parts
     assert (part.start_s, part.end_s) == (111.0, np.inf)
     assert part.arm_axis == pytest.approx(tilted(20.0), abs=0.002)

@@ -6,7 +6,7 @@ from pathlib import Path
 from urllib.parse import parse_qs
 
 import pytest
-from playwright.sync_api import Dialog, Page, expect
+from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
 from tests.clock_spellings import FRACTIONS, READ, REFUSED
@@ -314,21 +314,6 @@ def test_a_recording_without_a_clock_asks_for_seconds(
 
     expect(row.get_by_label("Start (seconds)")).to_have_value("60")
     expect(row.get_by_label("End (seconds)")).to_have_attribute("aria-invalid", "true")
-
-
-def test_what_was_typed_is_not_left_without_a_question(day: Page, server: RunningServer) -> None:
-    asked: list[str] = []
-
-    def accept(dialog: Dialog) -> None:
-        asked.append(dialog.type)
-        dialog.accept()
-
-    day.on("dialog", accept)
-    add_period(day, "break", "not sent yet")
-
-    day.goto(server.address)
-
-    assert asked == ["beforeunload"]
 
 
 def test_every_change_is_undone(day: Page) -> None:

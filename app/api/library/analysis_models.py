@@ -32,6 +32,8 @@ from app.request import (
     LONGEST_SUBJECT,
     SUBJECT_HINT,
     WINDOW_HINT,
+    Conclusion,
+    ConclusionDraft,
     Paper,
     ReportRequest,
     check_subject,
@@ -301,6 +303,16 @@ class ConclusionView(BaseModel):
     date: date
 
 
+class ConclusionDraftView(ConclusionView):
+    """A conclusion of an earlier version that nobody has confirmed for this one; no report prints it."""
+
+    version: Annotated[int, Field(description="Version that it was written for.")]
+    changes: Annotated[
+        list[str],
+        Field(description="Settings that differ since then; engine: the software; empty: the same figures."),
+    ]
+
+
 class AnalysisSettings(AnalysisOptions):
     """What may be asked of a stored recording; what is left out is as the recording says."""
 
@@ -368,6 +380,8 @@ class AnalysisView(BaseModel):
     replaced_by: str | None = None
     interruptions: int = 0
     asked_by: str | None = None
+    conclusion: ConclusionView | None = None
+    conclusion_draft: ConclusionDraftView | None = None
     duplicate_of: str | None = None
     problem: ProblemView | None = None
 
@@ -419,10 +433,23 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         batch_id=job.batch_id,
         replaced_by=job.replaced_by,
         interruptions=job.interruptions,
+        conclusion=_view_conclusion(job.request.conclusion),
+        conclusion_draft=_view_draft(job.request.draft),
     )
     if job.problem_code is not None:
         view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
     return view
+
+
+def _view_conclusion(said: Conclusion | None) -> ConclusionView | None:
+    return ConclusionView.model_validate(asdict(said)) if said else None
+
+
+def _view_draft(draft: ConclusionDraft | None) -> ConclusionDraftView | None:
+    if draft is None:
+        return None
+    origin = {"version": draft.version, "changes": list(draft.changes)}
+    return ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
 
 
 def describe_links(job: Job) -> Mapping[str, str]:

@@ -277,15 +277,10 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
         services.recordings.describe(row, about)
 
 
-def add_changed(services: Services, job: Job, asked: ReportRequest) -> Job:
-    """Analyse a recording once more; what was concluded from other figures is left out."""
-    return services.store.add_correction((job.recording_id, job.sha256), replace(asked, conclusion=None))
-
-
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
     said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
     say_whose(services, job, corrected, said)
-    again = add_changed(services, job, corrected)
+    again = services.store.add_correction(job, corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 
