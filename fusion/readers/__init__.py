@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
-from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.physics import check_physics, is_header_known, refuse_impossible_rates
 from fusion.checks.summary import summarise
 from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
 from fusion.errors import EmptyFile, FailedReader
@@ -140,16 +140,21 @@ def read_recording(
 
 
 def _check_readings(recording: Recording) -> Recording:
-    """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults."""
+    """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults.
+
+    A channel that stuck is told by movement in g and deg/s. Before physics, only a known header's units hold;
+    under any other, the search follows the units.
+    """
     whole = leave_out_zeros(recording)
     seen = summarise(whole.segments)
     alive = leave_out_held(refuse_dead(whole, seen), seen)
     seen = summarise(alive.segments, seen)
-    measured = exclude_stuck(alive, seen)
+    measured = exclude_stuck(alive, seen) if is_header_known(alive) else alive
     seen = summarise(measured.segments, seen)
     checked = check_physics(measured, seen)
     seen = summarise(checked.segments, seen)
-    return flag_days(refuse_impossible_rates(exclude_faults(checked, measured, seen), seen))
+    searched = measured if is_header_known(alive) else None
+    return flag_days(refuse_impossible_rates(exclude_faults(checked, searched, seen), seen))
 
 
 def holds_device_format(file: BinaryIO) -> bool:
