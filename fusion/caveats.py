@@ -163,7 +163,12 @@ class Caveat(StrEnum):
     SCALE_DOUBT = (
         "W-SCALE-DOUBT",
         CAUTION,
-        name_facts(sensor=TERM, factor="times, that would fit", g="g at rest, as read"),
+        name_facts(
+            sensor=TERM,
+            factor="times, that would fit",
+            g="g at rest, as read",
+            moving_g="g (median), never at rest",
+        ),
     )
     MIXED = "W-MIXED", CAUTION, name_facts(percent="% unexplained", turns="stretches")
     MIXED_PART = "W-MIXED-PART", CAUTION, name_facts(turns="turns unexplained")
