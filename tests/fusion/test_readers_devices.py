@@ -329,7 +329,7 @@ def test_an_acceleration_that_reads_nothing_at_rest_has_no_gravity(unit: str) ->
 
 
 def test_parquet_puts_gravity_back_too() -> None:
-    names = [*axes("acceleration{}"), *axes("gravity{}"), *axes("rotationRate{}")]
+    names = [*axes("acceleration{}"), *axes("gravity{}"), *axes("rotationRate{} (rad/s)")]
     values = np.concatenate([-STEP_G, -UP, GYR_RAD], axis=1)
     columns = {"time_s": TIME_S, **dict(zip(names, values.T, strict=True))}
     file = io.BytesIO()
