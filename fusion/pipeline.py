@@ -25,6 +25,7 @@ from fusion.quality import (
     count_holes_us,
     divide_time,
     find_exclusions,
+    flag_accelerometer_drift,
     flag_gyro_drift,
     flag_published,
     flag_spans,
@@ -38,6 +39,7 @@ from fusion.quality import (
 )
 from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+from fusion.sensor.stillness import find_still_moments
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
@@ -190,7 +192,7 @@ def analyse(
             is_npose=is_npose(samples.calibration.pose, samples.calibration.found),
         )
     )
-    time = _divide_time(recording, day, exposure)
+    time = _divide_time(recording, day, exposure, samples.flags)
     flags = (
         *samples.flags,
         *placed.flags,
@@ -255,6 +257,8 @@ def fuse_recording(
         slip_times_s=settings.slip_times_s,
         blocks=blocks,
     )
+    drift = flag_accelerometer_drift(find_still_moments(blocks), samples.accelerometer)
+    samples = replace(samples, flags=(*samples.flags, *drift))
     del blocks  # while the angle needs room
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
@@ -292,8 +296,10 @@ def _flag_signal(
     )
 
 
-def _divide_time(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
-    time = account_time(recording, day.counted, day.exclusions)
+def _divide_time(
+    recording: Recording, day: _Day, exposure: Exposure, flags: tuple[QualityFlag, ...] = ()
+) -> TimeAccount:
+    time = account_time(recording, day.counted, day.exclusions, flags)
     analysed_us: dict[str, int] = {}
     for part in exposure.by_period:
         part_us = round(part.analysed_s * MICROSECONDS)

@@ -8,7 +8,8 @@ from typing import BinaryIO
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
-from fusion.checks.physics import check_physics, is_header_known, refuse_impossible_rates
+from fusion.checks.physics import add_flags, check_physics, is_header_known, refuse_impossible_rates
+from fusion.checks.resolution import flag_resolution
 from fusion.checks.summary import summarise
 from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
 from fusion.errors import EmptyFile, FailedReader
@@ -154,7 +155,8 @@ def _check_readings(recording: Recording) -> Recording:
     checked = check_physics(measured, seen)
     seen = summarise(checked.segments, seen)
     searched = measured if is_header_known(alive) else None
-    return flag_days(refuse_impossible_rates(exclude_faults(checked, searched, seen), seen))
+    found = add_flags(exclude_faults(checked, searched, seen), *flag_resolution(checked))
+    return flag_days(refuse_impossible_rates(found, seen))
 
 
 def holds_device_format(file: BinaryIO) -> bool:
