@@ -272,6 +272,12 @@ def is_header_known(recording: Recording) -> bool:
     return recording.understood.get("units_from") == "header"
 
 
+def are_units_stated(recording: Recording) -> bool:
+    """Whether the file, its device or a person states both units in words that say how large they are."""
+    units = (_known_acc_unit(recording), _known_unit(recording.understood.get("angular_rate_unit", "deg/s")))
+    return not {"", "registers"} & set(units)
+
+
 def _check_rates(recording: Recording, rests: Rests, known: Summaries) -> Recording:
     unit = _known_unit(recording.understood.get("angular_rate_unit", "deg/s"))
     candidates = _rate_candidates(unit)
