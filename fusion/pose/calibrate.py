@@ -18,9 +18,10 @@ from fusion.pose.axes import (
 from fusion.pose.poses import (
     TABLE_SWAY_DPS,
     FoundPose,
+    assume_pose,
     describe_pose,
+    do_without_pose,
     find_early_stills,
-    find_pose,
 )
 from fusion.pose.readings import ask, list_readings, read_recording
 from fusion.pose.rules import RULES
@@ -157,7 +158,8 @@ def calibrate(
     wears = divide_by_wear(blocks, correction)
     early = find_early_stills(recording, wears, find_still_stretches(blocks, correction))
     found, windows = _find_stated(recording, wears[0], correction, settings)
-    poses = found or (find_pose(recording, blocks, wears[0], early[0], correction, settings.pose_held),)
+    assumed = assume_pose(early[0], correction, settings.pose_held)
+    poses = found or (assumed or do_without_pose(recording, blocks, wears[0], correction),)
     first, read = poses[0], read_recording(wears, poses, settings.slip_times_s)
     questions = tuple(ask(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
     windows = windows or ((first.still,) if first.still else ())
