@@ -26,6 +26,7 @@ from fusion.quality import (
     count_holes_us,
     divide_time,
     find_exclusions,
+    flag_accelerometer_drift,
     flag_gyro_drift,
     flag_published,
     flag_spans,
@@ -39,6 +40,7 @@ from fusion.quality import (
 )
 from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+from fusion.sensor.stillness import find_still_moments
 from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
@@ -152,7 +154,7 @@ def analyse(
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
     exposure = withhold_short(_summarise_readings(samples, elevation, day))
-    time = _divide_time(recording, day, exposure)
+    time = _divide_time(recording, day, exposure, samples.flags)
     flags = (
         *samples.flags,
         *placed.flags,
@@ -230,6 +232,8 @@ def fuse_recording(
     exclusions = find_exclusions(recording, blocks)
     on_step("calibrating")
     samples = calibrate(recording, settings, blocks=blocks)
+    drift = flag_accelerometer_drift(find_still_moments(blocks), samples.accelerometer)
+    samples = replace(samples, flags=(*samples.flags, *drift))
     del blocks  # while the angle needs room
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
@@ -267,8 +271,10 @@ def _flag_signal(
     )
 
 
-def _divide_time(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
-    time = account_time(recording, day.counted, day.exclusions)
+def _divide_time(
+    recording: Recording, day: _Day, exposure: Exposure, flags: tuple[QualityFlag, ...] = ()
+) -> TimeAccount:
+    time = account_time(recording, day.counted, day.exclusions, flags)
     analysed_us: dict[str, int] = {}
     for part in exposure.by_period:
         part_us = round(part.analysed_s * MICROSECONDS)

@@ -77,11 +77,12 @@ def assign_participants(
     owners: dict[_Parts, Participant] = {}
     for row in people:
         fitting = _find_fitting(named, row.file)
-        owner = owners.setdefault(fitting[0] if fitting else _split_path(row.file), row)
         if len(fitting) > 1:
             first, second = (_name_among(fitting, place) for place in fitting[:2])
             refusals.append(_refuse(row, "several recordings", first=first, second=second, cure="path"))
-        elif owner is not row:
+            continue
+        owner = owners.setdefault(fitting[0] if fitting else _split_path(row.file), row)
+        if owner is not row:
             refusals.append(_refuse(row, "file twice", other=owner.line))
     assigned = [
         replace(task, request=replace(task.request, **owners[place].stated)) if place in owners else task

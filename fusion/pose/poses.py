@@ -95,28 +95,15 @@ def _find_in_wear(
     return EarlyStills(worn_from_s, tuple(found))
 
 
-def find_pose(
-    recording: Recording,
-    blocks: Blocks,
-    wear: Wear,
-    early: EarlyStills,
-    accelerometer: AccelerometerCorrection,
-    pose_held: PoseHeld | None,
-) -> FoundPose:
-    """Return the first stillness of wear as the pose; without any, how the arm hung in walking.
-
-    Raises
-    ------
-    UnusableCalibration
-        Nothing was ever still.
-    """
+def assume_pose(
+    early: EarlyStills, accelerometer: AccelerometerCorrection, pose_held: PoseHeld | None
+) -> FoundPose | None:
+    """Return the first stillness of wear as the pose; None if there is none."""
     if not early.stills:
-        return _do_without(recording, blocks, wear, accelerometer)
-    still = early.stills[0]
-    is_held = pose_held == "start" and still.start_s <= early.worn_from_s + HELD_S
+        return None
+    is_held = pose_held == "start" and early.stills[0].start_s <= early.worn_from_s + HELD_S
     state: CalibrationState = "held_at_start" if is_held else "assumed"
-    candidates = () if is_held else early.stills
-    return describe_pose(state, still, accelerometer, candidates)
+    return describe_pose(state, early.stills[0], accelerometer, () if is_held else early.stills)
 
 
 def describe_pose(
@@ -131,10 +118,16 @@ def describe_pose(
     return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
 
 
-def _do_without(
+def do_without_pose(
     recording: Recording, blocks: Blocks, wear: Wear, accelerometer: AccelerometerCorrection
 ) -> FoundPose:
-    """Return how the arm hung in a minute of walking; without that, in the stillest moment."""
+    """Return how the arm hung in a minute of walking; without that, in the stillest moment.
+
+    Raises
+    ------
+    UnusableCalibration
+        Nothing was ever still.
+    """
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)
     if walking is not None:

@@ -66,7 +66,11 @@ def _place(
 ) -> Iterator[AxisPart]:
     """Yield the stretches of a section that the first axis does not read."""
     start_s, end_s = section
-    turns_s = [max(find_wear(wears, one.time_s).start_s, before.end_s) for before, one in pairwise(known)]
+    worn_s = [find_wear(wears, one.time_s).start_s for one in known[1:]]
+    turns_s = [
+        from_s if from_s > before.end_s else one.time_s
+        for from_s, (before, one) in zip(worn_s, pairwise(known), strict=True)
+    ]
     for one, from_s, to_s in zip(known, [start_s, *turns_s], [*turns_s, end_s], strict=True):
         if one is not first:
             wider_deg = float(np.sqrt(max(0.0, one.sigma_deg**2 - first.sigma_deg**2)))

@@ -38,8 +38,8 @@ class Question:
     """The sensor may have moved between two times.
 
     ``kind``: "slip" while it was worn, "put_back" after it was off, "poses" between two that disagree;
-    ``apart_deg``: by how much, if known. ``turn`` (3, 3) turns an axis from before into the one after it, until ``until_s``; None if not
-    known.
+    ``apart_deg``: by how much, if known. ``turn`` (3, 3): of the axis before it into the one after it, which
+    holds until ``until_s``; None if not known.
     """
 
     kind: Literal["slip", "put_back", "poses"]

@@ -137,12 +137,10 @@ def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
 ) -> None:
     pair = ask_pair(arms_of_whom, offset_s="0", same_subject=stated)
     days = {"analysis": list(arms_of_whom), "same_subject": stated}
-    asked = [("pair/pair.json", pair), *((path, days) for path in ("compare/comparison.json", "compare"))]
+    paths = ("compare/comparison.json", "compare", "profile/profile.json")
 
-    answers = [
-        client.get(f"/api/v1/{path}", params=params).json()
-        for path, params in (*asked, ("profile/profile.json", days))
-    ]
+    paired = client.get("/api/v1/pair/pair.json", params=pair).json()
+    answers = [paired, *(client.get(f"/api/v1/{path}", params=days).json() for path in paths)]
 
     assert [answer.get("one_person", answer.get("code")) for answer in answers] == told
 

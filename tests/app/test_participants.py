@@ -175,6 +175,13 @@ def test_two_rows_that_fit_one_file_are_refused() -> None:
     assert refused.facts == {"line": 3, "why": "file twice", "value": "p1/arm.csv", "other": 2}
 
 
+def test_a_row_that_fits_two_files_takes_neither_from_another_row() -> None:
+    refused = refusal("file\narm.csv\np1/arm.csv\n", "p1/arm.csv", "p2/arm.csv")
+
+    assert refused.facts["line"] == 2
+    assert "line_2" not in refused.facts
+
+
 def test_windows_of_the_list_that_do_not_fit_its_pose_are_refused() -> None:
     refused = refusal("file,pose,calibration\na.csv,two-point,5-15\n", "a.csv")
 
@@ -189,16 +196,15 @@ def test_all_faults_of_a_list_are_told_at_once_in_both_languages() -> None:
 
     assert english.detail == (
         'Line 2: the row fits several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv. '
+        "Write the file with as much of its path as fits one recording alone, as named here. "
         'Line 3: a value that cannot be ("up"). Allowed: left|right. '
         'Line 5: two rows fit the same recording ("c.csv"); the other row is line 4.'
     )
-    assert english.fix == (
-        "Correct the list and send it again; nothing was analysed. "
-        "Write the file with as much of its path as fits one recording alone, as named here."
-    )
+    assert english.fix == "Correct the list and send it again; nothing was analysed."
     assert plain(french.detail) == (
         "Ligne 2 : la ligne correspond à plusieurs enregistrements (« arm.csv ») : "
-        "p1/arm.csv et p2/arm.csv. "
+        "p1/arm.csv et p2/arm.csv. Écrivez le fichier avec assez de son chemin pour ne correspondre "
+        "qu'à un seul enregistrement, comme indiqué ici. "
         "Ligne 3 : une valeur impossible (« up »). Valeurs admises : left|right. "
         "Ligne 5 : deux lignes correspondent au même enregistrement (« c.csv ») ; "
         "l'autre ligne est la ligne 4."

@@ -165,7 +165,8 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
     if profile.sensor:
         return _state_units(choose_sensor(layout, profile.sensor), profile)
     names = _find_names(layout, profile)
-    columns = [Column(name, "other") for name in names]
+    beside = (parse_column_name(name) for name in names)
+    columns = [one if one.channel == "gravity" else Column(one.name, "other") for one in beside]
     acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
     gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit or None
     vectors: tuple[tuple[Channel, tuple[Place, ...], str | None], ...] = (
