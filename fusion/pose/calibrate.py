@@ -75,10 +75,8 @@ class Calibration:
         Largest angle between the proposals; above 10 the pose is needed before the figures mean much.
     apart_deg
         Angle of each pose held again from the first; empty for one, and for `two-point`.
-    questions
-        When the sensor may have moved on the arm, as nobody has confirmed or denied.
-    differ
-        Poses that disagree, though no person says that the sensor slipped between them.
+    questions, differ
+        When the sensor may have moved on the arm, as nobody has confirmed or denied; poses that disagree.
     """
 
     pose: Pose

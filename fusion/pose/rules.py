@@ -31,8 +31,6 @@ class CalibrationRules:
 
 
 RULES = CalibrationRules()
-
-
 WINDOW_FAULTS = ("short", "hole", "moving", "gravity")
 """Why a window that a person chose is refused, within the recording."""
 

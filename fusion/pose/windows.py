@@ -103,9 +103,9 @@ def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
     UnusableCalibration
     """
     start_s, end_s = window_s
-    why = _object_to(recording, start_s, end_s)
-    if why:
-        raise UnusableCalibration(why=why, start_s=start_s, end_s=end_s)
+    is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
+    if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
+        raise UnusableCalibration(why="outside" if is_outside else "short", start_s=start_s, end_s=end_s)
     still = _measure(recording, start_s, end_s)
     _refuse_motion(recording, still)
     return still
@@ -162,14 +162,6 @@ def flag_window(
 ) -> QualityFlag:
     """One flag for a calibration window, with its place."""
     return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
-
-
-def _object_to(recording: Recording, start_s: float, end_s: float) -> str:
-    if start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1 or not np.isfinite(end_s - start_s):
-        return "outside"
-    if end_s - start_s < RULES.shortest_window_s - 1e-9:
-        return "short"
-    return "" if _segment_around(recording, start_s, end_s) else "hole"
 
 
 def _refuse_motion(recording: Recording, still: StillPeriod) -> None:
