@@ -20,7 +20,7 @@ from fusion.pose.poses import (
     do_without_pose,
     find_early_stills,
 )
-from fusion.pose.readings import ask, list_readings, read_recording
+from fusion.pose.readings import ask, assume_put_back, list_readings, read_recording
 from fusion.pose.slips import Question, find_walking
 from fusion.pose.wear import Wear, divide_by_wear, find_wear
 from fusion.pose.windows import (
@@ -101,8 +101,7 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedSamples:
-    """A recording together with its calibration: a type of its own, so that raw samples cannot be fused by
-    mistake.
+    """A recording together with its calibration, so that raw samples cannot be fused by mistake.
 
     The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
     segments, as are ``accelerometer`` and ``gyro_scale``.
@@ -155,10 +154,12 @@ def calibrate(
     found, windows = _find_stated(recording, wears[0], correction, settings)
     assumed = assume_pose(early[0], correction, settings.pose_held)
     poses = found or (assumed or do_without_pose(recording, blocks, wears[0], correction),)
-    first, read = poses[0], read_recording(wears, poses, settings.slip_times_s)
     questions = tuple(ask(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
+    put_back = assume_put_back(wears, early, questions, correction)
+    first, read = poses[0], read_recording(wears, (*poses, *put_back), settings.slip_times_s)
     windows = windows or ((first.still,) if first.still else ())
-    candidates = [still.correct(correction) for still in first.candidates]
+    axes = [[still.correct(correction) for still in one.stills] for one in early]
+    candidates = axes[0] if first.candidates else []
     walking = find_walking(find_wear(wears, first.time_s).strides)
     calibration = Calibration(
         settings.pose,
@@ -175,11 +176,7 @@ def calibrate(
         questions,
         read.differ,
     )
-    put_back = [
-        (wear, [still.correct(correction) for still in one.stills])
-        for wear, one in zip(wears, early, strict=True)
-    ]
-    readings = tuple(list_readings(read, candidates, questions, put_back))
+    readings = tuple(list_readings(read, candidates, questions, list(zip(wears, axes, strict=True))))
     return CalibratedSamples(
         recording, calibration, sensor.bias, correction, sensor.gyro_scale, runs, read.parts, readings
     )
@@ -196,10 +193,8 @@ def _find_stated(
         pose = replace(describe_pose("given", shorter, accelerometer), time_s=hanging.start_s, axis=axis)
         return (pose,), (hanging, level)
     if settings.calibration_windows_s:
-        windows = tuple(
-            measure_asked(recording, window_s)
-            for window_s in join_overlapping(settings.calibration_windows_s)
-        )
+        spans_s = join_overlapping(settings.calibration_windows_s)
+        windows = tuple(measure_asked(recording, span_s) for span_s in spans_s)
         spread_deg = find_spread_deg([still.correct(accelerometer) for still in windows])
         state: CalibrationState = "repeated" if len(windows) > 1 and spread_deg <= ALIKE_DEG else "given"
         return tuple(describe_pose(state, still, accelerometer) for still in windows), windows

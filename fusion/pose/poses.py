@@ -11,12 +11,7 @@ from typing import Literal
 
 from fusion.conventions import CalibrationState, PoseHeld
 from fusion.numerics.rotations import find_angle_deg
-from fusion.pose.axes import (
-    ALIKE_DEG,
-    MOMENT_SIGMA_DEG,
-    WALKING_SIGMA_DEG,
-    estimate_held_sigma,
-)
+from fusion.pose.axes import ALIKE_DEG, MOMENT_SIGMA_DEG, WALKING_SIGMA_DEG, estimate_held_sigma
 from fusion.pose.slips import find_walking
 from fusion.pose.wear import Wear, divide_by_wear
 from fusion.pose.windows import (

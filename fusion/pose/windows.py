@@ -1,15 +1,14 @@
 """Stretches in which the arm did not move, and what a window of one says."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.caveats import Caveat
 from fusion.errors import UnusableCalibration
 from fusion.numerics.rotations import find_angle_deg, scale_to_unit
 from fusion.pose.rules import RULES, object_to_window, score_still_period
-from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import BLOCK_S, QuarterSeconds, QuietTable, reduce_run, summarise_windows
@@ -155,13 +154,6 @@ def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Arra
     across = scale_to_unit(second - (first @ second) * first)
     turn = np.radians(find_angle_deg(first, second) - 90.0) / 2.0
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
-
-
-def flag_window(
-    caveat: Caveat, still: StillPeriod, facts: Mapping[str, str | float] | None = None
-) -> QualityFlag:
-    """One flag for a calibration window, with its place."""
-    return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
 
 
 def _refuse_motion(recording: Recording, still: StillPeriod) -> None:

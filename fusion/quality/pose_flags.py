@@ -1,12 +1,12 @@
 """What is not known of the pose, and when the sensor may have moved on the arm."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from fusion.caveats import Caveat
 from fusion.pose.calibrate import CalibratedSamples, Calibration
 from fusion.pose.poses import TABLE_SWAY_DPS
 from fusion.pose.rules import RULES
-from fusion.pose.windows import flag_window
+from fusion.pose.windows import StillPeriod
 from fusion.recording import MICROSECONDS, QualityFlag, flag_stretches
 from fusion.settings import AnalysisSettings
 
@@ -14,6 +14,13 @@ from fusion.settings import AnalysisSettings
 def flag_pose(samples: CalibratedSamples, settings: AnalysisSettings) -> tuple[QualityFlag, ...]:
     """Return the caveats of a calibration."""
     return (*_flag_state(samples.calibration, settings), *_flag_moves(samples))
+
+
+def flag_window(
+    caveat: Caveat, still: StillPeriod, facts: Mapping[str, str | float] | None = None
+) -> QualityFlag:
+    """Return one flag for a calibration window, with its place."""
+    return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
 
 
 def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterator[QualityFlag]:
