@@ -10,7 +10,7 @@ from app.report.analysis.charts import build_day
 from app.report.analysis.day import WORST_WINDOW_S, Block
 from app.report.analysis.norms import LIMITS, extend_scale, find_reason
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
-from app.report.findings import Findings
+from app.report.findings import Findings, QuestionFacts
 from app.report.model import Drawing, Profile, Table, Tile
 from app.report.words.numbers import (
     NONE,
@@ -151,7 +151,9 @@ def _build_rises(page: _Page) -> Tile:
 def _build_tile(scale: TileScale, facts: Mapping[str, str], page: _Page) -> Tile:
     """Build a tile from its written facts: value, duration, range, pose, published."""
     entry, name = page.entry, scale.words[0]
+    calibration = page.findings.calibration
     told = {
+        "needed": page.words["pose_state"]["needed"] if calibration and calibration.needs_pose else "",
         **facts,
         "range": fill(entry["range"][choose_ranges(page.findings)], facts) if facts["range"] else "",
         "pose": fill(entry["with_pose"], {"high": facts["pose"]}) if facts["pose"] else "",
@@ -323,17 +325,37 @@ def _is_whole_day(findings: Findings) -> bool:
 def _list_next_steps(blocks: Sequence[Block], subject: ReportSubject, page: _Page) -> tuple[str, ...]:
     """Give what to do next, each by its rule in docs/profile.md; a rule that does not hold gives nothing."""
     findings, entry = page.findings, page.entry["next"]
-    calibration = findings.calibration
     steps = (
+        _format_pose_step(page),
+        *(_format_move_step(question, page) for question in _list_questions(findings)),
         entry["poor"] if findings.quality.verdict == "poor" and _is_whole_day(findings) else "",
         "" if _is_whole_day(findings) else entry["short"],
-        entry["which_pose"] if calibration is not None and calibration.proposals else "",
         _format_look_at(blocks, page),
         entry["lean"] if format_pose_caution(findings, page.words) else "",
         _format_days(page),
         entry["other_arm"].get(subject.side or "unknown", ""),
     )
     return tuple(step for step in steps if step)
+
+
+def _format_pose_step(page: _Page) -> str:
+    """Ask for what is missing of the pose; nothing if a person confirmed it or named the axis."""
+    calibration, entry = page.findings.calibration, page.entry["next"]
+    if calibration is None or calibration.state not in {"assumed", "none"}:
+        return ""
+    if calibration.state == "none" or calibration.still is None:
+        return str(entry["no_pose"])
+    time = page.clock.format(calibration.still.start_s, with_seconds=True)
+    return str(entry["which_pose"]) if calibration.needs_pose else fill(entry["confirm_pose"], {"time": time})
+
+
+def _list_questions(findings: Findings) -> tuple[QuestionFacts, ...]:
+    return findings.calibration.questions if findings.calibration else ()
+
+
+def _format_move_step(question: QuestionFacts, page: _Page) -> str:
+    times = {"start": page.clock.format(question.start_s), "end": page.clock.format(question.end_s)}
+    return fill(page.entry["next"][question.kind], times)
 
 
 def _format_look_at(blocks: Sequence[Block], page: _Page) -> str:

@@ -9,8 +9,8 @@ from app.report.words.wording import Language, fill, load_wording
 def format_brief(report: Report) -> bytes:
     """Write the answer as a few lines of plain text, to paste into a record."""
     quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
-    lines = (*report.sentences, quality, report.brief)
-    return ("\n".join(lines) + "\n").encode("utf-8")
+    lines = (report.needs_pose, *report.sentences, quality, report.pose_state, report.brief)
+    return ("\n".join(filter(None, lines)) + "\n").encode("utf-8")
 
 
 def format_signature(header: Sequence[Pair], footer: str, language: Language) -> str:

@@ -22,7 +22,7 @@ from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.forms import Form, first, read_body, read_form
-from app.web.recording.day_views import DayClock, place_rows
+from app.web.recording.day_views import START, DayClock, name_choice, place_rows
 from app.web.rendering import find_base
 from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
@@ -34,6 +34,8 @@ from fusion.pose.rules import RULES, object_to_window, score_still_period
 
 NO_POSE = "axis"
 """What the form says in place of a pose where none was held."""
+MOVED = {"yes": "slip_times_s", "no": "no_slip_times_s"}
+"""The answers to whether the sensor moved on the arm, and the setting that holds each."""
 Window = tuple[float, float]
 COLUMNS = ("start", "end", "kind", "label")
 BOM = "\ufeff"
@@ -60,7 +62,9 @@ def correct_request(
         known,
         subject=_read_subject(first(form, "subject")),
         side=_choose_side(first(form, "side")),
-        slip_times_s=_read_slips(first(form, "slips"), clock),
+        pose_held="start" if first(form, "held") == "start" else None,
+        slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
+        no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
     )
@@ -119,9 +123,9 @@ def _read_window(start: str, end: str, clock: DayClock) -> Window | None:
     return _check_order(clock.read(start, "calibration"), clock.read(end, "calibration"))
 
 
-def _read_slips(text: str, clock: DayClock) -> tuple[float, ...]:
-    """Read the moments at which the sensor slipped, with ";" between them."""
-    return tuple(clock.read(moment.strip(), "slip_at") for moment in text.split(";") if moment.strip())
+def _read_times(text: str, name: str, clock: DayClock) -> tuple[float, ...]:
+    """Read moments at which the sensor slipped, or did not, with ";" between them."""
+    return tuple(clock.read(moment.strip(), name) for moment in text.split(";") if moment.strip())
 
 
 def _choose_axis(text: str) -> ArmAxis:
@@ -244,16 +248,48 @@ async def analyse_again(analysis_id: str, request: Request, services: UsedServic
 
 @router.post("/pose")
 async def name_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Analyse the recording once more, with one of the proposed stretches as the pose."""
+    """Analyse the recording once more, with one of the proposed stretches as the pose.
+
+    A stretch after the sensor moved is a pose beside those before it; ``start`` states that the pose was held
+    at the start of wear.
+    """
     form = await read_form(request)
     job = await run_in_threadpool(services.store.get, analysis_id)
     facts = find_day(services, job).facts
-    choices_s = {str(place): (start_s, end_s) for place, (start_s, end_s) in enumerate(facts["asked"])}
-    window_s = choices_s.get(first(form, "choice"))
-    if window_s is None:
-        raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices_s))
-    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="")
+    before_s = job.request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
+    choices = {name_choice(*window): {"calibration_windows_s": (window,)} for window in facts["asked"]}
+    choices |= {
+        name_choice(*window): {"calibration_windows_s": (*before_s, tuple(window))}
+        for *_, stills in facts.get("unread", ())
+        for window in stills
+    }
+    choices |= {START: {"calibration_windows_s": (), "pose_held": "start"}}
+    chosen = choices.get(first(form, "choice"))
+    if chosen is None:
+        raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices))
+    named = replace(job.request, **chosen, arm_axis=None, reason="")
     return await run_in_threadpool(_add_again, job, named, request, services)
+
+
+@router.post("/moved")
+async def answer_move(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
+    form = await read_form(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    moves = find_day(services, job).facts.get("moves", ())
+    answers = {
+        f"{place}-{answer}": (name, (start_s + end_s) / 2.0)
+        for place, (_, start_s, end_s, _) in enumerate(moves)
+        for answer, name in MOVED.items()
+    }
+    answer = answers.get(first(form, "answer"))
+    if answer is None:
+        raise BadParameter(name="answer", value=first(form, "answer")[:60], allowed=", ".join(answers))
+    name, time_s = answer
+    times_s = tuple(sorted((*getattr(job.request, name), round(time_s, 2))))
+    return await run_in_threadpool(
+        _add_again, job, replace(job.request, **{name: times_s}, reason=""), request, services
+    )
 
 
 @router.post("/other-pose")

@@ -87,8 +87,8 @@ export class Bands {
   snapshot() {
     const windows = [...this.form.querySelectorAll(".window")].map((row) => [...row.querySelectorAll("input")].map((field) => field.value));
     const rows = [...$("periods").rows].map((row) => ["kind", "label", "start", "end"].map((name) => row.querySelector(`[name=${name}]`).value));
-    const { pose, slips, axis } = this.form.elements;
-    return JSON.stringify({ pose: pose.value, slips: slips?.value, axis: axis?.value, windows, rows });
+    const { pose, held, slips, no_slips: noSlips, axis } = this.form.elements;
+    return JSON.stringify({ pose: pose.value, held: held?.value, slips: slips?.value, no_slips: noSlips?.value, axis: axis?.value, windows, rows });
   }
 
   // Remember how it was before the change that has just been made.
