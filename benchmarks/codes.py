@@ -87,7 +87,6 @@ def _describe_grade(caveat: Caveat) -> str:
     beyond = {
         f"from {100 * limit.from_share:g} % of the recorded time on": isfinite(limit.from_share),
         f"below {limit.below_s / 3600:g} h": limit.below_s > 0.0,
-        f"above {limit.above_deg:g} deg": isfinite(limit.above_deg),
     }
     graver = (
         f"; {Grade(caveat.grade + 1).name.lower()} {where}" for where, is_set in beyond.items() if is_set

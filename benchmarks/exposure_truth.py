@@ -19,7 +19,7 @@ from benchmarks.validation.worn import at_rows
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.pipeline import Analysis, AnalysisSettings, analyse
-from fusion.pose.poses import HELD_SIGMA_DEG
+from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Recording, Segment
 from fusion.simulation.sensor import Device
 from fusion.simulation.shift import simulate_shift

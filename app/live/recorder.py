@@ -11,7 +11,7 @@ from app.live.source import SourceFacts
 from app.storage.keys import RecordingKey
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
 from fusion.live.cues import Cue, CueRule, CueWatch
-from fusion.pose.poses import point_along
+from fusion.pose.axes import point_along
 
 
 class Recorder:

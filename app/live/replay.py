@@ -8,7 +8,7 @@ from app.live.source import SourceFacts
 from fusion.errors import UnusableRecording
 from fusion.live import Frames, replay_frames
 from fusion.pipeline import AnalysisSettings, adopt_stated
-from fusion.pose.calibrate import calibrate
+from fusion.pose.calibrate import Statements, calibrate
 from fusion.readers import read_recording
 from fusion.recording import MICROSECONDS, Float64Array, Recording
 
@@ -82,10 +82,9 @@ def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
 def find_axis(recording: Recording) -> Float64Array | None:
     """Find the arm's axis as an analysis of the recording does."""
     settings = adopt_stated(recording, AnalysisSettings())
+    stated = Statements(settings.calibration_windows_s, settings.arm_axis, settings.pose_held)
     try:
-        found = calibrate(
-            recording, settings.pose, settings.calibration_windows_s, arm_axis=settings.arm_axis
-        )
+        found = calibrate(recording, settings.pose, stated=stated)
     except UnusableRecording:
         return None
     return found.calibration.arm_axis

@@ -210,7 +210,7 @@ _FACTS = (
         ),
     ),
     Group("time", tuple(Figure(key, key) for key in ("recorded_s", "analysed_s", "missing_s", "excluded_s"))),
-    Group("calibration", (Figure("found", "pose_found"), Figure("sigma_deg", "pose_sigma_deg"))),
+    Group("calibration", (Figure("state", "calibration_state"), Figure("sigma_deg", "pose_sigma_deg"))),
     Group("quality", (Figure("verdict", "verdict"),)),
     Group("origin", (Figure("path", "path"), Figure("folder", "folder"))),
 )
@@ -349,7 +349,7 @@ SUMMARY: tuple[Column, ...] = (
         )
         for end in ("low", "high")
     ),
-    *(Column(name, kind="text") for name in ("path", "folder", "pose_found")),
+    *(Column(name, kind="text") for name in ("path", "folder", "calibration_state")),
     Column("pose_sigma_deg"),
     *(Column("{figure}_" + end, {"figure": "entries_above_60_per_h"}) for end in ("low", "high")),
     *(

@@ -18,7 +18,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from app.report.words.subject import ReportSubject
-from fusion.conventions import ArmAxis, Found, MethodName, Pose
+from fusion.conventions import ArmAxis, CalibrationState, MethodName, Pose, PoseHeld
 from fusion.diary import DiaryEntry
 from fusion.exposure.types import Exposure
 from fusion.quality.types import Quality, TimeAccount
@@ -26,8 +26,9 @@ from fusion.recording import Span
 
 if TYPE_CHECKING:
     from fusion.pipeline import Analysis
+    from fusion.pose.axes import AxisPart
     from fusion.pose.calibrate import Calibration
-    from fusion.pose.wear import AxisPart
+    from fusion.pose.slips import Question
     from fusion.pose.windows import StillPeriod
 
 
@@ -81,7 +82,8 @@ def _decode_tuple(values: Any, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
 def _decode_plain(value: Any, kind: Any) -> Any:
     if is_dataclass(kind):
         hints = _read_hints(kind)  # type: ignore[arg-type]
-        return kind(**{name: decode(inner, hints[name]) for name, inner in value.items()})  # type: ignore[operator]
+        known = {name: decode(inner, hints[name]) for name, inner in value.items() if name in hints}
+        return kind(**known)  # type: ignore[operator]
     return _decode_moment(value) if kind is datetime else value
 
 
@@ -127,6 +129,8 @@ class SettingsFacts:
     diary: tuple[DiaryEntry, ...] = ()
     arm_axis: ArmAxis | None = None
     slip_times_s: tuple[float, ...] = ()
+    no_slip_times_s: tuple[float, ...] = ()
+    pose_held: PoseHeld | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,37 +149,48 @@ class StillFacts:
 class PartFacts:
     """A stretch that the first pose does not read.
 
-    ``pose_index``: the given pose that does, counted from 0 in order of time; None where a pose that the
-    software found in it does, or (``is_valid``) none. ``apart_deg``: between the poses on both sides of it.
+    ``pose_index``: the given pose that does, counted from 0 in order of time; None if another axis does, or
+    (not ``is_valid``) none.
     """
 
     start_s: float
     end_s: float
     is_valid: bool
     pose_index: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionFacts:
+    """When the sensor may have moved on the arm; as in :class:`fusion.pose.slips.Question`."""
+
+    kind: Literal["slip", "put_back"]
+    start_s: float
+    end_s: float
     apart_deg: float
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFacts:
-    """The pose and how it was found; as in :class:`fusion.pose.calibrate.Calibration`.
+    """The pose and how it is known; as in :class:`fusion.pose.calibrate.Calibration`.
 
     ``still`` is the first window; ``second`` the level one of the two-point pose, ``repeats`` those in which
-    the same pose was held again. Findings of earlier versions know no more than these, and not how it was
-    ``found``.
+    the same pose was held again. The first findings know no more than these, and no ``state``.
     """
 
     pose: Pose
     still: StillFacts | None
     second: StillFacts | None = None
     repeats: tuple[StillFacts, ...] = ()
-    found: Found | None = None
+    state: CalibrationState | None = None
     sigma_deg: float | None = None
     gyro_bias_dps: tuple[float, ...] = ()
     walking_deg: float | None = None
     repeat_deg: float | None = None
     proposals: tuple[StillFacts, ...] = ()
     parts: tuple[PartFacts, ...] = ()
+    spread_deg: float = 0.0
+    needs_pose: bool = False
+    questions: tuple[QuestionFacts, ...] = ()
 
     @property
     def bias_dps(self) -> tuple[float, ...]:
@@ -226,6 +241,8 @@ def take_findings(analysis: Analysis) -> Findings:
             settings.diary,
             settings.arm_axis,
             settings.slip_times_s,
+            settings.no_slip_times_s,
+            settings.pose_held,
         ),
         calibration=_take_calibration(analysis),
         method=MethodFacts(method.name, method.version, dict(method.parameters)) if method else None,
@@ -234,6 +251,17 @@ def take_findings(analysis: Analysis) -> Findings:
         exposure=analysis.exposure,
         quality=analysis.quality,
     )
+
+
+_STATES_BEFORE: Mapping[str, CalibrationState] = {
+    "given": "given",
+    "held": "assumed",
+    "early": "assumed",
+    "walking": "none",
+    "moment": "none",
+    "axis": "axis",
+}
+"""Of findings up to method version 4, which say how the pose was ``found``."""
 
 
 def encode_findings(findings: Findings, subject: ReportSubject) -> bytes:
@@ -253,6 +281,9 @@ def decode_findings(text: bytes) -> Kept:
     values = json.loads(text)
     if values["schema"] != SCHEMA:
         raise ValueError(values["schema"])
+    calibration = values["findings"]["calibration"]
+    if calibration and calibration.get("found"):
+        calibration["state"] = _STATES_BEFORE[calibration["found"]]
     return Kept(decode(values["findings"], Findings), decode(values["subject"], ReportSubject))
 
 
@@ -289,18 +320,21 @@ def _take_calibration(analysis: Analysis) -> CalibrationFacts | None:
         first,
         others[0] if is_pair else None,
         () if is_pair else _take_repeats(calibration),
-        calibration.found,
+        calibration.state,
         calibration.sigma_deg,
         tuple(calibration.gyro_bias_dps.tolist()),
         calibration.walking_deg,
         calibration.repeat_deg,
         tuple(_take_still(still) for still in calibration.proposals),
         tuple(_take_part(part, calibration) for part in analysis.axis_parts),
+        calibration.spread_deg,
+        calibration.needs_pose,
+        tuple(map(_take_question, calibration.questions)),
     )
 
 
 def _take_repeats(calibration: Calibration) -> tuple[StillFacts, ...]:
-    """Take the poses held again; one that the software found is never repeated."""
+    """Take the poses held again; an assumed one is never repeated."""
     again = zip(calibration.windows[1:], calibration.apart_deg, strict=True)
     return tuple(replace(_take_still(still), apart_deg=apart_deg) for still, apart_deg in again)
 
@@ -315,7 +349,11 @@ def _take_part(part: AxisPart, calibration: Calibration) -> PartFacts:
     if part.arm_axis is not None:
         is_first = np.array_equal(part.arm_axis, calibration.arm_axis)
         pose_index = 0 if is_first else next(inside, None)
-    return PartFacts(part.start_s, part.end_s, part.arm_axis is not None, pose_index, part.apart_deg)
+    return PartFacts(part.start_s, part.end_s, part.arm_axis is not None, pose_index)
+
+
+def _take_question(question: Question) -> QuestionFacts:
+    return QuestionFacts(question.kind, question.first_s, question.end_s, question.apart_deg)
 
 
 def _take_still(still: StillPeriod) -> StillFacts:

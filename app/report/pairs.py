@@ -185,7 +185,7 @@ def _format_pose(findings: Findings, words: Words) -> str:
     calibration = findings.calibration
     if calibration is None:
         return NONE
-    return format_found(findings, words) if calibration.found in UNHELD else words["pose"][calibration.pose]
+    return format_found(findings, words) if calibration.state in UNHELD else words["pose"][calibration.pose]
 
 
 def describe_source(kept: Kept) -> dict[str, object]:

@@ -25,7 +25,8 @@ from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.elevation import ElevationSegment
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
-from fusion.pose.poses import find_nearest_axis, propose_poses
+from fusion.pose.axes import find_nearest_axis
+from fusion.pose.poses import propose_poses
 from fusion.pose.windows import StillPeriod
 from fusion.quality import propose_nonwear
 from fusion.readers import holds_device_format
@@ -60,7 +61,7 @@ def _reduce(segment: Segment | None, run: ElevationSegment) -> tuple[float, np.n
 def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     recording = analysis.recording
     has_samples = analysis.calibration is not None
-    proposed = propose_poses(recording, analysis.settings.slip_times_s) if has_samples else ()
+    proposed = propose_poses(recording) if has_samples else ()
     not_worn = propose_nonwear(recording, analysis.exclusions) if has_samples else ()
     return {
         "device": recording.device,

@@ -27,7 +27,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.pose_error import FULL_AT_DEG, LEAST_BIN_DEG
 from fusion.pipeline import Analysis, AnalysisSettings, analyse
-from fusion.pose.poses import HELD_SIGMA_DEG
+from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
 
 KINDS = ("time above", "bins", "entries", "percentiles")

@@ -86,11 +86,11 @@ def make_analysis(
 
 
 def make_calibration() -> CalibrationFacts:
-    """An N-pose found in the first minute."""
+    """An N-pose that a person said was held at the start of wear."""
     bias_dps = (0.31, -0.12, 0.07)
     still = StillFacts(42.5, 6.2, 0.93, bias_dps)
     return CalibrationFacts(
-        "n-pose", still, found="held", sigma_deg=5.0, gyro_bias_dps=bias_dps, walking_deg=12.0
+        "n-pose", still, state="held_at_start", sigma_deg=5.0, gyro_bias_dps=bias_dps, walking_deg=12.0
     )
 
 

@@ -14,6 +14,8 @@ from app.report.findings import (
     CalibrationFacts,
     Findings,
     PartFacts,
+    QuestionFacts,
+    SettingsFacts,
     StillFacts,
     decode_findings,
     encode_findings,
@@ -42,7 +44,7 @@ def with_calibration(
 
 
 def with_axis(arm_axis: ArmAxis) -> Findings:
-    calibration = CalibrationFacts("n-pose", None, found="axis", sigma_deg=8.0, gyro_bias_dps=BIAS_DPS)
+    calibration = CalibrationFacts("n-pose", None, state="axis", sigma_deg=8.0, gyro_bias_dps=BIAS_DPS)
     return with_calibration(calibration, arm_axis=arm_axis)
 
 
@@ -50,7 +52,7 @@ def asked() -> Findings:
     """Nobody said which of three stretches was the pose; the first is in use."""
     proposals = (still_at(108.0), still_at(228.0), still_at(408.0))
     return with_calibration(
-        replace(make_calibration(), found="early", still=proposals[0], proposals=proposals)
+        replace(make_calibration(), state="assumed", still=proposals[0], proposals=proposals)
     )
 
 
@@ -71,7 +73,7 @@ def test_the_report_says_how_the_axis_was_found_and_how_sure_it_is() -> None:
     told = told_of_method(report_of())
 
     assert told["Axis of the arm"] == (
-        "from the first still stretch, held within a minute of putting the sensor on"
+        "from the pose held at the start of wear, as the person who asked for the report stated"
     )
     assert told["Standard deviation of the axis"] == "5.0°"
 
@@ -115,7 +117,7 @@ def test_the_report_asks_which_stretch_was_the_pose() -> None:
 
 def test_of_many_stretches_the_report_names_six() -> None:
     proposals = tuple(still_at(108.0 + 30.0 * k) for k in range(9))
-    calibration = replace(make_calibration(), found="early", proposals=proposals)
+    calibration = replace(make_calibration(), state="assumed", proposals=proposals)
 
     note = report_of(analysis=with_calibration(calibration)).pose_note
 
@@ -128,7 +130,7 @@ def test_the_report_asks_nothing_where_the_pose_is_known() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "walking_deg", "note"),
+    ("state", "walking_deg", "note"),
     [
         ("given", 42.0, "In walking the arm hung 42° from this pose."),
         (
@@ -141,13 +143,13 @@ def test_the_report_asks_nothing_where_the_pose_is_known() -> None:
         ),
         ("given", 30.0, ""),
         ("given", None, ""),
-        ("held", 42.0, ""),
+        ("assumed", 42.0, ""),
     ],
 )
 def test_walking_beyond_30_deg_of_what_a_person_stated_is_noted(
-    found: str, walking_deg: float | None, note: str
+    state: str, walking_deg: float | None, note: str
 ) -> None:
-    calibration = replace(make_calibration(), found=found, walking_deg=walking_deg)  # type: ignore[arg-type]
+    calibration = replace(make_calibration(), state=state, walking_deg=walking_deg)  # type: ignore[arg-type]
 
     assert report_of(analysis=with_calibration(calibration)).pose_note == note
 
@@ -168,21 +170,43 @@ def test_a_pose_held_again_says_how_far_it_lies_from_the_first() -> None:
     assert told["repeats"] == [{"start_s": 7242.0, "duration_s": 8.0, "apart_deg": 3.5}]
 
 
-def test_a_stretch_between_two_poses_that_disagree_is_a_part_that_no_pose_reads() -> None:
-    part = PartFacts(3600.0, 7242.0, is_valid=False, pose_index=None, apart_deg=31.0)
+def test_a_stretch_that_no_pose_reads_is_a_part() -> None:
+    part = PartFacts(3600.0, 7242.0, is_valid=False, pose_index=None)
 
     told = calibration_of(with_calibration(replace(make_calibration(), parts=(part,))))
 
-    assert told["parts"] == [
-        {"start_s": 3600.0, "end_s": 7242.0, "valid": False, "pose_index": None, "apart_deg": 31.0}
+    assert told["parts"] == [{"start_s": 3600.0, "end_s": 7242.0, "valid": False, "pose_index": None}]
+
+
+def test_what_is_not_known_of_the_pose_is_in_results_json() -> None:
+    question = QuestionFacts("slip", 7200.0, 7320.0, apart_deg=23.0)
+    told = calibration_of(
+        with_calibration(
+            replace(
+                make_calibration(),
+                state="assumed",
+                proposals=(still_at(108.0),),
+                spread_deg=11.5,
+                questions=(question,),
+            )
+        )
+    )
+
+    assert [told[name] for name in ("state", "proposals", "spread_deg", "questions")] == [
+        "assumed",
+        [{"start_s": 108.0, "duration_s": 10.0}],
+        11.5,
+        [{"kind": "slip", "start_s": 7200.0, "end_s": 7320.0, "apart_deg": 23.0}],
     ]
 
 
-def test_an_axis_and_a_slip_give_a_report_another_identity() -> None:
+def test_what_a_person_states_gives_a_report_another_identity() -> None:
     slipped = with_calibration(make_calibration(), slip_times_s=(3600.0,))
-    ids = {identify_report(each, make_subject()) for each in (make_analysis(), with_axis("+y"), slipped)}
+    held = replace(make_analysis(), settings=SettingsFacts(pose_held="start"))
+    stayed = replace(make_analysis(), settings=SettingsFacts(no_slip_times_s=(3600.0,)))
+    every = (make_analysis(), with_axis("+y"), slipped, held, stayed)
 
-    assert len(ids) == 3
+    assert len({identify_report(each, make_subject()) for each in every}) == 5
 
 
 def test_findings_of_an_earlier_version_are_read() -> None:
@@ -202,6 +226,20 @@ def test_findings_of_an_earlier_version_are_read() -> None:
     assert told["Axis of the arm"] == "window proposed by the software"
     assert told["Gyroscope offset, x y z"] == "0.310; −0.120; 0.070 °/s"
     assert "Standard deviation of the axis" not in told
+
+
+@pytest.mark.parametrize(
+    ("found", "state"), [("given", "given"), ("held", "assumed"), ("walking", "none"), ("axis", "axis")]
+)
+def test_findings_up_to_method_version_4_say_how_the_pose_was_found(found: str, state: str) -> None:
+    values = json.loads(encode_findings(make_analysis(), make_subject()))
+    del values["findings"]["calibration"]["state"]
+    values["findings"]["calibration"]["found"] = found
+
+    calibration = decode_findings(json.dumps(values).encode()).findings.calibration
+
+    assert calibration is not None
+    assert calibration.state == state
 
 
 # Two days, analysed alike.

@@ -57,7 +57,7 @@ def test_analysed_missing_and_excluded_make_the_recorded_time(results: dict[str,
 def test_the_calibration(results: dict[str, Any]) -> None:
     assert results["calibration"] == {
         "pose": "n-pose",
-        "found": "held",
+        "state": "held_at_start",
         "sigma_deg": 5.0,
         "start_s": 42.5,
         "duration_s": 6.2,
@@ -69,8 +69,11 @@ def test_the_calibration(results: dict[str, Any]) -> None:
         "parts": [],
         "axis": None,
         "slip_times_s": [],
+        "no_slip_times_s": [],
         "walking_apart_deg": 12.0,
         "proposals": [],
+        "spread_deg": 0.0,
+        "questions": [],
     }
 
 

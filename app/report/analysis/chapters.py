@@ -117,7 +117,7 @@ def build_verdict(findings: Findings, words: Words, language: Language) -> Verdi
 def format_pose_caution(findings: Findings, words: Words) -> str:
     """Give the known one-sided error of the pose that was held; empty where there is none."""
     calibration = findings.calibration
-    if calibration is None or calibration.found in UNHELD:
+    if calibration is None or calibration.state in UNHELD:
         return ""
     return str(words["pose_caution"].get(calibration.pose, ""))
 
@@ -555,9 +555,9 @@ def format_found(findings: Findings, words: Words) -> str:
     calibration, settings, entry = findings.calibration, findings.settings, words["calibration"]
     if calibration is None:
         return ""
-    if calibration.found is None:
+    if calibration.state is None:
         return str(entry["asked" if settings.calibration_windows_s else "proposed"])
-    return fill(entry["found_as"][calibration.found], {"axis": _format_axis(findings)})
+    return fill(entry["found_as"][calibration.state], {"axis": _format_axis(findings)})
 
 
 def _format_axis(findings: Findings) -> str:
@@ -570,7 +570,7 @@ def _format_angle_of(angle_deg: float | None, language: Language) -> str:
 
 def _format_walking(calibration: CalibrationFacts, language: Language) -> str:
     """Write how far walking lies from the axis, unless it gave the axis."""
-    return "" if calibration.found == "walking" else _format_angle_of(calibration.walking_deg, language)
+    return "" if calibration.state == "none" else _format_angle_of(calibration.walking_deg, language)
 
 
 def _format_score(still: StillFacts | None, language: Language) -> str:

@@ -97,6 +97,8 @@ def identify_report(findings: Findings, subject: ReportSubject) -> str:
     }
     if settings.arm_axis is not None or settings.slip_times_s:  # reports made without keep their identity
         said |= {"arm_axis": settings.arm_axis, "slip_times_s": settings.slip_times_s}
+    if settings.no_slip_times_s or settings.pose_held:
+        said |= {"no_slip_times_s": settings.no_slip_times_s, "pose_held": settings.pose_held}
     if findings.recording.reader:
         said["reader"] = findings.recording.reader
     if subject.columns:
@@ -148,7 +150,7 @@ def _describe_calibration(findings: Findings) -> dict[str, object] | None:
     still, arm_axis = calibration.still, findings.settings.arm_axis
     return {
         "pose": None if arm_axis else calibration.pose,
-        "found": calibration.found,
+        "state": calibration.state,
         "sigma_deg": calibration.sigma_deg,
         "start_s": still.start_s if still else None,
         "duration_s": still.duration_s if still else None,
@@ -163,14 +165,16 @@ def _describe_calibration(findings: Findings) -> dict[str, object] | None:
                 "end_s": part.end_s,
                 "valid": part.is_valid,
                 "pose_index": part.pose_index,
-                "apart_deg": part.apart_deg,
             }
             for part in calibration.parts
         ],
         "axis": arm_axis.removeprefix("+") if arm_axis else None,
         "slip_times_s": list(findings.settings.slip_times_s),
+        "no_slip_times_s": list(findings.settings.no_slip_times_s),
         "walking_apart_deg": calibration.walking_deg,
         "proposals": [_describe_still(proposed) for proposed in calibration.proposals],
+        "spread_deg": calibration.spread_deg,
+        "questions": [asdict(question) for question in calibration.questions],
     }
 
 

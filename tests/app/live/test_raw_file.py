@@ -67,7 +67,7 @@ def test_the_pose_that_was_held_is_that_of_the_report(tmp_path: Path) -> None:
     calibration = analyse(recording).calibration
 
     assert calibration is not None
-    assert calibration.found == "given"
+    assert calibration.state == "given"
     assert (calibration.windows[0].start_s, calibration.windows[0].end_s) == (5.0, 10.0)
 
 
@@ -92,7 +92,7 @@ def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
     calibration = analyse(tmp_path / "live-a.csv").calibration
 
     assert calibration is not None
-    assert calibration.found == "axis"
+    assert calibration.state == "axis"
     assert calibration.arm_axis.tolist() == [0.0, 0.0, 1.0]
 
 
