@@ -30,6 +30,7 @@ from app.report.words.numbers import Clock, format_duration, format_number
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
 
+WHICH_POSE = "W-WHICH-POSE"
 _TABLES = "app.batch.tables"
 """What only the end of a run needs; it is loaded while the first recording is analysed."""
 
@@ -271,14 +272,14 @@ def print_undone(collected: Collected, language: Language) -> None:
 
 
 def format_question(outcome: Outcome) -> list[str]:
-    """Ask which still stretch was the pose, where several may be it; each with the option that names it."""
+    """Ask which stillness was the pose, if they disagree; each with the option that names it."""
     if outcome.code:
         return []
     language = outcome.task.request.languages[0]
     results = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
-    proposals = (results["calibration"] or {}).get("proposals", ())
-    if not proposals:
+    if WHICH_POSE not in {warning["code"] for warning in results["quality"]["warnings"]}:
         return []
+    proposals = results["calibration"]["proposals"]
     words, start = load_wording(language, "run")["outcome"], results["recording"]["start"]
     clock = Clock(datetime.fromisoformat(start) if start else None, language)
     lines = [fill(words["which"], {"name": outcome.task.name})]
@@ -291,7 +292,7 @@ def format_question(outcome: Outcome) -> list[str]:
             "window": f"{start_s:.2f},{end_s:.2f}",
         }
         lines.append(f"  {fill(words['which_choice'], facts)}")
-    return lines
+    return [*lines, f"  {words['which_held']}"]
 
 
 def _format_total(

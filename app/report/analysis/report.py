@@ -11,8 +11,8 @@ from app.report.analysis.chapters import (
     build_verdict,
     choose_ranges,
     format_accuracy,
-    format_pose_caution,
     format_needs_pose,
+    format_pose_caution,
     format_pose_state,
     format_walking_note,
 )

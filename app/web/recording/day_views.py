@@ -126,7 +126,10 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What only a person knows: ``action`` and ``field`` send the answer; ``start`` to ``end`` is its time."""
+    """What only a person knows.
+
+    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time that it is about.
+    """
 
     key: str
     action: str
