@@ -147,8 +147,9 @@ class FolderWatch:
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
         try:
-            name, paper = clean_file_name(path.name), self.intake.settings.paper
-            request = ReportRequest(name, check_subject(subject), paper=paper)
+            name, settings = clean_file_name(path.name), self.intake.settings
+            held = settings.watch_pose_held
+            request = ReportRequest(name, check_subject(subject), paper=settings.paper, pose_held=held)
             with _enter_folder(path.parent, is_watched=path.parent == self.folder) as handle:
                 with _open_plain(path, handle) as file:
                     job = self.intake.add_open(file, request, "api")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
-from fusion.conventions import ArmAxis, MethodName, Pose, Side
+from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
 from fusion.diary import DiaryEntry
 from fusion.task_windows import TaskWindow
 
@@ -78,7 +78,7 @@ def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) ->
 
 
 def parse_slip_time(text: str) -> float:
-    """Read when the sensor slipped, in seconds.
+    """Read when the sensor slipped, or did not, in seconds.
 
     Raises
     ------
@@ -139,8 +139,9 @@ class ReportRequest:
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
     of the same shift, which only the command line can name. ``calibration_windows_s``: when the pose was
-    held, once or again; ``arm_axis``: the sensor's axis along the arm, where none was; ``slip_times_s``: when
-    the sensor slipped, as the person says. ``version`` counts the reports of one recording
+    held, once or again; ``pose_held``: "start" if it was held at the start of wear; ``arm_axis``: the
+    sensor's axis along the arm, where none was; ``slip_times_s``: when the sensor slipped, as the person
+    says, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording
     and ``changes`` names what is different from the one before (a setting, "input" or "engine");
     ``reason`` is the person's own. ``conclusion`` holds for these figures alone.
     With a ``reference``, a comparison is asked for instead of a report.
@@ -167,6 +168,8 @@ class ReportRequest:
     arm_axis: ArmAxis | None = None
     slip_times_s: tuple[float, ...] = ()
     conclusion: Conclusion | None = None
+    no_slip_times_s: tuple[float, ...] = ()
+    pose_held: PoseHeld | None = None
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -179,7 +182,7 @@ class ReportRequest:
         values = {name: value for name, value in json.loads(text).items() if name in known}
         windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
         diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
-        for name in ("languages", "kinds", "joined", "changes", "slip_times_s"):
+        for name in ("languages", "kinds", "joined", "changes", "slip_times_s", "no_slip_times_s"):
             if name in values:
                 values[name] = tuple(values[name])
         reference = _read_reference(values.pop("reference", None))

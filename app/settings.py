@@ -8,6 +8,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from app.organisation import OWN_ORGANISATION
 from app.request import Paper
+from fusion.conventions import PoseHeld
 
 GIB = 1 << 30
 
@@ -78,6 +79,8 @@ class Settings(BaseSettings):
         root of a host.
     watch_dir
         A folder whose recordings are taken in without the page; None: none is watched.
+    watch_pose_held
+        "start": the pose was held at the start of wear in every recording of the watched folder.
     lease_s, heartbeat_s
         A worker that has not beaten for ``lease_s`` has lost its job.
     max_attempts
@@ -137,6 +140,7 @@ class Settings(BaseSettings):
     max_cache_bytes: int = 4 * GIB
     root_path: str = ""
     watch_dir: Path | None = None
+    watch_pose_held: PoseHeld | None = None
     lease_s: float = 30.0
     heartbeat_s: float = 3.0
     max_attempts: int = 3

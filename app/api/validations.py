@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from typing import Annotated, Any, BinaryIO, Literal, TypeVar
+from typing import Annotated, Any, BinaryIO, Literal, TypeVar, get_args
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
@@ -28,6 +28,7 @@ from app.request import (
 )
 from app.services import Services, UsedLanguage, UsedServices, choose_language
 from app.storage.store import COPY_BYTES, StoredRecording, too_large
+from fusion.conventions import PoseHeld
 from fusion.errors import EmptyFile
 from fusion.task_windows import TaskWindow, read_tasks
 
@@ -38,6 +39,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "side": ("", "left", "right"),
     "method": ("smoothed", "published", "live"),
     "pose": ("n-pose", "side-lean"),
+    "pose_held": ("", *get_args(PoseHeld)),
     "paper": ("", "a4", "letter"),
 }
 MOST_TASK_BYTES = 1 << 20
@@ -228,6 +230,7 @@ def _read_request(form: FormData, paper: Paper) -> ReportRequest:
             raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
     chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
     chosen["side"], chosen["paper"] = chosen["side"] or None, chosen["paper"] or paper
+    chosen["pose_held"] = chosen["pose_held"] or None
     windows = [_read(form, "calibration", parse_window, WINDOW_HINT)] if _text(form, "calibration") else []
     return ReportRequest(
         clean_file_name(_require_file(form, "recording").filename or ""),

@@ -1,8 +1,9 @@
 """The list of participants of a study: whose arm is in which file, and what was done at its calibration.
 
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
-``5-15``; two windows as ``5-15 20-30``), ``axis`` (``y``), ``slip_at`` (seconds) and ``diary`` (a CSV beside
-the list). A row goes before the settings of the run; what it leaves empty does not.
+``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at`` and
+``no_slip_at`` (seconds) and ``diary`` (a CSV beside the list). A row goes before the settings of the run; what
+it leaves empty does not.
 """
 
 import os
@@ -16,7 +17,7 @@ from typing import Any, get_args
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
 from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, parse_slip_time
-from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis
+from fusion.conventions import AXIS_HINT, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, decode_text, plain_word, read_diary, read_rows
 from fusion.errors import UnusableDiary
 
@@ -26,12 +27,17 @@ COLUMNS: Mapping[str, str] = {
     "side": "side", "arm": "side", "cote": "side", "bras": "side",
     "pose": "pose",
     "calibration": "calibration", "calibration s": "calibration", "etalonnage": "calibration",
+    "pose held": "pose_held", "pose tenue": "pose_held",
     "axis": "axis", "axe": "axis", "slip at": "slip_at", "slip": "slip_at", "glissement": "slip_at",
+    "no slip at": "no_slip_at", "no slip": "no_slip_at", "sans glissement": "no_slip_at",
     "diary": "diary", "journal": "diary",
 }  # fmt: skip
 SIDES: Mapping[str, Side] = {
     "left": "left", "l": "left", "gauche": "left", "g": "left",
     "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
+}  # fmt: skip
+HELD: Mapping[str, PoseHeld | None] = {
+    "start": "start", "debut": "start", "no": None, "non": None,
 }  # fmt: skip
 _WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
 
@@ -135,8 +141,10 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
         "side": Reader("side", _read_side, "|".join(get_args(Side))),
         "pose": Reader("pose", _read_pose, "|".join(get_args(Pose))),
         "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
+        "pose_held": Reader("pose_held", _read_held, "start|no"),
         "axis": Reader("arm_axis", parse_arm_axis, AXIS_HINT),
         "slip_at": Reader("slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
+        "no_slip_at": Reader("no_slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
         "diary": Reader("diary", lambda name: _read_diary_beside(folder, name), "FILE.csv"),
     }
 
@@ -162,6 +170,13 @@ def _read_pose(text: str) -> str:
     if pose not in get_args(Pose):
         raise ValueError
     return pose
+
+
+def _read_held(text: str) -> PoseHeld | None:
+    word = plain_word(text)
+    if word not in HELD:
+        raise ValueError
+    return HELD[word]
 
 
 def _read_windows(text: str) -> tuple[tuple[float, float], ...]:

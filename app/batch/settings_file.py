@@ -25,7 +25,7 @@ from app.request import (
     parse_slip_time,
     write_profile,
 )
-from fusion.conventions import AXIS_HINT, MethodName, Pose, Side, parse_arm_axis
+from fusion.conventions import AXIS_HINT, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import KINDS, DiaryEntry, read_moment
 from fusion.errors import UnusableDiary
 
@@ -123,8 +123,10 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("pose", "pose", *_choose(get_args(Pose))),
     Setting("side", "side", *_choose(get_args(Side), may_be_empty=True)),
     Setting("calibration", "calibration_windows_s", _read_window_list, f"[[{WINDOW_HINT}]]"),
+    Setting("pose_held", "pose_held", *_choose(get_args(PoseHeld), may_be_empty=True)),
     Setting("axis", "arm_axis", lambda value: None if value is None else parse_arm_axis(value), AXIS_HINT),
     Setting("slip_at", "slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
+    Setting("no_slip_at", "no_slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
     Setting(
         "lang",
@@ -147,8 +149,10 @@ def encode_settings(request: ReportRequest) -> bytes:
         "pose": request.pose,
         "side": request.side,
         "calibration": [list(window) for window in request.calibration_windows_s],
+        "pose_held": request.pose_held,
         "axis": request.arm_axis,
         "slip_at": list(request.slip_times_s),
+        "no_slip_at": list(request.no_slip_times_s),
         "rate_hz": request.rate_hz,
         "lang": request.languages[0],
         "report": list(request.kinds),

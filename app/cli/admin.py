@@ -14,6 +14,7 @@ from app.logs import escape_controls, start_logging
 from app.organisation import OWN_ORGANISATION
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
+from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
     from app.access.accounts import Organisation
@@ -42,6 +43,10 @@ def serve(
     watch: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Take in what is put into this folder, too.")
     ] = None,
+    pose_held: Annotated[
+        PoseHeld | None,
+        typer.Option(help="Of what --watch takes in: the pose was held at the start of wear."),
+    ] = None,
     tls_cert: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Certificate of HTTPS.")] = None,
     tls_key: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Its key.")] = None,
     hosts: Annotated[str, typer.Option(metavar="NAME,...", help="Names that the server answers to.")] = "",
@@ -56,9 +61,12 @@ def serve(
     from app.main import serve as serve_app  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
+    if pose_held and not watch:
+        raise typer.BadParameter("only with --watch", param_hint="--pose-held")
     try:
         settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
         chosen = {"tls_cert": tls_cert, "tls_key": tls_key, "hosts": hosts, "proxy": proxy}
+        chosen["watch_pose_held"] = pose_held
         given = {name: value for name, value in (chosen | {"no_secret": no_secret}).items() if value}
         settings = settings.model_copy(update=given)
         serve_app(settings, open_browser=open_)

@@ -16,6 +16,7 @@ from app.cli.options import (
     LanguageOption,
     Out,
     PaperOption,
+    PoseHeldOption,
     SubjectOption,
     check_windows,
     parse_kinds,
@@ -145,6 +146,7 @@ def validate(
     calibration: Annotated[
         list[str] | None, typer.Option(metavar="START_S,END_S", help="When the arm hung still.")
     ] = None,
+    pose_held: PoseHeldOption = None,
     offset_s: Annotated[float | None, typer.Option(help="Reference clock at recording time 0.")] = None,
     drift_ppm: Annotated[
         float | None, typer.Option(help="How much faster the reference's clock runs.")
@@ -167,6 +169,7 @@ def validate(
         rate_hz,
         (lang,),
         paper=paper,
+        pose_held=pose_held,
     )
     if path.is_dir():
         _study(path, request, out)

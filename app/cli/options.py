@@ -28,7 +28,7 @@ from app.request import (
     parse_window,
     write_profile,
 )
-from fusion.conventions import AXIS_HINT, ArmAxis, Side, parse_arm_axis
+from fusion.conventions import AXIS_HINT, ArmAxis, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import FusionError
 from fusion.task_windows import TaskWindow, read_tasks
@@ -52,6 +52,9 @@ ProfileOption = Annotated[
 ]
 SensorOption = Annotated[
     str, typer.Option("--sensor", metavar="NAME", help="Which sensor of a table of several is on the arm.")
+]
+PoseHeldOption = Annotated[
+    PoseHeld | None, typer.Option("--pose-held", help="The pose was held at the start of wear.")
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
 LanguageOption = Annotated[
@@ -175,12 +178,12 @@ def parse_shard_option(text: str | None) -> Shard | None:
         raise typer.BadParameter(f"write {SHARD_HINT}, e.g. 3/8", param_hint="--shard") from None
 
 
-def parse_slip_times(texts: list[str] | None) -> tuple[float, ...]:
-    """Read when the sensor slipped."""
+def parse_slip_times(texts: list[str] | None, option: str) -> tuple[float, ...]:
+    """Read when the sensor slipped, or did not."""
     try:
         return tuple(parse_slip_time(text) for text in texts or ())
     except ValueError:
-        raise typer.BadParameter(f"write {SLIP_HINT}, e.g. 14400", param_hint="--slip-at") from None
+        raise typer.BadParameter(f"write {SLIP_HINT}, e.g. 14400", param_hint=option) from None
 
 
 def check_windows(requests: Iterable[ReportRequest]) -> None:

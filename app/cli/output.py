@@ -30,7 +30,6 @@ from app.report.words.numbers import Clock, format_duration, format_number
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
 
-WHICH_POSE = "W-WHICH-POSE"
 _TABLES = "app.batch.tables"
 """What only the end of a run needs; it is loaded while the first recording is analysed."""
 
@@ -227,11 +226,17 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
 
 
 def finish(
-    outcomes: Sequence[Outcome], out: Path, request: ReportRequest, *, goes_on: bool = True
+    outcomes: Sequence[Outcome],
+    out: Path,
+    request: ReportRequest,
+    *,
+    goes_on: bool = True,
+    asks: bool = True,
 ) -> NoReturn:
     """Write the tables and leave with the exit code that agrees with them.
 
-    ``goes_on``: the command that was typed does what is left, if it is typed again.
+    ``goes_on``: the command that was typed does what is left, if it is typed again. ``asks``: for the pose,
+    if it was assumed.
     """
     language = request.languages[0]
     if outcomes:
@@ -244,9 +249,8 @@ def finish(
             print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
             is_any_good = any(outcome.code is None for outcome in outcomes)
             raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
-    for outcome in outcomes:
-        for line in format_question(outcome):
-            typer.echo(escape_controls(line), err=True)
+    for line in format_question(outcomes) if asks else ():
+        typer.echo(escape_controls(line), err=True)
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
         typer.echo(_format_total(outcomes, language, "", goes_on=goes_on), err=True)
     raise typer.Exit(choose_exit(outcomes))
@@ -271,28 +275,36 @@ def print_undone(collected: Collected, language: Language) -> None:
         typer.echo(fill(words["differing"], {"slices": ", ".join(collected.differing)}), err=True)
 
 
-def format_question(outcome: Outcome) -> list[str]:
-    """Ask which stillness was the pose, if they disagree; each with the option that names it."""
-    if outcome.code:
+def format_question(outcomes: Sequence[Outcome]) -> list[str]:
+    """Ask for a pose that was assumed: for one recording each candidate with the option that names it."""
+    unsaid = (one for one in outcomes if len(outcomes) == 1 or one.task.request.pose_held is None)
+    results = next(filter(None, map(_read_assumed, unsaid)), None)
+    if results is None:
         return []
-    language = outcome.task.request.languages[0]
-    results = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
-    if WHICH_POSE not in {warning["code"] for warning in results["quality"]["warnings"]}:
-        return []
-    proposals = results["calibration"]["proposals"]
-    words, start = load_wording(language, "run")["outcome"], results["recording"]["start"]
-    clock = Clock(datetime.fromisoformat(start) if start else None, language)
-    lines = [fill(words["which"], {"name": outcome.task.name})]
-    for still in proposals:
+    request = outcomes[0].task.request
+    words = load_wording(request.languages[0], "run")["outcome"]
+    if len(outcomes) > 1:
+        return [words["all_held"]]
+    start, calibration = results["recording"]["start"], results["calibration"]
+    clock = Clock(datetime.fromisoformat(start) if start else None, request.languages[0])
+    lines = [] if request.pose_held else [words["which_start"]]
+    for still in calibration["proposals"]:
         start_s, end_s = still["start_s"], still["start_s"] + still["duration_s"]
-        is_used = start_s == results["calibration"]["start_s"]
         facts = {
             "time": clock.format(start_s, with_seconds=True),
-            "used": words["which_used"] if is_used else "",
+            "used": words["which_used"] if start_s == calibration["start_s"] else "",
             "window": f"{start_s:.2f},{end_s:.2f}",
         }
-        lines.append(f"  {fill(words['which_choice'], facts)}")
-    return [*lines, f"  {words['which_held']}"]
+        lines.append(fill(words["which_choice"], facts))
+    return [fill(words["which"], {"name": outcomes[0].task.name}), *(f"  {line}" for line in lines)]
+
+
+def _read_assumed(outcome: Outcome) -> dict[str, Any] | None:
+    """Return the results of a recording whose pose is assumed."""
+    if outcome.code:
+        return None
+    results: dict[str, Any] = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    return results if (results["calibration"] or {}).get("state") == "assumed" else None
 
 
 def _format_total(

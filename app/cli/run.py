@@ -16,6 +16,7 @@ from app.cli.options import (
     DiaryOption,
     LanguageOption,
     Out,
+    PoseHeldOption,
     ProfileOption,
     SensorOption,
     SideOption,
@@ -63,7 +64,10 @@ def run(
     ] = None,
     participants: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.csv", help="file,subject,side,pose,calibration,axis,slip_at,diary."),
+        typer.Option(
+            metavar="FILE.csv",
+            help="file,subject,side,pose,calibration,pose_held,axis,slip_at,no_slip_at,diary.",
+        ),
     ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.yaml", help="Settings of a study, as settings.yaml.")
@@ -83,6 +87,7 @@ def run(
             help="When the pose was held; again each time it was. Two-point: hanging, then level.",
         ),
     ] = None,
+    pose_held: PoseHeldOption = None,
     axis: Annotated[
         str | None,
         typer.Option(
@@ -91,6 +96,10 @@ def run(
     ] = None,
     slip_at: Annotated[
         list[str] | None, typer.Option("--slip-at", metavar="SECONDS", help="When the sensor slipped.")
+    ] = None,
+    no_slip_at: Annotated[
+        list[str] | None,
+        typer.Option("--no-slip-at", metavar="SECONDS", help="When it did not, though it may seem so."),
     ] = None,
     diary: DiaryOption = None,
     lang: Annotated[
@@ -130,7 +139,9 @@ def run(
         "pose": pose,
         "calibration_windows_s": parse_windows(calibration),
         "arm_axis": parse_axis(axis),
-        "slip_times_s": parse_slip_times(slip_at),
+        "pose_held": pose_held,
+        "slip_times_s": parse_slip_times(slip_at, "--slip-at"),
+        "no_slip_times_s": parse_slip_times(no_slip_at, "--no-slip-at"),
         "rate_hz": rate_hz,
         "kinds": parse_kinds(report),
         "paper": paper,
@@ -160,7 +171,7 @@ def run(
     keep_profile(profile, out)
     count = workers or _choose_workers(tasks, language)
     if record is None:
-        finish(report_progress(tasks, count, on_outcome), out, request)
+        finish(report_progress(tasks, count, on_outcome), out, request, asks=not (quiet or json_log))
     record.begin()
     finish_shard(report_progress(tasks, count, on_outcome), record, out, language)
 

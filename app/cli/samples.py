@@ -23,7 +23,7 @@ def demo(
     typer.echo(f"Simulating {hours:g} h of work with a GT9X Link ...")
     shift = simulate_shift("gt9x", hours, seed=1)
     log = write_shift(out / "recording", shift, actilife_csv=False)[0]
-    request = ReportRequest(log.name, "DEMO", "right", languages=(lang,))
+    request = ReportRequest(log.name, "DEMO", "right", languages=(lang,), pose_held="start")
     tasks = plan_tasks([log], out, request, force=False)
     outcomes = report_progress(tasks, 1)
     if not choose_exit(outcomes):

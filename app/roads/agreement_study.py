@@ -122,7 +122,12 @@ def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
     reference = Reference(str(file.reference), file.reference.name, tasks=_find_tasks(file))
     values: dict[str, Any] = {"file_name": file.log.name, "subject": file.person, "reference": reference}
     return ReportRequest(
-        side=request.side, method=request.method, pose=request.pose, languages=request.languages, **values
+        side=request.side,
+        method=request.method,
+        pose=request.pose,
+        languages=request.languages,
+        pose_held=request.pose_held,
+        **values,
     )
 
 

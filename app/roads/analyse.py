@@ -263,16 +263,19 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
         request.select_diary(),
         request.arm_axis,
         request.slip_times_s,
+        request.no_slip_times_s,
+        request.pose_held,
     )
     recording = logs.read()
-    _refuse_slips_outside(recording.duration_us / MICROSECONDS, request.slip_times_s)
+    _refuse_slips_outside(recording.duration_us / MICROSECONDS, request)
     return analyse(recording, settings, begin)
 
 
-def _refuse_slips_outside(duration_s: float, slip_times_s: tuple[float, ...]) -> None:
-    for time_s in slip_times_s:
-        if time_s > duration_s:
-            raise BadParameter(name="slip_at", value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
+def _refuse_slips_outside(duration_s: float, request: ReportRequest) -> None:
+    for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
+        for time_s in times_s:
+            if time_s > duration_s:
+                raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
 
 
 def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:

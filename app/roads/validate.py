@@ -132,7 +132,9 @@ def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stag
 def _fuse(log: Path, request: ReportRequest, on_stage: OnStage) -> Side:
     recording = read_file(log, request)
     on_stage("fusing", 0.5)
-    settings = AnalysisSettings(request.method, request.pose, request.calibration_windows_s)
+    settings = AnalysisSettings(
+        request.method, request.pose, request.calibration_windows_s, pose_held=request.pose_held
+    )
     return take_recording(fuse_recording(recording, settings))
 
 

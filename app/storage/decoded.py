@@ -183,6 +183,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "reader": recording.reader,
         "pose_windows_s": recording.pose_windows_s,
         "arm_axis": recording.arm_axis,
+        "pose_held": recording.pose_held,
         "segments": [
             {"start_us": s.start_us, "rate_hz": s.rate_hz, "rows": len(s), "bridged": s.bridged}
             for s in recording.segments

@@ -121,6 +121,7 @@ def _add_sample(log: Path, services: Services, language: Language) -> Job:
         "right",
         languages=(language, find_other_language(language)),
         paper=services.settings.paper,
+        pose_held="start",
     )
     return Intake(services.store, services.storage, services.settings).add(log, request, "web")
 

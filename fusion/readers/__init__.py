@@ -103,7 +103,7 @@ def read_recording(
         The digest of the bytes, hexadecimal, where the caller has it already; else it is computed here.
     profile
         What the columns of a table mean, or which of its sensors is on the arm, for tables whose header does
-        not tell; other formats ignore it.
+        not tell, which other formats ignore; and when the pose was held.
 
     Returns
     -------
@@ -131,11 +131,12 @@ def read_recording(
         raise EmptyFile
     content = unpack(source)
     refuse_blank(content)
-    if profile is not None and identify_content(content.head) == "text":
+    if profile is not None and profile.names_columns and identify_content(content.head) == "text":
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:
         recording = _read_recognised(content, rate_hz)
-    hashed = replace(recording, sha256=sha256 or hash_source(source))
+    held = profile.pose_held if profile else None
+    hashed = replace(recording, sha256=sha256 or hash_source(source), pose_held=held or recording.pose_held)
     return _check_readings(hashed)
 
 

@@ -86,6 +86,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("axis", "up"),
         ("slip_at", "-5"),
         ("slip_at", "noon"),
+        ("no_slip_at", "noon"),
+        ("pose_held", "end"),
         ("rate_hz", "0"),
         ("rate_hz", "many"),
         ("lang", "it"),
@@ -113,6 +115,15 @@ def test_a_pose_may_be_held_as_often_as_one_likes(client: TestClient, store: Job
 
     assert request.calibration_windows_s == ((5.0, 15.0), (7200.0, 7210.0), (28000.0, 28010.0))
     assert request.slip_times_s == (3600.0,)
+
+
+def test_a_pose_held_at_the_start_and_no_slip_are_taken(client: TestClient, store: JobStore) -> None:
+    answer = client.post(f"{URL}?pose_held=start&no_slip_at=60&no_slip_at=7200", content=b"x").json()
+
+    request = store.get(answer["id"]).request
+    assert (request.pose_held, request.no_slip_times_s) == ("start", (60.0, 7200.0))
+    assert answer["settings"]["pose_held"] == "start"
+    assert answer["settings"]["no_slip_times_s"] == [60.0, 7200.0]
 
 
 @pytest.mark.parametrize(("written", "axis"), [("y", "+y"), ("%2By", "+y"), ("+y", "+y"), ("-z", "-z")])

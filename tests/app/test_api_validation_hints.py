@@ -7,8 +7,8 @@ from fastapi.testclient import TestClient
 
 API = "/api/v1"
 ANALYZE = (
-    "side, subject, method, pose, lang, paper, calibration, axis, slip_at, rate_hz, sensor, study, "
-    "file_name, external_id, again"
+    "side, subject, method, pose, lang, paper, calibration, pose_held, axis, slip_at, no_slip_at, rate_hz, "
+    "sensor, study, file_name, external_id, again"
 )
 
 

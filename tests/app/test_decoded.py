@@ -40,6 +40,7 @@ def recording() -> Recording:
         understood={"layout": "made"},
         pose_windows_s=((1.0, 6.0),),
         arm_axis="-y",
+        pose_held="start",
     )
 
 

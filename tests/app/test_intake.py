@@ -60,17 +60,17 @@ def test_the_folder_of_a_file_is_its_subject(watch: FolderWatch) -> None:
     assert job.request.subject == "S012"
 
 
-def test_what_is_taken_is_told_on_the_server_s_paper(
+def test_what_is_taken_has_the_server_s_paper_and_its_statement_of_the_pose(
     store: JobStore, storage: Storage, settings: Settings, tmp_path: Path
 ) -> None:
-    letter = settings.model_copy(update={"paper": "letter"})
+    letter = settings.model_copy(update={"paper": "letter", "watch_pose_held": "start"})
     watch = FolderWatch(Intake(store, storage, letter), tmp_path)
     put(watch, "shift.gt3x")
     watch.scan()
 
     (job,) = watch.scan()
 
-    assert job.request.paper == "letter"
+    assert (job.request.paper, job.request.pose_held) == ("letter", "start")
 
 
 def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:

@@ -44,10 +44,23 @@ def test_two_windows_are_read_in_their_order() -> None:
 
 
 def test_an_axis_and_the_moments_of_slips_are_read() -> None:
-    assert read_one("file,axis,slip_at\na,-y,3600 7200.5\n") == {
+    assert read_one("file,axis,slip_at,no_slip_at\na,-y,3600 7200.5,60\n") == {
         "arm_axis": "-y",
         "slip_times_s": (3600.0, 7200.5),
+        "no_slip_times_s": (60.0,),
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "held"),
+    [
+        ("file,pose_held\na,start\n", "start"),
+        ("fichier;pose tenue\na;début\n", "start"),
+        ("file,pose_held\na,no\n", None),
+    ],
+)
+def test_a_row_says_whether_the_pose_was_held_at_the_start(text: str, held: str | None) -> None:
+    assert read_one(text) == {"pose_held": held}
 
 
 def test_an_empty_cell_says_nothing() -> None:
@@ -83,6 +96,8 @@ def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
         ("file,calibration\na,early\n", 2, "value"),
         ("file,axis\na,up\n", 2, "value"),
         ("file,slip_at\na,noon\n", 2, "value"),
+        ("file,no_slip_at\na,noon\n", 2, "value"),
+        ("file,pose_held\na,end\n", 2, "value"),
         ("file,subject\na,S01\nA,S02\n", 3, "file twice"),
     ],
 )

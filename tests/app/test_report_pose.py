@@ -26,7 +26,7 @@ from app.report.render.brief import format_brief
 from app.report.render.html import render_html
 from app.request import ReportRequest
 from app.web.pairs import align_request
-from fusion.conventions import ArmAxis, CalibrationState
+from fusion.conventions import ArmAxis, CalibrationState, PoseHeld
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_calibration, make_subject
 from tests.app.report_reading import plain, report_of, section_of
@@ -377,29 +377,48 @@ def test_windows_of_the_same_pose_are_kept() -> None:
 # The command line.
 
 
-def outcome_of(findings: Findings, folder: Path) -> Outcome:
+def outcome_of(findings: Findings, folder: Path, pose_held: PoseHeld | None = None) -> Outcome:
     (folder / "results.json").write_bytes(encode_results(findings, make_subject()))
-    return Outcome(Task(Path("shift.gt3x"), ReportRequest("shift.gt3x", languages=("en",)), folder))
+    request = ReportRequest("shift.gt3x", languages=("en",), pose_held=pose_held)
+    return Outcome(Task(Path("shift.gt3x"), request, folder))
 
 
 def test_the_command_line_asks_with_the_option_that_answers(tmp_path: Path) -> None:
-    question, *choices = format_question(outcome_of(asked(), tmp_path))
+    question, *choices = format_question([outcome_of(asked(), tmp_path)])
 
-    assert question.startswith("shift.gt3x: W-WHICH-POSE.")
-    assert choices[-1] == "  --pose-held start   the pose was held at the start of wear"
-    assert choices[:-1] == [
+    assert question.startswith("shift.gt3x: which one was the calibration pose?")
+    assert choices == [
+        "  --pose-held start   held at the start of wear",
         "  --calibration 108.00,118.00   the arm held still at 08:00:00 (in use)",
         "  --calibration 228.00,238.00   the arm held still at 08:02:00",
         "  --calibration 408.00,418.00   the arm held still at 08:05:00",
     ]
 
 
-def test_the_command_line_asks_nothing_where_the_pose_is_known(tmp_path: Path) -> None:
-    assert format_question(outcome_of(make_analysis(), tmp_path)) == []
+def test_where_no_pose_was_held_at_the_start_the_candidates_are_left(tmp_path: Path) -> None:
+    choices = format_question([outcome_of(asked(), tmp_path, "start")])[1:]
+
+    assert len(choices) == 3
+    assert all(choice.startswith("  --calibration") for choice in choices)
+
+
+def test_of_several_recordings_the_command_line_asks_in_one_line(tmp_path: Path) -> None:
+    outcomes = [outcome_of(asked(), tmp_path)] * 2
+
+    assert format_question(outcomes) == ["If everyone held the pose at the start, add --pose-held start"]
+
+
+def test_several_recordings_are_not_asked_about_what_was_said(tmp_path: Path) -> None:
+    assert format_question([outcome_of(asked(), tmp_path, "start")] * 2) == []
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_command_line_asks_nothing_where_the_pose_is_known(count: int, tmp_path: Path) -> None:
+    assert format_question([outcome_of(make_analysis(), tmp_path)] * count) == []
 
 
 def test_a_recording_without_a_clock_is_asked_about_in_elapsed_time(tmp_path: Path) -> None:
     findings = asked()
     clockless = replace(findings, recording=replace(findings.recording, start=None))
 
-    assert "at 0:01:48" in format_question(outcome_of(clockless, tmp_path))[1]
+    assert "at 0:01:48" in format_question([outcome_of(clockless, tmp_path)])[2]

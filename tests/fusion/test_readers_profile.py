@@ -84,8 +84,23 @@ def test_a_column_that_is_not_there_is_named() -> None:
     assert "z" in str(refusal.value.facts["list"])
 
 
-def test_a_profile_survives_being_saved() -> None:
-    profile = parse_profile(NAMED)
+def test_a_profile_states_the_pose_of_every_recording() -> None:
+    profile = json.loads(NAMED) | {"pose_held": "start"}
+
+    assert read_with(json.dumps(profile), table()).pose_held == "start"
+
+
+def test_a_profile_may_state_the_pose_alone() -> None:
+    text = table("time_ms,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n")
+
+    recording = read_with('{"pose_held": "start"}', text)
+
+    assert (recording.pose_held, recording.duration_us) == ("start", 9_000_000)
+
+
+@pytest.mark.parametrize("text", [NAMED, '{"pose_held": "start"}'])
+def test_a_profile_survives_being_saved(text: str) -> None:
+    profile = parse_profile(text)
 
     assert parse_profile(profile.to_json()) == profile
 
@@ -102,6 +117,9 @@ def test_a_profile_survives_being_saved() -> None:
         ('{"acceleration": [1, 2, 3], "angular_rate": [4, 5, 6], "time": 1.5}', "places"),
         (NAMED[:-1] + ', "acceleration_unit": "stone"}', "units"),
         (NAMED[:-1] + ', "date_order": "ydm"}', "units"),
+        (NAMED[:-1] + ', "pose_held": "end"}', "pose held"),
+        ('{"pose_held": "end"}', "pose held"),
+        ('{"pose_held": "start", "rate_hz": 50}', "names"),
         (NAMED[:-1] + ', "rate_hz": -1}', "profile-numbers"),
         (NAMED[:-1] + ', "rate_hz": true}', "profile-numbers"),
     ],

@@ -182,7 +182,15 @@ def test_a_calibration_window_that_cannot_be_is_a_usage_error(window: str, tmp_p
 
 
 @pytest.mark.parametrize(
-    "wrong", [["--axis=up"], ["--axis=y", "--calibration=5,15"], ["--slip-at=noon"], ["--pose=two-point"]]
+    "wrong",
+    [
+        ["--axis=up"],
+        ["--axis=y", "--calibration=5,15"],
+        ["--slip-at=noon"],
+        ["--no-slip-at=noon"],
+        ["--pose-held=end"],
+        ["--pose=two-point"],
+    ],
 )
 def test_an_axis_or_a_slip_that_cannot_be_is_a_usage_error(wrong: list[str], tmp_path: Path) -> None:
     assert run("run", "x.gt3x", "-o", tmp_path, *wrong).exit_code == 2

@@ -39,7 +39,7 @@ from app.request import (
     parse_window,
     write_profile,
 )
-from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, parse_arm_axis
+from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
@@ -193,6 +193,7 @@ class AnalysisOptions(BaseModel):
             description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
         ),
     ] = []
+    pose_held: Annotated[PoseHeld | None, Field(description="The pose was held at the start of wear.")] = None
     axis: Annotated[
         ArmAxis | None,
         BeforeValidator(_read_axis),
@@ -201,6 +202,10 @@ class AnalysisOptions(BaseModel):
     slip_at: Annotated[
         list[Annotated[float, Field(ge=0, le=1e8)]],
         Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds."),
+    ] = []
+    no_slip_at: Annotated[
+        list[Annotated[float, Field(ge=0, le=1e8)]],
+        Field(max_length=MOST_WINDOWS, description="When it did not, though it may seem so, seconds."),
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
     sensor: Annotated[
@@ -230,6 +235,8 @@ class AnalysisOptions(BaseModel):
             calibration_windows_s=tuple(parse_window(text) for text in self.calibration),
             arm_axis=self.axis,
             slip_times_s=tuple(self.slip_at),
+            no_slip_times_s=tuple(self.no_slip_at),
+            pose_held=self.pose_held,
             rate_hz=self.rate_hz,
             profile=write_profile({"sensor": self.sensor}) if self.sensor else "",
             languages=(first, find_other_language(first)),
@@ -417,8 +424,10 @@ def view_settings(request: ReportRequest) -> dict[str, Any]:
         "method",
         "pose",
         "calibration_windows_s",
+        "pose_held",
         "arm_axis",
         "slip_times_s",
+        "no_slip_times_s",
         "rate_hz",
         "source",
         "paper",

@@ -24,6 +24,8 @@ def format_columns(profile: str, language: Language) -> str:
         told["rate"] = _format_factor(values["rate_hz"], language)
     if values.get("date_order"):
         told["date_order"] = words.get(values["date_order"], values["date_order"])
+    if values.get("pose_held"):
+        told["pose_held"] = words[values["pose_held"]]
     return " · ".join(f"{words[name]}{words['colon']} {text}" for name, text in told.items())
 
 

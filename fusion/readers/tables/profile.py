@@ -6,8 +6,9 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, get_args
 
+from fusion.conventions import PoseHeld
 from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
 from fusion.readers.archives import unpack
 from fusion.readers.source import open_source
@@ -55,6 +56,9 @@ class ColumnProfile:
         What the profile is called.
     sensor
         Which sensor of a table of several is on the arm, by its name there.
+    pose_held
+        "start": in every recording with this profile the pose was held at the start of wear. A profile may
+        say this alone, of a device whose columns are known.
     """
 
     acceleration: tuple[Place, ...] = ()
@@ -69,6 +73,12 @@ class ColumnProfile:
     date_order: DateOrder | None = None
     name: str = ""
     sensor: str = ""
+    pose_held: PoseHeld | None = None
+
+    @property
+    def names_columns(self) -> bool:
+        """Whether it says which column is what."""
+        return bool(self.sensor or self.acceleration)
 
     def to_json(self) -> str:
         """The profile as it is saved."""
@@ -90,7 +100,8 @@ def parse_profile(text: str) -> ColumnProfile:
     known = {field.name for field in fields(ColumnProfile)}
     if not isinstance(values, dict) or not set(values) <= known:
         raise UnusableProfile(why="names")
-    if not values.get("sensor"):
+    stated = {name for name, value in values.items() if value} - {"name"}
+    if "sensor" not in stated and stated != {"pose_held"}:
         _check_places(values)
     _check_units(values)
     arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
@@ -123,6 +134,8 @@ def _check_units(values: Mapping[str, Any]) -> None:
     for name, units in allowed.items():
         if values.get(name, units[0]) not in units:
             raise UnusableProfile(why="units", name=name)
+    if values.get("pose_held") not in {None, *get_args(PoseHeld)}:
+        raise UnusableProfile(why="pose held", name="pose_held")
     for name in ("acceleration_factor", "angular_rate_factor", "rate_hz"):
         value = values.get(name)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
