@@ -175,7 +175,7 @@ def test_ready_angles_have_no_pose_to_tell_of() -> None:
 
 def test_of_an_assumed_pose_the_first_step_is_to_confirm_it() -> None:
     assert steps_of(with_calibration(replace(make_calibration(), state="assumed")))[0] == (
-        "Confirm the calibration pose: was it held at 07:58:54?"
+        "Confirm the pose: was it held at 07:58:54?"
     )
 
 
@@ -203,8 +203,8 @@ def test_a_report_that_needs_the_pose_says_so_before_every_figure() -> None:
     page, answer = render_html(report).decode(), format_brief(report).decode()
 
     assert report.needs_pose == (
-        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? The arm was still each time, in "
-        "directions up to 34° apart. Until somebody names the pose, the ranges cover all of them."
+        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These lie up to 34° apart; "
+        "the ranges cover all of them."
     )
     assert page.index(report.needs_pose) < page.index('class="tiles"')
     assert '<p class="value"><small>Needs the pose</small> 32.5' in page

@@ -32,6 +32,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, join_clauses
+from fusion.caveats import Caveat
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.conventions import UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, Exposure, Interval, PartExposure
@@ -97,6 +98,8 @@ LEAST_SHARE = 0.01
 
 NOTED_WALKING_DEG = 30.0
 """Walking decides nothing; a note says if it lies further than this from the axis."""
+PLACED = frozenset({Caveat.POSE_ASSUMED, Caveat.WHICH_POSE, Caveat.SLIP, Caveat.LEAN})
+"""Caveats whose seconds say where to look, not how much of the recording they concern."""
 MOST_TIMES = 6
 MOST_REASONS = 2
 """That the first page names; the table of data quality holds all."""
@@ -217,7 +220,7 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
     title = _start_small(describe_flag(flag, language).title, language)
-    lasted = format_duration(flag.seconds, language) if flag.seconds else ""
+    lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
     return f"{title} ({lasted})" if lasted and lasted not in title else title
 
 

@@ -29,6 +29,7 @@ from fusion.conventions import MAIN_THRESHOLD_DEG, UNHELD
 from fusion.exposure.types import Interval, PartExposure, PeakWindow
 
 SHOWN_TASKS = 3
+MOST_STEPS = 5
 LONGEST_NAME = 32
 TASK_KINDS = frozenset({"task", "seated", "supported"})
 """Kinds of a period that name what was done; work counts where the diary gives it a name."""
@@ -325,17 +326,18 @@ def _is_whole_day(findings: Findings) -> bool:
 def _list_next_steps(blocks: Sequence[Block], subject: ReportSubject, page: _Page) -> tuple[str, ...]:
     """Give what to do next, each by its rule in docs/profile.md; a rule that does not hold gives nothing."""
     findings, entry = page.findings, page.entry["next"]
+    is_known = findings.calibration is None or not findings.calibration.needs_pose
     steps = (
         _format_pose_step(page),
         *(_format_move_step(question, page) for question in _list_questions(findings)),
         entry["poor"] if findings.quality.verdict == "poor" and _is_whole_day(findings) else "",
         "" if _is_whole_day(findings) else entry["short"],
-        _format_look_at(blocks, page),
-        entry["lean"] if format_pose_caution(findings, page.words) else "",
-        _format_days(page),
+        _format_look_at(blocks, page) if is_known else "",
+        entry["lean"] if is_known and format_pose_caution(findings, page.words) else "",
+        _format_days(page) if is_known else "",
         entry["other_arm"].get(subject.side or "unknown", ""),
     )
-    return tuple(step for step in steps if step)
+    return tuple(step for step in steps if step)[:MOST_STEPS]
 
 
 def _format_pose_step(page: _Page) -> str:
@@ -354,7 +356,7 @@ def _list_questions(findings: Findings) -> tuple[QuestionFacts, ...]:
 
 
 def _format_move_step(question: QuestionFacts, page: _Page) -> str:
-    times = {"start": page.clock.format(question.start_s), "end": page.clock.format(question.end_s)}
+    times = page.clock.format_span(question.start_s, question.end_s)
     return fill(page.entry["next"][question.kind], times)
 
 

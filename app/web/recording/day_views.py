@@ -116,10 +116,14 @@ class Proposal:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An answer: ``value`` as it is sent, ``label`` as it reads; of a stretch also ``start`` and ``end``."""
+    """An answer: ``value`` as it is sent, ``label`` as it reads.
+
+    Of a stretch also ``start`` and ``end``, and its ``name`` on the curve.
+    """
 
     value: str
     label: str
+    name: str = ""
     start: str = ""
     end: str = ""
 
@@ -272,7 +276,7 @@ class _Place:
             "length": format_duration(end_s - start_s, self.told.language),
         }
         shown = (self.clock.format(round(at_s)) for at_s in (start_s, end_s))
-        return Choice(name_choice(start_s, end_s), fill(self.words[key], facts), *shown)
+        return Choice(name_choice(start_s, end_s), fill(self.words[key], facts), f"{facts['time']}?", *shown)
 
 
 def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Place) -> Question:
@@ -283,18 +287,15 @@ def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Plac
     used, *others = facts["asked"]
     choices = [place.offer(*used, "choice_used"), *(place.offer(*other, "choice") for other in others)]
     if request.pose_held is None:
-        choices.append(Choice(START, words["held_start"]))
+        choices.insert(1, Choice(START, words["held_start"]))
     return Question("which-pose", "pose", "choice", words["which"], str(lead), tuple(choices))
 
 
 def _ask_for_move(number: int, kind: str, found: tuple[float, float, float], place: _Place) -> Question:
     """Ask whether the sensor slipped between two times, or was put back in another place."""
     start_s, end_s, apart_deg = found
-    facts = {
-        "start": place.told.format(start_s),
-        "end": place.told.format(end_s),
-        "apart": format_angle(apart_deg, place.told.language),
-    }
+    apart = format_angle(apart_deg, place.told.language)
+    facts = {**place.told.format_span(start_s, end_s), "apart": apart}
     heading, lead = (fill(place.words[key], facts) for key in (kind, f"{kind}_lead"))
     yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
     choices = (Choice(f"{number}-yes", place.words[yes]), Choice(f"{number}-no", place.words[no]))
