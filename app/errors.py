@@ -85,11 +85,24 @@ class UnusableSettings(AppError):
 
 
 class UnusableParticipants(AppError):
-    """A list of participants cannot be used."""
+    """Rows of a list of participants cannot be used.
+
+    The facts of the second row that cannot be used end in ``_2``, and so on.
+    """
 
     code = "E-PARTICIPANTS"
     outcome = Outcome(422, 2)
-    fact_meanings = name_facts(why=TERM, value="as written", allowed="what can be", line="line")
+    fact_meanings = name_facts(
+        why=TERM,
+        cure=TERM,
+        value="as written",
+        allowed="what can be",
+        line="line",
+        other="line of a second row",
+        first="recording",
+        second="recording",
+        more="rows not told",
+    )
 
 
 class UnusableList(AppError):

@@ -26,6 +26,7 @@ OnStage = Callable[[Stage, float], None]
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _LONGEST_NAME = 200
 LONGEST_SUBJECT = 100
+_NOBODY = frozenset({"n/a", "nan", "null", "none", "unknown", "inconnu", "inconnue"})
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 WINDOW_HINT = "START_S,END_S"
 SLIP_HINT = "SECONDS"
@@ -42,7 +43,7 @@ def clean_file_name(name: str) -> str:
 
 
 def check_subject(text: str) -> str:
-    """Take a subject code of one printable line.
+    """Return a subject code of one printable line, "" if it names nobody.
 
     Raises
     ------
@@ -50,7 +51,18 @@ def check_subject(text: str) -> str:
     """
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
         raise ValueError(SUBJECT_HINT)
-    return text.strip()
+    return find_code(text)
+
+
+def find_code(subject: str) -> str:
+    """Return the code by which people are told apart, "" if it names nobody.
+
+    Programs write a missing value as NA, NaN or null, and people write "unknown" or "-": recordings that
+    share such a word are not of one person.
+    """
+    code = subject.strip()
+    is_word = code == "NA" or code.casefold() in _NOBODY
+    return "" if is_word or not any(sign.isalnum() for sign in code) else code
 
 
 def parse_window(text: str) -> tuple[float, float]:
@@ -133,6 +145,19 @@ class Conclusion:
 
 
 @dataclass(frozen=True, slots=True)
+class ConclusionDraft:
+    """An earlier conclusion that nobody has confirmed since a correction; no report prints it.
+
+    ``version``: the version that it was written for; ``changes``: the settings that differ since then, and
+    "engine" for another version of the software. Without changes the figures are the same.
+    """
+
+    conclusion: Conclusion
+    version: int
+    changes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ReportRequest:
     """Everything the person asked.
 
@@ -143,7 +168,8 @@ class ReportRequest:
     sensor's axis along the arm, where none was; ``slip_times_s``: when the sensor slipped, as the person
     says, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording
     and ``changes`` names what is different from the one before (a setting, "input" or "engine");
-    ``reason`` is the person's own. ``conclusion`` holds for these figures alone.
+    ``reason`` is the person's own. ``conclusion`` holds for these figures alone; after a correction it
+    goes on as a ``draft``.
     With a ``reference``, a comparison is asked for instead of a report.
     """
 
@@ -170,6 +196,7 @@ class ReportRequest:
     conclusion: Conclusion | None = None
     no_slip_times_s: tuple[float, ...] = ()
     pose_held: PoseHeld | None = None
+    draft: ConclusionDraft | None = None
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -187,17 +214,20 @@ class ReportRequest:
                 values[name] = tuple(values[name])
         reference = _read_reference(values.pop("reference", None))
         concluded = values.pop("conclusion", None)
+        draft = _read_draft(values.pop("draft", None))
         return cls(
             calibration_windows_s=windows,
             diary=diary,
             reference=reference,
             conclusion=Conclusion(**concluded) if concluded else None,
+            draft=draft,
             **values,
         )
 
     def describe_settings(self) -> dict[str, object]:
         """Give what the figures depend on; languages and forms of the report are left out."""
-        ignored = {"file_name", "languages", "kinds", "paper", "joined", "version", "changes", "reason"}
+        ignored = {"file_name", "languages", "kinds", "paper", "joined"}
+        ignored |= {"version", "changes", "reason", "draft"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}
 
     def select_diary(self) -> tuple[DiaryEntry, ...]:
@@ -275,3 +305,9 @@ def _read_reference(values: dict[str, Any] | None) -> Reference | None:
         return None
     tasks = tuple(TaskWindow(**task) for task in values.pop("tasks", ()))
     return Reference(tasks=tasks, **values)
+
+
+def _read_draft(values: dict[str, Any] | None) -> ConclusionDraft | None:
+    if values is None:
+        return None
+    return ConclusionDraft(Conclusion(**values["conclusion"]), values["version"], tuple(values["changes"]))

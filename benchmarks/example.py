@@ -13,7 +13,8 @@ from app.report.words.subject import ReportSubject, Software
 from app.version import software_revision, software_version
 from app.web.example import find_example
 from fusion.diary import read_diary
-from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pipeline import analyse
+from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift, write_shift
 
 HOURS, SEED = 8.0, 2

@@ -14,6 +14,7 @@ from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.pose.calibrate import calibrate
 from fusion.recording import FloatArray
 from fusion.sensor.model import SensorRun
+from fusion.settings import AnalysisSettings
 from tests.factories import elevate, hold, move_arm, record
 
 CUBE = [
@@ -51,7 +52,7 @@ def find_steady_error() -> float:
 def read_angle(plane_deg: float, raised_deg: float) -> float:
     """Calibrate with the arm abducted by 15.9 deg; raise it in the same plane."""
     made = hold((15.9, 10.0), (raised_deg, 10.0), plane_deg=plane_deg)
-    samples = calibrate(made.recording, "n-pose", ((1.0, 8.0),))
+    samples = calibrate(made.recording, AnalysisSettings(calibration_windows_s=((1.0, 8.0),)))
     return float(estimate_elevation(samples).segments[0].elevation_deg[1500])
 
 
@@ -65,7 +66,7 @@ def read_flexion(raised_deg: float) -> float:
         [np.sin(abducted), np.cos(abducted) * np.sin(flexed), np.cos(abducted) * np.cos(flexed)], axis=1
     )
     turned_dps = np.degrees(np.cross(np.gradient(up, 0.01, axis=0), up))
-    samples = calibrate(record(up, turned_dps, 100.0), "n-pose", ((1.0, 8.0),))
+    samples = calibrate(record(up, turned_dps, 100.0), AnalysisSettings(calibration_windows_s=((1.0, 8.0),)))
     return float(estimate_elevation(samples).segments[0].elevation_deg[2500])
 
 
@@ -98,7 +99,7 @@ def compare_mountings() -> float:
 def mount(acc_g: FloatArray, gyr_dps: FloatArray, turn: FloatArray) -> FloatArray:
     turned_g, turned_dps = (np.asarray(rows @ turn.T, np.float64) for rows in (acc_g, gyr_dps))
     recording = record(turned_g, turned_dps, 100.0)
-    samples = calibrate(recording, "n-pose", ((1.0, 8.0),))
+    samples = calibrate(recording, AnalysisSettings(calibration_windows_s=((1.0, 8.0),)))
     return estimate_elevation(samples).segments[0].elevation_deg
 
 

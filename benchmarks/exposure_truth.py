@@ -18,9 +18,10 @@ import numpy as np
 from benchmarks.validation.worn import at_rows
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pipeline import Analysis, analyse
 from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Recording, Segment
+from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
 from fusion.simulation.shift import simulate_shift
 

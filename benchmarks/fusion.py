@@ -130,7 +130,7 @@ def sweep_weight() -> None:
 def simulate(device: Device, hours: float, seed: int) -> tuple[CalibratedSamples, Table]:
     arrays = simulate_shift(device, hours, seed).in_arrays()
     recording = record(device, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps)
-    return calibrate(recording, "n-pose"), arrays.elevation_deg
+    return calibrate(recording), arrays.elevation_deg
 
 
 def record(
@@ -179,7 +179,7 @@ def measure_speed() -> None:
 
 def time_once(recording: Recording) -> tuple[float, float]:
     start = time.perf_counter()
-    samples = calibrate(recording, "n-pose")
+    samples = calibrate(recording)
     middle = time.perf_counter()
     estimate_elevation(samples)
     return middle - start, time.perf_counter() - middle
@@ -195,7 +195,7 @@ def measure_band(hours: float = 8.0, seeds: Sequence[int] = range(1, 11)) -> Non
 
 def print_band(device: Device, hours: float, seed: int) -> float:
     arrays = simulate_shift(device, hours, seed, 100.0).in_arrays()
-    samples = calibrate(record(device, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps), "n-pose")
+    samples = calibrate(record(device, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps))
     elevation = estimate_elevation(samples)
     segment = elevation.segments[0]
     if segment.sigma_deg is None:

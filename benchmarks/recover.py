@@ -71,7 +71,7 @@ def fill(client: httpx2.Client, number: int, seed: int) -> None:
         stored = client.post("/recordings", content=dice.randbytes(dice.randint(100, 3000)), params=told)
         ids.append(stored.raise_for_status().json()["id"])
         if k % PERIODS_OF == 0:
-            period = {"start": 0, "end": 60 + k, "kind": "task", "label": f"task {k}"}
+            period = {"start_s": 0, "end_s": 60 + k, "kind": "task", "label": f"task {k}"}
             client.put(f"/recordings/{ids[-1]}/periods", json=[period]).raise_for_status()
     for begin in range(0, number, ANALYSES_AT_ONCE):
         wish = {"recording_ids": ids[begin : begin + ANALYSES_AT_ONCE]}

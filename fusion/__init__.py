@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from fusion.orientation import estimate_vertical as estimate_vertical
     from fusion.orientation.arrays import UnusableArrays as UnusableArrays
     from fusion.pipeline import Analysis as Analysis
-    from fusion.pipeline import AnalysisSettings as AnalysisSettings
     from fusion.pipeline import analyse as analyse
     from fusion.pose.calibrate import Calibration as Calibration
     from fusion.pose.windows import StillPeriod as StillPeriod
@@ -53,10 +52,11 @@ if TYPE_CHECKING:
     from fusion.recording import Recording as Recording
     from fusion.recording import Segment as Segment
     from fusion.recording import Span as Span
+    from fusion.settings import AnalysisSettings as AnalysisSettings
 
 _MODULES = {
     "Analysis": "fusion.pipeline",
-    "AnalysisSettings": "fusion.pipeline",
+    "AnalysisSettings": "fusion.settings",
     "Calibration": "fusion.pose.calibrate",
     "ColumnProfile": "fusion.readers.tables.profile",
     "Cycles": "fusion.exposure.types",

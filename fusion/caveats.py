@@ -158,7 +158,12 @@ class Caveat(StrEnum):
     SCALE_DOUBT = (
         "W-SCALE-DOUBT",
         CAUTION,
-        name_facts(sensor=TERM, factor="times, that would fit", g="g at rest, as read"),
+        name_facts(
+            sensor=TERM,
+            factor="times, that would fit",
+            g="g at rest, as read",
+            moving_g="g (median), never at rest",
+        ),
     )
     MIXED = "W-MIXED", CAUTION, name_facts(percent="% unexplained", turns="stretches")
     MIXED_PART = "W-MIXED-PART", CAUTION, name_facts(turns="turns unexplained")
@@ -166,8 +171,14 @@ class Caveat(StrEnum):
     CLIP = "W-CLIP", NOTE, NO_FACTS, Limit(from_share=0.001)
     SPIKE = "W-SPIKE", CAUTION
     STUCK_PART = "W-STUCK-PART", CAUTION, name_facts(filled=TERM)
+    RESOLUTION = (
+        "W-RESOLUTION",
+        CAUTION,
+        name_facts(step_mg="mg from one reading to the next", step_dps="deg/s from one reading to the next"),
+    )
     BIAS = "W-BIAS", CAUTION, name_facts(g="g between the two accelerometers")
     GYRO_DRIFT = "W-GYRO-DRIFT", CAUTION, name_facts(dps="deg/s")
+    ACC_DRIFT = "W-ACC-DRIFT", CAUTION, name_facts(mg="mg at rest, between beginning and end")
     UNTRUSTED = "W-UNTRUSTED", NOTE, NO_FACTS, Limit(from_share=0.01)
 
     # The sensor on the arm, and the pose.

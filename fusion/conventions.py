@@ -1,5 +1,6 @@
 """How standards and methods cut elevation into classes (EXPOSURE.md A1), as data."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -58,6 +59,12 @@ def parse_arm_axis(text: str) -> ArmAxis:
     if found in ARM_AXES:
         return found
     raise ValueError(AXIS_HINT)
+
+
+def check_choice(name: str, value: object, allowed: Sequence[object]) -> None:
+    """Raise ValueError with the allowed values if ``value`` is not one of them."""
+    if value not in allowed:
+        raise ValueError(f"{name}={value!r}; allowed: {', '.join(map(repr, allowed))}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -189,6 +189,14 @@ KNOWN_DEVICES = (
     ),
     KnownDevice(
         "sensorlogger",
+        "Sensor Logger, motion of a watch",
+        "table",
+        header=r"^time,seconds_elapsed,.*gravity[xyz]\b",
+        gyr_unit="rad/s",
+        clock="time since 1970",
+    ),
+    KnownDevice(
+        "sensorlogger",
         "Sensor Logger",
         "zip",
         header=r"^time,seconds_elapsed,",

@@ -2,8 +2,9 @@
 
 In the sequential form, as in the diaries of Acti4 and ActiPASS, an event lasts until the next one. Both may
 be mixed: an empty end lasts until the next row. Comma, semicolon or tab; a header line; English or French
-names; clock times (``07:58``, ``2026-03-02 07:58:30``) or seconds from the first sample. Optional columns:
-``left_out`` (yes or no: overrides what the kind says) and ``file`` (the row is for that recording only).
+names. ``start``, ``end`` and ``time`` hold clock times in any spelling that :func:`parse_clock` reads;
+``start_s``, ``end_s`` and ``time_s`` hold seconds from the first sample. Optional columns: ``left_out`` (yes
+or no: overrides what the kind says) and ``file`` (the row is for that recording only).
 
 The activity log of GGIR is read too: one row for each recording, its ID, then a column with the date (day
 first, or ISO 8601) followed by columns named after activities that hold when each began; further dates follow
@@ -20,7 +21,8 @@ from datetime import date, datetime, time, timedelta
 from functools import partial
 from typing import Literal, get_args
 
-from fusion.errors import UnusableDiary
+from fusion.conventions import check_choice
+from fusion.errors import UnusableDiary, join_facts
 
 # Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
 
@@ -54,14 +56,18 @@ def plain_word(word: str) -> str:
     return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
 
 
-Kind = Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
+Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""In the order in which they are laid over one another: a break within a task cuts the task."""
+"""In the order in which they are laid over one another: a break within a task cuts the task.
+
+A "pose" is no part of the day: the calibration pose was held then.
+"""
 
 COLUMNS = {
-    "start": "start", "from": "start", "time": "start", "begin": "start", "start_s": "start",
+    "start": "start", "from": "start", "time": "start", "begin": "start",
     "debut": "start", "de": "start", "heure": "start",
-    "end": "end", "to": "end", "stop": "end", "end_s": "end", "fin": "end", "a": "end",
+    "end": "end", "to": "end", "stop": "end", "fin": "end", "a": "end",
+    "start_s": "start_s", "time_s": "start_s", "debut_s": "start_s", "end_s": "end_s", "fin_s": "end_s",
     "kind": "kind", "type": "kind", "genre": "kind",
     "event": "event", "activity": "event", "evenement": "event", "activite": "event",
     "label": "label", "name": "label", "task": "label", "libelle": "label", "nom": "label", "tache": "label",
@@ -71,6 +77,7 @@ COLUMNS = {
 WORDS: dict[str, Kind] = {
     "shift": "shift", "quart": "shift", "poste": "shift",
     "work": "work", "travail": "work",
+    "pose": "pose", "calibration": "pose", "etalonnage": "pose",
     "task": "task", "tache": "task",
     "seated": "seated", "sitting": "seated", "assis": "seated", "assise": "seated",
     "supported": "supported", "appuye": "supported", "soutenu": "supported",
@@ -82,12 +89,24 @@ ENDS = ("end", "stop", "fin")
 YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": True,
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
-MOST_NAMED = 20
 MOST_ROWS = 10_000
 LOG_IDS = ("id", "identifiant", "participant", "subject", "sujet")
 LOG_DATE = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
-NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
-HOUR = re.compile(r"(\d{1,2})\s?[:hH]\s?(\d{2})(?::(\d{2}(?:\.\d{1,6})?))?")
+NUMBER = re.compile(r"[0-9]+(?:[.,][0-9]+)?")
+HOUR, MINUTE = r"(?P<hour>[0-9]{1,2})", r"(?P<minute>[0-9]{2})"
+SECOND = r"(?P<second>[0-9]{2}(?:[.,][0-9]{1,6})?)"
+SPELLINGS = tuple(
+    re.compile(spelling, re.IGNORECASE)
+    for spelling in (
+        rf"{HOUR}\s?:\s?{MINUTE}(?:\s?:\s?{SECOND})?",
+        rf"{HOUR}\s?h(?:\s?{MINUTE}(?:\s?(?:m|mn|min|:)\s?{SECOND}\s?s?|\s?(?:m|mn|min))?)?",
+        rf"{HOUR}(?P<dot>[.,]){MINUTE}(?:(?P=dot){SECOND})?",
+        rf"(?P<hour>[0-9]{{2}}){MINUTE}(?:{SECOND})?",
+    )
+)
+"""``10:20``, ``10h20``, ``10.20``, ``1020``; the page reads the same in ``app/web/static/day/clock.js``."""
+DAY_FRACTION = re.compile(r"(?:0?|[0-9]{5})[.,][0-9]+")
+"""A spreadsheet's number for a time: 0.4306 is 10:20, 46083.4306 has a date. ``0.43`` may be either."""
 DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")
 
 
@@ -98,7 +117,7 @@ class DiaryEntry:
     Attributes
     ----------
     start, end
-        Seconds from the first sample, or the clock as ISO 8601 text: ``"07:58:00"``,
+        A number: seconds from the first sample. Text: the clock, ``"07:58:00"`` or
         ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
     kind
         "work", "break" and so on: one of :data:`fusion.diary.Kind`.
@@ -119,6 +138,10 @@ class DiaryEntry:
     left_out: bool | None = None
     line: int = 0
     file: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for an unknown kind."""
+        check_choice("kind", self.kind, KINDS)
 
 
 Row = DiaryEntry | tuple[int, float | str]
@@ -163,21 +186,15 @@ def _read_each(
 
 
 def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
-    """Refuse a diary for all its slips at once: the facts of the second end in ``_2``, and so on.
+    """Refuse a diary for all its slips at once.
 
     Raises
     ------
     UnusableDiary
-        Where there is any slip; beyond twenty, ``more`` counts the others.
+        Where there is any slip.
     """
-    if not slips:
-        return
-    facts = dict(slips[0].facts)
-    for number, slip in enumerate(slips[1:MOST_NAMED], 2):
-        facts |= {f"{name}_{number}": value for name, value in slip.facts.items()}
-    if len(slips) > MOST_NAMED:
-        facts["more"] = len(slips) - MOST_NAMED
-    raise UnusableDiary(**facts)
+    if slips:
+        raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
 
 
 def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
@@ -191,7 +208,8 @@ def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
 def _read_header(line: int, cells: list[str]) -> list[str]:
     names = [COLUMNS.get(plain_word(cell).replace(" ", "_"), "") for cell in cells]
     known = [name for name in names if name]
-    if "start" not in known or not {"kind", "event", "label"} & set(known) or len(known) != len(set(known)):
+    has_needed = {"start", "start_s"} & set(known) and {"kind", "event", "label"} & set(known)
+    if not has_needed or len(known) != len(set(known)):
         raise UnusableDiary(line=line, why="header", cure="header", value=", ".join(cells)[:LONGEST_LABEL])
     return names
 
@@ -221,7 +239,7 @@ def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: b
 
 def _read_log_day(line: int, day: date, told: list[tuple[str, str]], file: str) -> Iterable[DiaryEntry]:
     midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
-    begins = [str(read_moment(line, f"{day.isoformat()} {cell}")) for _, cell in told]
+    begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in told]
     for (name, _), start, end in zip(told, begins, [*begins[1:], midnight], strict=True):
         yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
 
@@ -237,14 +255,15 @@ def _read_date(line: int, cell: str) -> date:
 
 def _read_row(line: int, row: Mapping[str, str]) -> Row:
     """Give the entry of a row, or the line and the moment of a row that only ends the one before."""
-    start = read_moment(line, row.get("start", ""))
+    start = read_moment(line, row.get("start", ""), row.get("start_s", ""))
+    if start is None:
+        raise UnusableDiary(line=line, why="time", cure="time", value="")
     event = row.get("event") or ("" if "kind" in row else row.get("label", ""))
     if "kind" not in row and plain_word(event) in ENDS:
         return line, start
-    end = read_moment(line, row["end"]) if row.get("end") else None
     return DiaryEntry(
         start=start,
-        end=end,
+        end=read_moment(line, row.get("end", ""), row.get("end_s", "")),
         kind=_read_kind(line, row["kind"]) if "kind" in row else WORDS.get(plain_word(event), "task"),
         label=(row.get("label") or event)[:LONGEST_LABEL],
         left_out=_read_yes_no(line, row.get("left_out", "")),
@@ -268,31 +287,59 @@ def _read_yes_no(line: int, word: str) -> bool | None:
     return YES_NO[plain_word(word)]
 
 
-def read_moment(line: int, cell: str) -> float | str:
-    """Read seconds, or a clock time as ISO 8601 text.
+def read_moment(line: int, clock: str, seconds: str) -> float | str | None:
+    """Return the start or the end of a row from its two columns; None if both are empty.
 
     Raises
     ------
     UnusableDiary
-        Naming the line.
     """
-    if NUMBER.fullmatch(cell):
-        return float(cell.replace(",", "."))
-    dated = DAY.fullmatch(cell)
-    told = _read_hour(dated[2] if dated else cell)
+    if clock and seconds:
+        value = f"{clock}, {seconds}"[:LONGEST_LABEL]
+        raise UnusableDiary(line=line, why="two times", cure="two times", value=value)
+    if not seconds:
+        return parse_clock(clock, line) if clock else None
+    if not NUMBER.fullmatch(seconds):
+        raise UnusableDiary(line=line, why="in seconds", cure="seconds", value=seconds[:LONGEST_LABEL])
+    return float(seconds.replace(",", "."))
+
+
+def parse_clock(text: str, line: int = 0) -> str:
+    """Return a clock time as ISO 8601 text, with its date if it has one.
+
+    ``10:20``, ``10.20``, ``10,20``, ``1020``, ``10h20``, ``10 h 20`` and ``10h`` are read on the 24-hour
+    clock, also with seconds (``10:20:30``, ``10h20m30``, ``102030``). A number is never read as seconds.
+
+    Raises
+    ------
+    UnusableDiary
+        With ``line`` and the spellings that are read.
+    """
+    dated = DAY.fullmatch(text.strip())
+    told = (dated[2] if dated else text).strip()
+    hour = next(filter(None, (spelling.fullmatch(told) for spelling in SPELLINGS)), None)
+    why = "fraction" if DAY_FRACTION.fullmatch(told) else "time"
     try:
-        if dated:
-            return datetime.fromisoformat(f"{dated[1]}T{told}").isoformat()
-        return time.fromisoformat(told).isoformat()
+        if why == "fraction" or not (hour or dated):
+            raise ValueError
+        if hour:
+            parts = hour.groupdict()
+            second = parts["second"] or "00"
+            told = time.fromisoformat(
+                f"{int(parts['hour']):02d}:{parts['minute'] or '00'}:{second}"
+            ).isoformat()
+        return datetime.fromisoformat(f"{dated[1]}T{told}").isoformat() if dated else told
     except ValueError:
-        value = cell[:LONGEST_LABEL]
-        raise UnusableDiary(line=line, why="time", cure="time", value=value) from None
+        raise UnusableDiary(line=line, why=why, cure=why, value=text[:LONGEST_LABEL]) from None
 
 
-def _read_hour(told: str) -> str:
-    """Write ``7 h 58`` and ``7:58`` as ``07:58:00``; leave anything else (an offset) as it is."""
-    hour = HOUR.fullmatch(told.strip())
-    return f"{int(hour[1]):02d}:{hour[2]}:{hour[3] or '00'}" if hour else told.strip()
+def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
+    """Return the times of a row by the names they are written under: the clock, or seconds (``_s``)."""
+    return {
+        f"{name}{suffix}": moment if isinstance(moment, str) is not bool(suffix) else None
+        for suffix in ("", "_s")
+        for name, moment in (("start", entry.start), ("end", entry.end))
+    }
 
 
 def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:

@@ -13,6 +13,7 @@ generated from here.
       UnusableDiary     the list of periods that came with it cannot be followed
 """
 
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from fusion.caveats import TERM, name_facts
@@ -25,6 +26,22 @@ PLACE = name_facts(
     header="identity of the header of a table",
 )
 """Where in the file it is, of any refusal that knows it."""
+
+
+MOST_ROWS_NAMED = 20
+
+
+def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
+    """Return the facts of several rows as those of one refusal: the second row's end in ``_2``, and so on.
+
+    Beyond twenty rows, ``more`` counts the others.
+    """
+    facts = dict(rows[0])
+    for number, row in enumerate(rows[1:MOST_ROWS_NAMED], 2):
+        facts |= {f"{name}_{number}": value for name, value in row.items()}
+    if len(rows) > MOST_ROWS_NAMED:
+        facts["more"] = len(rows) - MOST_ROWS_NAMED
+    return facts
 
 
 class FusionError(Exception):

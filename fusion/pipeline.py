@@ -8,7 +8,7 @@ from typing import BinaryIO, Literal
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, is_npose
+from fusion.conventions import MethodName, is_npose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
@@ -16,7 +16,7 @@ from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_expos
 from fusion.exposure.periods import Placed, divide_day, find_left_out, place_diary
 from fusion.exposure.readings import widen_over
 from fusion.pose.axes import AxisPart
-from fusion.pose.calibrate import CalibratedSamples, Calibration, Statements, calibrate
+from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.windows import reduce_recording
 from fusion.quality import (
     Quality,
@@ -26,6 +26,7 @@ from fusion.quality import (
     count_holes_us,
     divide_time,
     find_exclusions,
+    flag_accelerometer_drift,
     flag_gyro_drift,
     flag_published,
     flag_spans,
@@ -39,45 +40,13 @@ from fusion.quality import (
 )
 from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+from fusion.sensor.stillness import find_still_moments
+from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
 UNKNOWN_SIGMA_DEG = 0.0
 """Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
-
-
-@dataclass(frozen=True, slots=True)
-class AnalysisSettings:
-    """What a person may choose; everything else follows from the recording.
-
-    Attributes
-    ----------
-    method
-        "smoothed", "published" or "live".
-    pose
-        How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
-    calibration_windows_s
-        (start, end) from the first sample, when the pose was held, once or again; empty: the first stillness
-        is assumed. Two for the two-point pose, hanging and then level.
-    diary
-        What the day consisted of; breaks, time not worn and outside the shift are not analysed.
-    arm_axis
-        Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder.
-    slip_times_s, no_slip_times_s
-        When the sensor slipped on the arm, or was put back in another place, as the person says, from the
-        first sample; when it did not, though the recording raises the question.
-    pose_held
-        "start": the person says that the pose was held at the start of wear.
-    """
-
-    method: MethodName = "smoothed"
-    pose: Pose = "n-pose"
-    calibration_windows_s: tuple[tuple[float, float], ...] = ()
-    diary: tuple[DiaryEntry, ...] = ()
-    arm_axis: ArmAxis | None = None
-    slip_times_s: tuple[float, ...] = ()
-    no_slip_times_s: tuple[float, ...] = ()
-    pose_held: PoseHeld | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +154,7 @@ def analyse(
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
     exposure = withhold_short(_summarise_readings(samples, elevation, day))
-    time = _divide_time(recording, day, exposure)
+    time = _divide_time(recording, day, exposure, samples.flags)
     flags = (
         *samples.flags,
         *placed.flags,
@@ -262,18 +231,9 @@ def fuse_recording(
     blocks = reduce_recording(recording)
     exclusions = find_exclusions(recording, blocks)
     on_step("calibrating")
-    samples = calibrate(
-        recording,
-        settings.pose,
-        stated=Statements(
-            settings.calibration_windows_s,
-            settings.arm_axis,
-            settings.pose_held,
-            settings.slip_times_s,
-            settings.no_slip_times_s,
-        ),
-        blocks=blocks,
-    )
+    samples = calibrate(recording, settings, blocks=blocks)
+    drift = flag_accelerometer_drift(find_still_moments(blocks), samples.accelerometer)
+    samples = replace(samples, flags=(*samples.flags, *drift))
     del blocks  # while the angle needs room
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
@@ -311,8 +271,10 @@ def _flag_signal(
     )
 
 
-def _divide_time(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
-    time = account_time(recording, day.counted, day.exclusions)
+def _divide_time(
+    recording: Recording, day: _Day, exposure: Exposure, flags: tuple[QualityFlag, ...] = ()
+) -> TimeAccount:
+    time = account_time(recording, day.counted, day.exclusions, flags)
     analysed_us: dict[str, int] = {}
     for part in exposure.by_period:
         part_us = round(part.analysed_s * MICROSECONDS)

@@ -13,8 +13,9 @@ from fusion.conventions import MethodName
 from fusion.elevation import Elevation, ElevationSegment, describe_method
 from fusion.exposure import summarise_exposure
 from fusion.numba_kernels import mark_prepared
-from fusion.pipeline import AnalysisSettings, analyse, fuse_recording
+from fusion.pipeline import analyse, fuse_recording
 from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.settings import AnalysisSettings
 
 RATE_HZ = 100.0
 DURATION_S = 1200

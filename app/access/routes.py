@@ -164,11 +164,14 @@ _ROUTES: Mapping[Needed, str] = {
     """,
     "release": """
         POST /analyses/{analysis_id}/conclude
+        POST /analyses/{analysis_id}/dismiss
+        DELETE /api/v1/analyses/{analysis_id}/conclusion-draft
         POST /analyses/{analysis_id}/release
         POST /api/v1/analyses/{analysis_id}/release
         DELETE /api/v1/analyses/{analysis_id}/release
     """,
     "export": """
+        GET  /api/v1/recordings/{recording_id}/file
         GET  /api/v1/analyses/{analysis_id}/results.json
         GET  /api/v1/analyses/{analysis_id}/elevation.parquet
         GET  /api/v1/analyses/{analysis_id}/fhir.json
@@ -192,6 +195,7 @@ _ROUTES: Mapping[Needed, str] = {
         GET  /api/v1/profile/{name}.csv
         GET  /library/{name}.csv
         GET  /library/reports.zip
+        GET  /library/recordings.zip
         POST /library/acts/reports.zip
         POST /library/acts/{name}.csv
         GET  /days/{name}.csv
@@ -240,6 +244,7 @@ _CONFIRMED = """
     PUT  /api/v1/retention/{kind}
     GET  /library/{name}.csv
     GET  /library/reports.zip
+    GET  /library/recordings.zip
     POST /library/acts/reports.zip
     POST /library/acts/{name}.csv
     GET  /api/v1/batches/{batch_id}/summary.csv
@@ -263,7 +268,8 @@ _CONFIRMED = """
 """What a person is asked the password for again.
 
 To erase; to take the data of many recordings out; to open a way out that stays (a token, a webhook); to let
-people in. The files of one recording, its ZIP too, are downloads like its PDF: they are not asked about.
+people in. The files of one recording, the original and its ZIP too, are downloads like its PDF: they are not
+asked about.
 """
 
 

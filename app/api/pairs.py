@@ -7,11 +7,10 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.library.analysis_models import view_settings
-from app.api.library.files import MEDIA_TYPES, build_file_headers, format_ascii, is_known
+from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.errors import BadParameter
+from app.errors import BadParameter, CannotCompare
 from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
-from app.report.pairs import OnePerson
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices
@@ -25,10 +24,10 @@ MixedMethods = Annotated[
     bool, Field(description="Two methods, or versions of one, may stand beside one another.")
 ]
 OnePersonView = Annotated[
-    OnePerson,
+    Literal["codes", "person", "no"],
     Field(
-        description="Whether all are of one person: the subject codes say so, the person who asks does "
-        "(`same_subject`), unknown (a warning: a code is missing), or no."
+        description="Whether all are of one person: the subject codes say so (or they are one recording), "
+        "the person who asks does (`same_subject`), or no."
     ),
 ]
 PaperChoice = Annotated[Paper | None, Field(description="Paper of the PDF; else that of the first analysis.")]
@@ -435,7 +434,9 @@ def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Q
     first, second = view_settings(before.request), view_settings(after.request)
     differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
     figures = {name: compared[name] for name in ("figures", "differences", "one_person", "source")}
-    if asked.same_subject and figures["one_person"] == "unknown":
+    if figures["one_person"] == "unknown":
+        if not asked.same_subject:
+            raise CannotCompare(why="person")
         figures["one_person"] = "person"
     return ComparisonView(before=before.id, after=after.id, settings=differing, **figures)
 
@@ -518,8 +519,8 @@ def get_profile_report(
 
 def build_pair_download_name(asked: AskedJobs, ending: str) -> str:
     """Name a download by its subject: ``S012_pair.en.pdf``; several are a group."""
-    is_group = isinstance(asked, ProfiledJobs) and len({job.request.subject for job in asked.jobs}) > 1
-    code = "group" if is_group else asked.jobs[0].request.subject
+    codes = {job.request.subject for job in asked.jobs} - {""}
+    code = "group" if len(codes) > 1 else "".join(codes)
     subject = "".join(c for c in code if c.isalnum() or c in "-_") or "report"
     return f"{subject}_{asked.request.kind}.{ending}"
 
@@ -544,5 +545,5 @@ def _serve(request: Request, body: bytes, download: str) -> Response:
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if not download.endswith(".html"):
-        headers["Content-Disposition"] = f'attachment; filename="{format_ascii(download)}"'
+        headers["Content-Disposition"] = format_disposition(download)
     return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)

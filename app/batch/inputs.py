@@ -1,25 +1,26 @@
 """The list of participants of a study: whose arm is in which file, and what was done at its calibration.
 
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
-``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at`` and
-``no_slip_at`` (seconds) and ``diary`` (a CSV beside the list). A row goes before the settings of the run; what
-it leaves empty does not.
+``5-15``; two windows as ``5-15 20-30``), ``pose_held`` (``start`` or ``no``), ``axis`` (``y``), ``slip_at``
+and ``no_slip_at`` (seconds) and ``diary`` (a CSV beside the list). A row goes before the settings of the run;
+what it leaves empty does not. A row that fits two recordings, or a recording that two rows fit, is refused
+before anything is analysed.
 """
 
 import os
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
-from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, parse_slip_time
+from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
 from fusion.conventions import AXIS_HINT, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, decode_text, plain_word, read_diary, read_rows
-from fusion.errors import UnusableDiary
+from fusion.errors import Fact, UnusableDiary, join_facts
 
 COLUMNS: Mapping[str, str] = {
     "file": "file", "file name": "file", "recording": "file", "fichier": "file", "enregistrement": "file",
@@ -28,8 +29,10 @@ COLUMNS: Mapping[str, str] = {
     "pose": "pose",
     "calibration": "calibration", "calibration s": "calibration", "etalonnage": "calibration",
     "pose held": "pose_held", "pose tenue": "pose_held",
-    "axis": "axis", "axe": "axis", "slip at": "slip_at", "slip": "slip_at", "glissement": "slip_at",
-    "no slip at": "no_slip_at", "no slip": "no_slip_at", "sans glissement": "no_slip_at",
+    "axis": "axis", "axe": "axis",
+    "slip at": "slip_at", "slip at s": "slip_at", "slip": "slip_at", "glissement": "slip_at",
+    "no slip at": "no_slip_at", "no slip at s": "no_slip_at", "no slip": "no_slip_at",
+    "sans glissement": "no_slip_at",
     "diary": "diary", "journal": "diary",
 }  # fmt: skip
 SIDES: Mapping[str, Side] = {
@@ -42,6 +45,9 @@ HELD: Mapping[str, PoseHeld | None] = {
 _WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
 
 
+_Parts = tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Participant:
     """One row: the file (a name, or a path's last parts), and the fields of the request it fills."""
@@ -51,50 +57,123 @@ class Participant:
     stated: Mapping[str, Any] = field(default_factory=dict)
 
 
-def read_participants(content: bytes, folder: Path | None) -> tuple[Participant, ...]:
-    """Read the list; diaries it names are read from ``folder``, and refused without one.
+def assign_participants(
+    tasks: Sequence[Task], content: bytes, folder: Path | None
+) -> tuple[list[Task], list[Participant]]:
+    """Return the tasks with their settings from the list, and the rows that fit no recording.
 
     Raises
     ------
     UnusableParticipants
-        With the line, the reason and what is allowed; also where a diary named in it is not there.
+        With every fault of the list at once.
     fusion.errors.UnusableDiary, OSError
         When a diary named in it (the fact ``diary``) cannot be used, or opened.
     """
+    people, refusals = read_participants(content, folder)
+    places = [_split_path(os.path.normpath(task.log.absolute())) for task in tasks]
+    named: dict[_Parts, list[_Parts]] = {}
+    for place in dict.fromkeys(places):
+        named.setdefault(_fold(place[-1:]), []).append(place)
+    owners: dict[_Parts, Participant] = {}
+    for row in people:
+        fitting = _find_fitting(named, row.file)
+        if len(fitting) > 1:
+            first, second = (_name_among(fitting, place) for place in fitting[:2])
+            refusals.append(_refuse(row, "several recordings", first=first, second=second, cure="path"))
+            continue
+        owner = owners.setdefault(fitting[0] if fitting else _split_path(row.file), row)
+        if owner is not row:
+            refusals.append(_refuse(row, "file twice", other=owner.line))
+    assigned = [
+        replace(task, request=replace(task.request, **owners[place].stated)) if place in owners else task
+        for task, place in zip(tasks, places, strict=True)
+    ]
+    for place, asked in zip(places, (task.request for task in assigned), strict=True):
+        hint = find_window_hint(asked.pose, len(asked.calibration_windows_s), asked.arm_axis)
+        if hint and place in owners:
+            refusals.append(_refuse(owners[place], "window count", allowed=hint))
+    _refuse_all(refusals)
+    known = set(places)
+    return assigned, [row for place, row in owners.items() if place not in known]
+
+
+def _refuse(row: Participant, why: str, **facts: Fact) -> UnusableParticipants:
+    return UnusableParticipants(line=row.line, why=why, value=row.file[-60:], **facts)
+
+
+def _refuse_all(refusals: Sequence[UnusableParticipants | UnusableDiary]) -> None:
+    """Raise all faults of the list as one; a diary that it names is told once the list itself is sound."""
+    own = [refusal.facts for refusal in refusals if isinstance(refusal, UnusableParticipants)]
+    if own:
+        raise UnusableParticipants(**join_facts(sorted(own, key=lambda facts: int(facts["line"]))))
+    if refusals:
+        raise refusals[0]
+
+
+def _find_fitting(named: Mapping[_Parts, Sequence[_Parts]], file: str) -> list[_Parts]:
+    """Find the recordings, by their last part without case, whose path ends with the parts of a row.
+
+    If several do, a spelling with the same case goes first, then a whole path before the end of one.
+    """
+    wanted = _split_path(file)
+    near = named.get(_fold(wanted[-1:]), ())
+    ends = [place for place in near if _fold(place[-len(wanted) :]) == _fold(wanted)]
+    exact = [place for place in ends if place[-len(wanted) :] == wanted]
+    whole = [place for place in exact or ends if len(place) == len(wanted)]
+    return whole or exact or ends
+
+
+def _name_among(places: Sequence[_Parts], place: _Parts) -> str:
+    """Write the shortest end of a path that no other of the paths has."""
+    lengths = range(1, len(place))
+    alone = (n for n in lengths if sum(other[-n:] == place[-n:] for other in places) == 1)
+    return "/".join(place[-next(alone, len(place)) :])
+
+
+def _split_path(path: str) -> _Parts:
+    """Return the parts of a path, however accents are written in it (macOS, Windows)."""
+    whole = unicodedata.normalize("NFC", path)
+    return tuple(part for part in re.split(r"[/\\]", whole) if part not in {"", "."})
+
+
+def _fold(parts: _Parts) -> _Parts:
+    return tuple(part.casefold() for part in parts)
+
+
+def read_participants(
+    content: bytes, folder: Path | None
+) -> tuple[list[Participant], list[UnusableParticipants | UnusableDiary]]:
+    """Return the rows of the list, and what cannot be used in it.
+
+    Diaries it names are read from ``folder``, and refused without one.
+
+    Raises
+    ------
+    UnusableParticipants
+        The header cannot be used.
+    OSError
+        A diary cannot be opened.
+    """
     rows = read_rows(decode_text(content))
     names = _map_columns(*next(rows, (1, [])))
-    people = tuple(
-        _read_row(line, dict(zip(names, cells, strict=False)), _readers(folder)) for line, cells in rows
-    )
-    _check_each_once(people)
-    return people
-
-
-def assign_participants(
-    tasks: Sequence[Task], people: Iterable[Participant]
-) -> tuple[list[Task], list[Participant]]:
-    """Give the tasks with their settings from the list, and the rows that fit no recording."""
-    rows = list(people)
-    assigned: list[Task] = []
-    used: set[int] = set()
-    for task in tasks:
-        fitting = [row for row in rows if _fits(task.log, row.file)]
-        used.update(row.line for row in fitting)
-        stated = max(fitting, key=lambda row: len(row.file)).stated if fitting else {}
-        assigned.append(replace(task, request=replace(task.request, **stated)))
-    return assigned, [row for row in rows if row.line not in used]
-
-
-def _fits(log: Path, file: str) -> bool:
-    """Compare the last parts of the path, where the recording was named: a link is not followed."""
-    wanted = _split_path(file)
-    return _split_path(os.path.normpath(log.absolute()))[-len(wanted) :] == wanted
-
-
-def _split_path(path: str) -> list[str]:
-    """Give the parts of a path without regard to case, and to how accents are written (macOS, Windows)."""
-    whole = unicodedata.normalize("NFC", path).casefold()
-    return [part for part in re.split(r"[/\\]", whole) if part not in {"", "."}]
+    readers = _readers(folder)
+    people: list[Participant] = []
+    refusals: list[UnusableParticipants | UnusableDiary] = []
+    for line, cells in rows:
+        row, stated = dict(zip(names, cells, strict=False)), dict[str, Any]()
+        if any(cells[len(names) :]):
+            refusals.append(UnusableParticipants(line=line, why="more fields", value=cells[len(names)][:60]))
+        for name, reader in readers.items():
+            try:
+                if text := row.get(name, ""):
+                    stated[reader.field] = _read_cell(line, text, reader)
+            except (UnusableParticipants, UnusableDiary) as refusal:
+                refusals.append(refusal)
+        if file := row.get("file", ""):
+            people.append(Participant(file, line, stated))
+        else:
+            refusals.append(UnusableParticipants(line=line, why="no file named"))
+    return people, refusals
 
 
 def _map_columns(line: int, cells: list[str]) -> list[str]:
@@ -108,13 +187,6 @@ def _map_columns(line: int, cells: list[str]) -> list[str]:
             allowed=", ".join(dict.fromkeys(COLUMNS.values())),
         )
     return names
-
-
-def _read_row(line: int, row: Mapping[str, str], readers: Mapping[str, "Reader"]) -> Participant:
-    if not row["file"]:
-        raise UnusableParticipants(line=line, why="no file named", value="", allowed="")
-    texts = {reader: text for name, reader in readers.items() if (text := row.get(name, ""))}
-    return Participant(row["file"], line, {r.field: _read_cell(line, text, r) for r, text in texts.items()})
 
 
 def _read_cell(line: int, text: str, reader: "Reader") -> Any:
@@ -189,12 +261,3 @@ def _read_windows(text: str) -> tuple[tuple[float, float], ...]:
 
 def _read_slip_times(text: str) -> tuple[float, ...]:
     return tuple(parse_slip_time(part) for part in text.replace(",", ".").replace(";", " ").split())
-
-
-def _check_each_once(people: Iterable[Participant]) -> None:
-    seen: set[tuple[str, ...]] = set()
-    for person in people:
-        parts = tuple(_split_path(person.file))
-        if parts in seen:
-            raise UnusableParticipants(line=person.line, why="file twice", value=person.file[:60], allowed="")
-        seen.add(parts)

@@ -26,10 +26,11 @@ from app.request import (
     write_profile,
 )
 from fusion.conventions import AXIS_HINT, MethodName, Pose, PoseHeld, Side, parse_arm_axis
-from fusion.diary import KINDS, DiaryEntry, read_moment
+from fusion.diary import KINDS, DiaryEntry, read_moment, split_times
 from fusion.errors import UnusableDiary
 
 Read = Callable[[Any], Any]
+DIARY_HINT = '[{start: "07:58" | start_s: 60, end | end_s, kind, label}]'
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -104,14 +105,19 @@ def _read_diary(value: Any) -> tuple[DiaryEntry, ...]:
     return tuple(_read_entry(**row) for row in value or ())
 
 
-def _read_entry(*, start: Any, end: Any = None, kind: Any, **others: Any) -> DiaryEntry:
-    if kind not in KINDS:
+def _read_entry(
+    *, start: str = "", end: str = "", start_s: Any = "", end_s: Any = "", kind: Any, **others: Any
+) -> DiaryEntry:
+    """Read a row; a number is seconds, and seconds stand under ``start_s`` and ``end_s`` alone."""
+    if kind not in KINDS or not (isinstance(start, str) and isinstance(end, str)):
         raise ValueError
     try:
-        start, end = (None if moment is None else read_moment(0, str(moment)) for moment in (start, end))
+        begin, stop = read_moment(0, start, str(start_s)), read_moment(0, end, str(end_s))
     except UnusableDiary:
         raise ValueError from None
-    return DiaryEntry(start, end, kind, **others)
+    if begin is None:
+        raise ValueError
+    return DiaryEntry(begin, stop, kind, **others)
 
 
 def _read_profile(value: Any) -> str:
@@ -136,7 +142,7 @@ SETTINGS: tuple[Setting, ...] = (
     ),
     Setting("report", "kinds", _read_kinds, "[html, pdf]"),
     Setting("paper", "paper", *_choose(get_args(Paper))),
-    Setting("diary", "diary", _read_diary, "[{start, end, kind, label}]"),
+    Setting("diary", "diary", _read_diary, DIARY_HINT),
     Setting("profile", "profile", _read_profile, "{acceleration, angular_rate, ...}"),
 )
 _BY_NAME = {setting.name: setting for setting in SETTINGS}
@@ -166,9 +172,8 @@ def encode_settings(request: ReportRequest) -> bytes:
 
 def _describe_entry(entry: DiaryEntry) -> dict[str, Any]:
     """Give the settings in a row of the diary; its line in the file it came from is no setting."""
-    return {
-        name: value for name, value in asdict(entry).items() if value not in {None, ""} and name != "line"
-    }
+    values = asdict(entry) | split_times(entry)
+    return {name: value for name, value in values.items() if value not in {None, ""} and name != "line"}
 
 
 def read_settings(content: bytes) -> dict[str, Any]:

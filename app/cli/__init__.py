@@ -19,7 +19,7 @@ from app.cli.output import PipedOutput
 from app.cli.profile import profile
 from app.cli.run import collect, exposure, run
 from app.cli.samples import demo, simulate
-from app.cli.trust import hold, retention, trail
+from app.cli.trust import get, hold, retention, trail
 
 app = typer.Typer(
     name="acromion",
@@ -32,7 +32,7 @@ app = typer.Typer(
 for command in (
     *(run, collect, export, exposure, pair, compare, profile, validate),
     *(live, demo, simulate, conformance, inspect, version),
-    *(serve, worker, backup, backup_keys, restore, drill, recover, verify, doctor, retention),
+    *(serve, worker, get, backup, backup_keys, restore, drill, recover, verify, doctor, retention),
 ):
     app.command()(command)
 app.add_typer(trail, name="trail")

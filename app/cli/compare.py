@@ -1,7 +1,6 @@
 """The commands that compare: both arms of one shift, one day beside another, a recording and a reference."""
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -25,8 +24,7 @@ from app.cli.options import (
     read_tasks_file,
 )
 from app.cli.output import Exit, choose_exit, print_problem, report_progress
-from app.errors import UNREADABLE_PATH, AppError, find_outcome
-from app.report.words.wording import load_wording
+from app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, find_outcome
 from app.request import Language, PairRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
 from fusion.errors import FusionError
@@ -62,6 +60,8 @@ def pair(
     """Set both arms of one shift side by side."""
     kinds, code = parse_kinds(report), parse_subject(subject)
     asked = ReportRequest("", code, languages=(lang,), paper=paper)
+    if not same_subject:
+        _refuse_nobody(CannotPair(why="person"), (left, right, trunk), asked)
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
     body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
@@ -85,10 +85,19 @@ def compare(
     """Compare two days, and say whether the change exceeds the usual day-to-day variation."""
     kinds = parse_kinds(report)
     asked = ReportRequest("", parse_subject(subject), side, languages=(lang,), paper=paper)
+    if not same_subject:
+        _refuse_nobody(CannotCompare(why="person"), (before, after), asked)
     first = _finish_first(before, out / "before", asked)
     second = _finish_first(after, out / "after", asked)
     request = PairRequest("compare", None, None, (lang,), kinds, paper, same_subject, mixed_methods)
     _write_pair(out / "before-after", (first, second), request)
+
+
+def _refuse_nobody(refusal: AppError, paths: Iterable[Path | None], asked: ReportRequest) -> None:
+    """Refuse before any analysis recordings that are analysed without a subject code."""
+    if not asked.subject and any(path and path.is_file() for path in paths):
+        print_problem("--subject", refusal.code, refusal.facts, asked.languages[0])
+        raise typer.Exit(Exit.NOTHING_DONE)
 
 
 def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
@@ -118,8 +127,6 @@ def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -
     typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
         typer.echo(f"  {line}")
-    if json.loads((folder / request.figures_name).read_bytes())["one_person"] == "unknown":
-        typer.echo(load_wording(language, "pairs")["one_person"]["ask"], err=True)
 
 
 def validate(

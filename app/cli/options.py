@@ -9,8 +9,8 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from app.batch.inputs import Participant, read_participants
-from app.batch.plan import PROFILES, read_list
+from app.batch.inputs import Participant, assign_participants
+from app.batch.plan import PROFILES, Task, read_list
 from app.batch.shards import SHARD_HINT, Shard, parse_shard
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
@@ -40,7 +40,10 @@ SideOption = Annotated[Side | None, typer.Option(help="Which arm.")]
 SubjectOption = Annotated[str, typer.Option("--subject", help="Subject code; never a name.")]
 DiaryOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE.csv", help="Shift, tasks, breaks, not worn: start,end,kind,label."),
+    typer.Option(
+        metavar="FILE.csv",
+        help="Shift, tasks, breaks, not worn, the pose: start,end,kind,label (clock), or start_s,end_s.",
+    ),
 ]
 ProfileOption = Annotated[
     Path | None,
@@ -104,10 +107,16 @@ def read_settings_file(path: Path | None, language: Language) -> dict[str, Any]:
     return _read_option_file(path, language, {}, lambda file: read_settings(file.read_bytes()))
 
 
-def read_participants_file(path: Path | None, language: Language) -> tuple[Participant, ...]:
-    """Read the list of participants; the diaries it names lie beside it."""
+def apply_participants_file(
+    path: Path | None, tasks: list[Task], language: Language
+) -> tuple[list[Task], list[Participant]]:
+    """Return the tasks as the list of participants has them, and its rows that fit none of them.
+
+    The diaries it names lie beside it.
+    """
+    nothing: tuple[list[Task], list[Participant]] = (tasks, [])
     return _read_option_file(
-        path, language, (), lambda file: read_participants(file.read_bytes(), file.parent)
+        path, language, nothing, lambda file: assign_participants(tasks, file.read_bytes(), file.parent)
     )
 
 

@@ -1,6 +1,5 @@
 """The command that lays several days over one another."""
 
-import json
 from collections.abc import Iterator
 from errno import ENOENT
 from functools import partial
@@ -15,7 +14,6 @@ from app.cli.compare import KindsOption, MixedMethodsOption, SameSubjectOption
 from app.cli.options import LanguageOption, Out, PaperOption, parse_kinds
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, CannotProfile
-from app.report.words.wording import load_wording
 from app.request import ProfileRequest
 
 RESULTS = "results.json"
@@ -59,8 +57,6 @@ def profile(
     typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
         typer.echo(f"  {line}")
-    if json.loads((folder / request.figures_name).read_bytes())["one_person"] == "unknown":
-        typer.echo(load_wording(lang, "pairs")["one_person"]["ask"], err=True)
 
 
 def _find_all(paths: list[Path], out: Path) -> list[Path]:

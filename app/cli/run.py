@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from app.batch.folder import is_up_to_date
-from app.batch.inputs import Participant, assign_participants
+from app.batch.inputs import Participant
 from app.batch.plan import Task, find_recordings, format_path, plan_joined, plan_tasks
 from app.batch.run import choose_workers, measure_capacity
 from app.batch.shards import ShardRecord, collect_outcomes
@@ -21,6 +21,7 @@ from app.cli.options import (
     SensorOption,
     SideOption,
     SubjectOption,
+    apply_participants_file,
     check_windows,
     find_profile,
     keep_profile,
@@ -33,7 +34,6 @@ from app.cli.options import (
     parse_windows,
     read_diary_file,
     read_list_file,
-    read_participants_file,
     read_profile_file,
     read_settings_file,
 )
@@ -158,7 +158,7 @@ def run(
     tasks = _plan(
         [*(paths or ()), *read_list_file(list_, language)], out, request, inputs, join=join, force=force
     )
-    tasks, unmatched = assign_participants(tasks, read_participants_file(participants, language))
+    tasks, unmatched = apply_participants_file(participants, tasks, language)
     _print_unmatched(unmatched, language)
     check_windows(task.request for task in tasks)
     mine, record = parse_shard_option(shard), None

@@ -1,6 +1,8 @@
-"""The commands of trust: the trail proved and asked, terms, holds."""
+"""The commands of trust: the trail proved and asked, terms, holds; and the original of a recording."""
 
+import hashlib
 import json
+import secrets
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
@@ -17,8 +19,8 @@ from app.cli.admin import (
     print_sentence,
     refusals_printed,
 )
-from app.cli.output import Exit
-from app.errors import BadParameter, NotHere
+from app.cli.output import Exit, print_problem
+from app.errors import UNREADABLE_PATH, BadParameter, NotHere, StoreDamaged
 from app.report.words.wording import Language, load_wording
 
 if TYPE_CHECKING:
@@ -118,6 +120,67 @@ def end_hold(
     with _opened_recordings(lang, data, organisation) as recordings:
         recordings.let_go(recording)
     print_sentence(lang, "trail", "let_go", id=recording)
+
+
+def get(
+    recording: Annotated[
+        str, typer.Argument(metavar="ID", help="Of the recording, or of an analysis of it.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The file to write.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace FILE.")] = False,
+    data: DataOption = None,
+    organisation: OrganisationOption = "own",
+    lang: LanguageOption = "en",
+) -> None:
+    """Write the original file of a recording, byte for byte, verified by its SHA-256."""
+    from app.jobs.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
+    from app.jobs.trail import record_readings  # noqa: PLC0415
+    from app.storage.open import open_storage  # noqa: PLC0415
+    from app.storage.store import borrow_recording  # noqa: PLC0415
+
+    if out.exists() and not (force and out.is_file()):
+        raise typer.BadParameter(f"{out} exists", param_hint="-o")
+    if not recording.isprintable():  # a broken byte of the terminal, which no database takes
+        raise typer.BadParameter("characters that cannot be printed", param_hint="ID")
+    with _opened(lang, data, organisation) as (place, store):
+        recording_id = store.find_recording(recording) or recording
+        row = RecordingStore(store.engine, store.reader).get(recording_id)
+        storage = open_storage(place)
+        storage.prepare()
+        with borrow_recording(storage, row.id, row.sha256) as source:
+            record_readings(store.engine, "file.exported", [(row.id, "")], {"command": "get"})
+            try:
+                _copy_verified(source, out, row.sha256)
+            except OSError as error:
+                print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
+                raise typer.Exit(Exit.NOTHING_DONE) from None
+    facts = {"name": row.about.file_name, "file": str(out), "sha256": row.sha256}
+    print_sentence(lang, "trail", "got", **facts)
+
+
+def _copy_verified(source: Path, out: Path, sha256: str) -> None:
+    """Copy a file whole or not at all, readable by its owner alone.
+
+    Raises
+    ------
+    DiskFull, StoreDamaged
+    """
+    from app.storage.permissions import create_file  # noqa: PLC0415
+    from app.storage.store import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+
+    part, copied = out.with_name(f".{secrets.token_hex(8)}.part"), hashlib.sha256()
+    try:
+        with translate_disk_full():
+            with source.open("rb") as stored, create_file(part) as file:
+                while piece := stored.read(COPY_BYTES):
+                    copied.update(piece)
+                    file.write(piece)
+            sync_file(part)
+        if copied.hexdigest() != sha256:
+            raise StoreDamaged
+        part.replace(out)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def retention(

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from sqlalchemy import Connection, Engine, Executable, Select, func, insert, select, update
@@ -30,9 +30,9 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import record
-from app.jobs.versions import identify_work, renumber, select_same
-from app.request import ReportRequest
+from app.jobs.trail import Act, record
+from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
+from app.request import Conclusion, ReportRequest
 from app.settings import Settings
 from app.storage.keys import open_keys
 from app.storage.labels import Label, LabelSealer
@@ -120,14 +120,38 @@ class JobStore(RowStore):
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
-    def add_correction(self, recording: tuple[str, str], request: ReportRequest) -> Job:
+    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
         """Queue what a person corrected on the page; every study of the recording goes on with it."""
         with self._engine.begin() as connection:
-            analysis_id = enqueue(connection, recording, request, "web")
-            if request.conclusion is not None:
-                record(connection, "report.concluded", recording[0], analysis_id)
+            asked = settle_conclusion(connection, job, asked)
+            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
             follow_recording(connection, analysis_id)
         return self.get(analysis_id)
+
+    def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
+        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft."""
+        asked = replace(job.request, conclusion=conclusion, reason="")
+        with self._engine.begin() as connection:
+            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
+            if conclusion is None:
+                drop_drafts(connection, job.recording_id)
+            act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
+            record(connection, act, job.recording_id, analysis_id)
+            follow_recording(connection, analysis_id)
+        return self.get(analysis_id)
+
+    def dismiss_draft(self, analysis_id: str) -> None:
+        """Delete the draft of a conclusion, so that no later analysis gets it; without one nothing happens.
+
+        Raises
+        ------
+        NotHere
+        """
+        job = self.get(analysis_id)
+        with self._engine.begin() as connection:
+            if drop_drafts(connection, job.recording_id):
+                increment_revision(connection, job.recording_id)
+                record(connection, "conclusion.dismissed", job.recording_id, job.id)
 
     def join_study(self, name: str, analysis_id: str) -> str:
         """Add an analysis to the study of this name; gives the study's id."""
@@ -158,7 +182,8 @@ class JobStore(RowStore):
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
             if connection.execute(repeated).scalar() is None:
                 recording = (job.recording_id, job.sha256)
-                again = enqueue(connection, recording, job.request, way_in, job.batch_id)
+                asked = settle_conclusion(connection, job, job.request)
+                again = enqueue(connection, recording, asked, way_in, job.batch_id)
                 replace_job(connection, job.id, again)
         return self.get(str(self.get(job.id).replaced_by))
 
@@ -169,13 +194,16 @@ class JobStore(RowStore):
         made, and every study of a recording goes on with it. They take turns with all else that
         waits: a file that a person drops goes first.
         """
-        items = [(job.recording_id, job.sha256, request) for job, request in asked]
         with self._engine.begin() as connection:
+            items = [
+                (job.recording_id, job.sha256, settle_conclusion(connection, job, request))
+                for job, request in asked
+            ]
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
                 follow_recording(connection, again)
-        return len(items)
+        return len(asked)
 
     def find_incomplete(self, limit: int) -> tuple[Job, ...]:
         """Give analyses whose headline figures an earlier release wrote, without method and day."""
@@ -197,8 +225,7 @@ class JobStore(RowStore):
             The analysis has not failed, or there is no earlier report.
         """
         job = self.get(analysis_id)
-        finished = self.find_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id))
-        reports = [other for other in finished if other.replaced_by is None]
+        reports = self.find_reports(job.recording_id)
         if job.state is not JobState.FAILED or not reports:
             raise NotHere
         mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
@@ -243,6 +270,11 @@ class JobStore(RowStore):
             query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
         newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         return tuple(read_job(row) for row in self._read_all(query.order_by(*newest_first).limit(limit)))
+
+    def find_reports(self, recording_id: str) -> tuple[Job, ...]:
+        """Return the reports of a recording, the newest first, without comparisons and what was replaced."""
+        finished = self.find_page(JobFilter(JobState.SUCCEEDED, recording_id=recording_id))
+        return tuple(job for job in finished if job.replaced_by is None and job.request.reference is None)
 
     def count_states(self) -> dict[JobState, int]:
         """Count the jobs of each state."""

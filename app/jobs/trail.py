@@ -58,6 +58,7 @@ Act = Literal[
     "report.concluded",
     "report.released",
     "report.taken_back",
+    "conclusion.dismissed",
     "list.read",
     "file.exported",
     "aggregate.read",

@@ -7,10 +7,11 @@ from pathlib import Path
 from app.live.source import SourceFacts
 from fusion.errors import UnusableRecording
 from fusion.live import Frames, replay_frames
-from fusion.pipeline import AnalysisSettings, adopt_stated
-from fusion.pose.calibrate import Statements, calibrate
+from fusion.pipeline import adopt_stated
+from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
 from fusion.recording import MICROSECONDS, Float64Array, Recording
+from fusion.settings import AnalysisSettings
 
 CHUNK_S = 0.04
 FASTEST = 20.0
@@ -82,9 +83,8 @@ def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
 def find_axis(recording: Recording) -> Float64Array | None:
     """Find the arm's axis as an analysis of the recording does."""
     settings = adopt_stated(recording, AnalysisSettings())
-    stated = Statements(settings.calibration_windows_s, settings.arm_axis, settings.pose_held)
     try:
-        found = calibrate(recording, settings.pose, stated=stated)
+        found = calibrate(recording, settings)
     except UnusableRecording:
         return None
     return found.calibration.arm_axis

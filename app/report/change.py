@@ -32,6 +32,7 @@ from app.report.pairs import (
     judge_person,
     load_pair_words,
     name_method,
+    read_code,
     share_whole,
 )
 from app.report.render.brief import format_signature
@@ -72,11 +73,14 @@ def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False
     return document
 
 
-def refuse_no_comparison(before: Kept, after: Kept, *, mixed_methods: bool = False) -> None:
+def refuse_no_comparison(
+    before: Kept, after: Kept, *, same_subject: bool = False, mixed_methods: bool = False
+) -> None:
     """Refuse two people, the same hours of one arm, one analysis twice, and methods mixed unasked.
 
     The two arms of one shift are no change either, which their report says, with the cure.
 
+    ``same_subject``: somebody says that both are of one person, where a code is missing.
     ``mixed_methods``: figures of two methods, or versions of one, may be compared.
 
     Raises
@@ -88,6 +92,8 @@ def refuse_no_comparison(before: Kept, after: Kept, *, mixed_methods: bool = Fal
         raise CannotCompare(why="same")
     if "subject" in differences:
         raise CannotCompare(why="subjects")
+    if judge_person((before, after), is_stated=same_subject) == "unknown":
+        raise CannotCompare(why="person")
     if "hours" in differences and "side" not in differences:
         raise CannotCompare(why="same hours")
     if are_mixed((before, after)) and not mixed_methods:
@@ -148,7 +154,7 @@ def _build_day(kept: Kept) -> ComparedDay:
         side=kept.subject.side,
         verdict=findings.quality.verdict,
         sha256=findings.recording.sha256,
-        subject=clean_text(kept.subject.subject).strip(),
+        subject=read_code(kept),
         start=findings.recording.start,
         duration_s=findings.recording.duration_us / MICROSECONDS,
     )

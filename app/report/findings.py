@@ -163,7 +163,7 @@ class PartFacts:
 class QuestionFacts:
     """When the sensor may have moved on the arm; as in :class:`fusion.pose.slips.Question`."""
 
-    kind: Literal["slip", "put_back"]
+    kind: Literal["slip", "put_back", "poses"]
     start_s: float
     end_s: float
     apart_deg: float
@@ -261,7 +261,7 @@ _STATES_BEFORE: Mapping[str, CalibrationState] = {
     "moment": "none",
     "axis": "axis",
 }
-"""Of findings up to method version 4, which say how the pose was ``found``."""
+"""Of earlier findings, which say how the pose was ``found``."""
 
 
 def encode_findings(findings: Findings, subject: ReportSubject) -> bytes:

@@ -19,6 +19,7 @@ from app.report.model import Chart, Note, Section, Table
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from app.request import find_code
 from fusion.conventions import UNHELD
 from fusion.exposure.types import PartExposure
 from fusion.recording import MICROSECONDS
@@ -33,16 +34,21 @@ class PairSide:
 
 
 OnePerson = Literal["codes", "person", "unknown", "no"]
-"""Whether the recordings are of one person: their codes say so, the person who asks does, nobody does, or the
-codes are of two people."""
+"""Whether the recordings are of one person: their codes say so (or they are one recording), the person who
+asks does, nobody does (then no report is made of them), or the codes are of two people."""
+
+
+def read_code(kept: Kept) -> str:
+    """Return the code of the person; empty if none was given."""
+    return find_code(clean_text(kept.subject.subject))
 
 
 def judge_person(every: Sequence[Kept], *, is_stated: bool) -> OnePerson:
-    """Tell whether all recordings are of one person; what a person states counts where a code is missing."""
-    codes = {clean_text(kept.subject.subject).strip() for kept in every}
+    """Return whether all recordings are of one person; what a person states counts if a code is missing."""
+    codes = {read_code(kept) for kept in every}
     if len(codes - {""}) > 1:
         return "no"
-    if "" not in codes:
+    if "" not in codes or len({kept.findings.recording.sha256 for kept in every}) == 1:
         return "codes"
     return "person" if is_stated else "unknown"
 
@@ -58,7 +64,7 @@ def are_mixed(every: Iterable[Kept]) -> bool:
 
 
 def format_person(one_person: OnePerson, language: Language) -> str:
-    """Say that it is not known whether both are of one person, or who says so; else empty."""
+    """Return who says that all are of one person, if a code is missing; else empty."""
     return str(load_pair_words(language)["one_person"].get(one_person, ""))
 
 

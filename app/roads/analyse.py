@@ -1,9 +1,11 @@
 """The one road from a stored file to a report, taken by page, API and command line alike."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,10 @@ from app.storage.known import NOTHING_KNOWN, KnownLogs
 from app.storage.store import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
+from fusion.diary import DiaryEntry
 from fusion.elevation import ElevationSegment
-from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
+from fusion.exposure.periods import place_diary
+from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.calibrate import SAID_S
 from fusion.pose.poses import find_early_stills, propose_poses
@@ -37,6 +41,7 @@ from fusion.recording import MICROSECONDS, Segment, Span
 from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import find_still_moments, reduce_run
+from fusion.settings import AnalysisSettings
 
 # The day of an analysis, for the page on which a person looks at it and corrects it.
 
@@ -247,26 +252,50 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
     )
 
 
+def find_diary_poses(
+    diary: Sequence[DiaryEntry], start: datetime | None, duration_us: int
+) -> tuple[tuple[float, float], ...]:
+    """Return when the pose was held by the diary, seconds from the first sample.
+
+    Raises
+    ------
+    fusion.errors.UnusableDiary
+        A pose does not lie in the recording.
+    """
+    poses = (
+        replace(entry, end=after.start if entry.end is None and after else entry.end)
+        for entry, after in pairwise([*diary, None])
+        if entry is not None and entry.kind == "pose"
+    )
+    placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
+    return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
+
+
 def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
-    request = logs.request
+    request, told = logs.request, logs.request.select_diary()
+    diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
     begin("reading")
     if request.source == "angles":
         with logs.log.open("rb") as file:
-            return analyse_angles(file, begin, request.select_diary())
+            return analyse_angles(file, begin, diary)
     captured = _read_capture(logs.log, request)
     if captured is not None:
-        return analyse_angle_file(captured, begin, request.select_diary(), request.calibration_windows_s)
+        duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
+        windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
+        return analyse_angle_file(captured, begin, diary, windows_s)
+    recording = logs.read()
+    if not windows_s and request.arm_axis is None:
+        windows_s = find_diary_poses(told, recording.start, recording.duration_us)
     settings = AnalysisSettings(
         request.method,
         request.pose,
-        request.calibration_windows_s,
-        request.select_diary(),
+        windows_s,
+        diary,
         request.arm_axis,
         request.slip_times_s,
         request.no_slip_times_s,
         request.pose_held,
     )
-    recording = logs.read()
     _refuse_slips_outside(recording.duration_us / MICROSECONDS, request)
     return analyse(recording, settings, begin)
 

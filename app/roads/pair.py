@@ -14,7 +14,7 @@ from app.report.change import build_comparison, describe_comparison, refuse_no_c
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
-from app.report.pairs import are_mixed, encode_document, judge_person
+from app.report.pairs import are_mixed, encode_document, judge_person, read_code
 from app.report.render.write import read_kept, write_report
 from app.request import OnStage, PairRequest, ReportRequest
 from fusion.angle_files.elevation_parquet import read_elevation
@@ -35,10 +35,12 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
     Raises
     ------
     CannotPair
-        When a folder holds no finished analysis, when two are not both arms of one shift, when neither
-        clocks nor request give their offset, or when methods are mixed unasked.
+        When a folder holds no finished analysis, when two are not both arms of one shift, when nothing says
+        that they are of one person, when neither clocks nor request give their offset, or when methods are
+        mixed unasked.
     CannotCompare
-        When two are of different people or of the same hours of one arm, or when methods are mixed unasked.
+        When two are of different people or of the same hours of one arm, when nothing says that they are of
+        one person, or when methods are mixed unasked.
     """
     if request.kind == "pair":
         left, right, *trunk = folders
@@ -47,8 +49,8 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
         _write(reports, describe_pair(pair), request, out)
     else:
         before, after = map(_read, folders)
-        refuse_no_comparison(before, after, mixed_methods=request.mixed_methods)
         same = request.same_subject
+        refuse_no_comparison(before, after, same_subject=same, mixed_methods=request.mixed_methods)
         reports = [
             build_comparison(before, after, language, same_subject=same) for language in request.languages
         ]
@@ -66,6 +68,9 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
     left, right = map(_read, arms)
     body = _read(trunk) if trunk else None
     _refuse_strangers(left, right)
+    one_person = judge_person(tuple(filter(None, (left, right, body))), is_stated=request.same_subject)
+    if one_person == "unknown":
+        raise CannotPair(why="person")
     if are_mixed(filter(None, (left, right, body))) and not request.mixed_methods:
         raise CannotPair(why="methods")
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
@@ -77,7 +82,7 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
         "clocks" if request.offset_s is None else "person",
         _share(*angles, offset_s, _find_sigmas(left, right)),
         *_relate(angles, (trunk, body, request.trunk_offset_s), (left, right), offset_s),
-        judge_person((left, right, *((body,) if body else ())), is_stated=request.same_subject),
+        one_person,
     )
 
 
@@ -125,7 +130,7 @@ def _refuse_strangers(left: Kept, right: Kept) -> None:
 
 
 def _refuse_two_people(*ones: Kept) -> None:
-    if len({kept.subject.subject for kept in ones} - {""}) > 1:
+    if len({read_code(kept) for kept in ones} - {""}) > 1:
         raise CannotPair(why="subjects")
 
 

@@ -34,8 +34,9 @@ from fusion.agreement import (
 from fusion.agreement.pairs import PairedRun
 from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
 from fusion.errors import UnknownFormat
-from fusion.pipeline import AnalysisSettings, fuse_recording
+from fusion.pipeline import fuse_recording
 from fusion.recording import MICROSECONDS, Float64Array
+from fusion.settings import AnalysisSettings
 
 CURVES: dict[str, Callable[[PairedRun], Float64Array]] = {
     OWN_CURVE: lambda run: run.ours_deg,

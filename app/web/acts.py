@@ -6,7 +6,6 @@ from typing import Any, Literal
 from urllib.parse import parse_qsl
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import StreamingResponse
 
 from app.api.library.analyses import check_queue, run_to_end
 from app.api.library.recordings import check_may_erase, has_trash
@@ -19,7 +18,7 @@ from app.report.words.wording import fill, load_wording
 from app.request import SUBJECT_HINT, ReportRequest, check_subject
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.forms import Form, first, read_form
-from app.web.library import MOST_ROWS, pack_reports, summarise_jobs
+from app.web.library import MOST_ROWS, PackedResponse, pack_reports, summarise_jobs
 from app.web.library_views import parse_filter
 from app.web.recording.day import say_whose
 from app.web.rendering import render_page
@@ -37,9 +36,7 @@ router = APIRouter(include_in_schema=False, prefix="/library/acts")
 async def take_chosen_reports(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Give the PDFs of the chosen recordings."""
     entries = await _find_entries(request, services)
-    headers = {"Content-Disposition": 'attachment; filename="reports.zip"'}
-    packed = pack_reports(services, [entry.job for entry in entries], language)
-    return StreamingResponse(packed, media_type="application/zip", headers=headers)
+    return PackedResponse(pack_reports(services, [entry.job for entry in entries], language), "reports.zip")
 
 
 @router.post("/{name}.csv")
@@ -201,7 +198,7 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
 def _ask_again(entry: Entry, change: Mapping[str, Any]) -> tuple[Job, ReportRequest | None]:
     """Build the request of the next analysis; None where it would change nothing or one is under way."""
     newest = entry.attempt or entry.job
-    said = replace(newest.request, **change, conclusion=None, reason="")
+    said = replace(newest.request, **change, reason="")
     is_same = bool(change) and all(getattr(newest.request, name) == value for name, value in change.items())
     is_waiting = not change and not newest.is_over
     is_given = "pose_held" in change and (newest.request.calibration_windows_s or newest.request.arm_axis)

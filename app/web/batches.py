@@ -11,13 +11,11 @@ from fastapi.responses import RedirectResponse
 
 from app.api.library.analyses import check_queue
 from app.api.library.batches import retry_failed
-from app.batch.inputs import Participant, assign_participants, read_participants
+from app.batch.inputs import assign_participants
 from app.batch.plan import Task
-from app.errors import BadParameter
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, fill, load_wording
-from app.request import find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.forms import read_body
 from app.web.library_views import build_library, read_filter
@@ -65,24 +63,17 @@ async def take_participants(batch_id: str, request: Request, services: UsedServi
 
     Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
     """
-    people = read_participants(await read_body(request), None)
-    return await run_in_threadpool(_apply_participants, batch_id, people, services)
+    return await run_in_threadpool(_apply_participants, batch_id, await read_body(request), services)
 
 
-def _apply_participants(batch_id: str, people: tuple[Participant, ...], services: Services) -> dict[str, Any]:
+def _apply_participants(batch_id: str, content: bytes, services: Services) -> dict[str, Any]:
     every = services.batches.find_jobs(services.batches.get(batch_id).id)
     jobs = [job for job in every if job.request.reference is None]
-    tasks = [Task(Path(job.file_name), job.request, Path()) for job in jobs]
-    assigned, unknown = assign_participants(tasks, people)
+    tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
+    assigned, unknown = assign_participants(tasks, content, None)
     changed = [
-        (job, replace(task.request, conclusion=None))
-        for job, task in zip(jobs, assigned, strict=True)
-        if task.request != job.request
+        (job, task.request) for job, task in zip(jobs, assigned, strict=True) if task.request != job.request
     ]
-    for _, asked in changed:
-        hint = find_window_hint(asked.pose, len(asked.calibration_windows_s), asked.arm_axis)
-        if hint:
-            raise BadParameter(name="calibration", value=asked.file_name, allowed=hint)
     check_queue(services, len(changed))
     for job, asked in changed:
         say_whose(services, job, asked, ("subject", "side"))

@@ -1,28 +1,33 @@
 """Tables of the library for download, and the trash: put in, take back, delete for good."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from typing import Any, Literal
 from urllib.parse import parse_qsl
 from zipfile import ZIP_STORED, ZipFile
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from app.api.library.analyses import run_to_end
 from app.api.library.files import build_download_name
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.names import find_names
-from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged
+from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
+from app.jobs.trail import touch
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
+from app.report.export.naming import make_safe_name
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
+from app.storage.store import COPY_BYTES, borrow_recording
 from app.web.forms import first, read_form
 from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.recording.analysis import find_results
@@ -34,6 +39,7 @@ SHOWN = 500
 MOST_VIEWS = 50
 LONGEST_VIEW = 60
 DAY_S = 86400
+ZIP64_FROM_BYTES = 1 << 30
 PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 
 router = APIRouter(include_in_schema=False)
@@ -62,10 +68,17 @@ def take_reports(request: Request, services: UsedServices, language: UsedLanguag
     """Give the PDF of every report that the list shows; what has none is named in ``without-report.txt``."""
     entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
     jobs = [entry.job for entry in entries]
-    headers = {"Content-Disposition": 'attachment; filename="reports.zip"'}
-    return StreamingResponse(
-        pack_reports(services, jobs, language), media_type="application/zip", headers=headers
-    )
+    return PackedResponse(pack_reports(services, jobs, language), "reports.zip")
+
+
+@router.get("/library/recordings.zip")
+def take_recordings(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """Download the original files of a study, or of any list; ``without-recording.txt`` names lost ones."""
+    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
+    jobs = list({entry.job.recording_id: entry.job for entry in entries}.values())
+    for job in jobs:
+        touch(job.recording_id, job.id)
+    return PackedResponse(pack_recordings(services, jobs, language), "recordings.zip")
 
 
 @router.post("/library/views")
@@ -94,7 +107,7 @@ def drop_view(view_id: str, request: Request, services: UsedServices) -> Respons
 
 
 class _Outlet(io.RawIOBase):
-    """Holds what a ZIP writes until it is sent, so that no more than one report is in memory."""
+    """Holds what a ZIP writes until it is sent, so that no more than one report, or piece, is in memory."""
 
     def __init__(self) -> None:
         self.held = bytearray()
@@ -111,7 +124,23 @@ class _Outlet(io.RawIOBase):
         return taken
 
 
-def pack_reports(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
+class PackedResponse(StreamingResponse):
+    """Sends a ZIP as it is written, and closes it: no copy in clear outlives a download that breaks off."""
+
+    def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
+        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        super().__init__(packed, media_type="application/zip", headers=headers)
+        self._packed = packed
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the ZIP, then close it."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._packed.close()
+
+
+def pack_reports(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
     """Write a ZIP piece by piece; a PDF is packed already, so it is stored as it is."""
     outlet, without, names = _Outlet(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
@@ -123,19 +152,49 @@ def pack_reports(services: Services, jobs: list[Job], language: Language) -> Ite
                 why = describe_problem(refusal.code, refusal.facts, language).title
                 without.append(f"{job.file_name}: {why}")
                 continue
-            packed.writestr(_name_once(build_download_name(services, job, made), job, names), body)
+            name = build_download_name(services, job, made)
+            packed.writestr(_name_once(name, job.id, names), body)
             yield outlet.take()
         if without:
             packed.writestr("without-report.txt", "\n".join(without) + "\n")
     yield outlet.take()
 
 
-def _name_once(name: str, job: Job, names: set[str]) -> str:
-    """Give a name that no report before has: two visits of one day carry their analysis, too."""
-    if name in names:
+def pack_recordings(services: Services, jobs: list[Job], language: Language) -> Generator[bytes, None, None]:
+    """Write a ZIP of original files, a piece at a time; it breaks off if a file changes meanwhile.
+
+    Nothing is compressed: most originals are packed already, and a study has gigabytes.
+    """
+    missing = "without-recording.txt"
+    outlet, without, names = _Outlet(), [], {missing}
+    with ZipFile(outlet, "w", ZIP_STORED) as packed:
+        for job in jobs:
+            with ExitStack() as lent:
+                try:
+                    path = lent.enter_context(
+                        borrow_recording(services.storage, job.recording_id, job.sha256)
+                    )
+                except StoreDamaged as refusal:
+                    why = describe_problem(refusal.code, refusal.facts, language).title
+                    without.append(f"{job.file_name} ({job.recording_id}): {why}")
+                    continue
+                name = _name_once(make_safe_name(job.file_name), job.recording_id, names)
+                is_large = job.size_bytes >= ZIP64_FROM_BYTES
+                with path.open("rb") as file, packed.open(name, "w", force_zip64=is_large) as entry:
+                    while piece := file.read(COPY_BYTES):
+                        entry.write(piece)
+                        yield outlet.take()
+        if without:
+            packed.writestr(missing, "\n".join(without) + "\n")
+    yield outlet.take()
+
+
+def _name_once(name: str, identity: str, names: set[str]) -> str:
+    """Return a name that differs from all before, in upper and lower case too: a second one has its id."""
+    if name.casefold() in names:
         stem, _, ending = name.partition(".")
-        name = f"{stem}_{job.id}.{ending}"
-    names.add(name)
+        name = f"{stem}_{identity}.{ending}" if ending else f"{stem}_{identity}"
+    names.add(name.casefold())
     return name
 
 

@@ -20,7 +20,6 @@ from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.recording.curves import CurveView, Laid, build_curves
-from app.web.recording.day import add_changed
 from app.web.rendering import find_base, render_page
 from app.web.reports import find_way, lay_way
 from fusion.comparison import FigureChange
@@ -108,27 +107,41 @@ Asked = Annotated[PairedJobs, Depends(find_asked)]
 
 @router.get("/beside/{kind}")
 def show_pair(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
-    """Show two analyses side by side; for a pair, with the offset of the clocks to correct."""
-    report, kind = _make(services, asked), asked.request.kind
-    figures, b = report.read_figures(), load_wording(language, "pair_pages")
+    """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
+
+    Where a subject code is missing, only the question whether all are of one person is shown.
+    """
+    kind, b = asked.request.kind, load_wording(language, "pair_pages")
     values: dict[str, Any] = {
         "kind": kind,
         "first": asked.first,
         "second": asked.second,
         "trunk": asked.trunk,
+        "offset": _format_offset(asked.request.offset_s),
+        "trunk_offset": _format_offset(asked.request.trunk_offset_s),
+        "same_subject": asked.request.same_subject,
+        "days": ("", ""),
+        "figures": None,
+        "curves": None,
+        "b": b,
+    }
+    try:
+        report = _make(services, asked)
+    except RecordedProblem as problem:
+        if problem.facts.get("why") != "person":
+            raise
+        return render_page(request, "beside.html", language, values)
+    figures = report.read_figures()
+    values |= {
         "trunks": _offer_trunks(services, asked, figures),
         "figures": figures,
         "sentences": report.read_sentences(language),
         "differences": [b["difference"][name] for name in figures.get("differences", ()) if name in SETTINGS],
-        "offset": _format_offset(asked.request.offset_s),
-        "trunk_offset": _format_offset(asked.request.trunk_offset_s),
         "trunk_limit": load_pair_words(language)["pair"]["trunk"]["limit"],
-        "same_subject": asked.request.same_subject,
         "days": _name_days(figures),
         "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), language),
         "curves": _build_curves(services, asked, figures, language, find_base(request)),
         "d": load_wording(language, "day"),
-        "b": b,
     }
     return render_page(request, "beside.html", language, values)
 
@@ -172,7 +185,7 @@ def analyse_alike(first: str, second: str, request: Request, services: UsedServi
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
     before, after = services.store.get(first), services.store.get(second)
     asked = align_request(before.request, after.request)
-    again = add_changed(services, before, asked)
+    again = services.store.add_correction(before, asked)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
 
 

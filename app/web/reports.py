@@ -13,10 +13,13 @@ from app.api.middleware.guard import REPORT_POLICY
 from app.report.words.wording import Language, find_nearest, load_wording
 from app.services import UsedLanguage, UsedServices
 from app.web.rendering import find_base, turn_language
+from app.web.views import OldVersion, describe_old
 
 STYLE = (
     ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
-    ".way a{display:inline-block;min-height:24px}@media print{.way{display:none}}"
+    ".way a{display:inline-block;min-height:24px}"
+    ".old{max-width:60rem;margin:0 auto;padding:.7rem 1rem;background:#fdf0d5;color:#6b4500}"
+    "@media print{.way,.old a{display:none}}"
 )
 STYLE_HASH = b64encode(sha256(STYLE.encode()).digest()).decode()
 """A report's own policy lets in styles by their hash alone."""
@@ -33,8 +36,13 @@ class Way(NamedTuple):
     pdf: str
 
 
-def lay_way(report: str, way: Way, request: Request, language: Language) -> HTMLResponse:
-    """Lay the way back above a report; its file is left as it is, and printing leaves the links out."""
+def lay_way(
+    report: str, way: Way, request: Request, language: Language, old: OldVersion | None = None
+) -> HTMLResponse:
+    """Lay the way back above a report, and the banner of an old version; its file is left as it is.
+
+    Printing leaves the links out.
+    """
     page = load_wording(language, "page")
     words, other = page["report_way"], f' lang="{page["other_language_code"]}"'
     links = (
@@ -44,6 +52,9 @@ def lay_way(report: str, way: Way, request: Request, language: Language) -> HTML
     )
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
     bar = f'<nav class="way" aria-label="{escape(words["label"])}">{told}</nav>'
+    if old is not None:
+        link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
+        bar += f'<p class="old">{escape(old.told)} {link}</p>'
     head, end, body = report.partition("</head>")
     head = head.replace("style-src ", f"style-src 'sha256-{STYLE_HASH}' ", 1) + f"<style>{STYLE}</style>"
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
@@ -70,4 +81,6 @@ def show_report(
     report = services.results.read(job, f"{stem}.{made}.html").decode()
     base = find_base(request)
     pdf = f"{base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
-    return lay_way(report, Way(f"{base}/{place}/{job.id}", pdf), request, language)
+    reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
+    old = describe_old(job, reports, language, base)
+    return lay_way(report, Way(f"{base}/{place}/{job.id}", pdf), request, language, old)

@@ -98,6 +98,30 @@ class JobRow:
 
 
 @dataclass(frozen=True, slots=True)
+class OldVersion:
+    """Says that a report is not the current one, with a link to that one."""
+
+    told: str
+    link: str
+    address: str
+
+
+def describe_old(job: Job, reports: Sequence[Job], language: Language, base: str) -> OldVersion | None:
+    """Return what stands above an old version; None for the current one and for what is no report.
+
+    ``reports``: those of the recording, the newest first.
+    """
+    current = next(iter(reports), job)
+    if job.state is not JobState.SUCCEEDED or job.request.version == current.request.version:
+        return None
+    words = load_wording(language, "page")["version"]
+    count = max(report.request.version for report in (job, *reports))
+    told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
+    link = fill(words["current"], {"n": str(current.request.version)})
+    return OldVersion(told, link, f"{base}/analyses/{current.id}")
+
+
+@dataclass(frozen=True, slots=True)
 class Fact:
     """A label and its value; ``key`` names the definition."""
 

@@ -2,10 +2,10 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: recorded_people, simulated_people, pose_error, gait, tasks, broad, stress, shifts, speed,
-invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes
-the tables that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs the
-`bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: recorded_people, simulated_people, pose_error, soft_tissue, gait, tasks, broad, stress, shifts,
+speed, invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details``
+writes the tables that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs
+the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
 """
 
 import argparse
@@ -31,6 +31,7 @@ from benchmarks.validation.real_motion import compare_on_recorded
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
 from benchmarks.validation.simulated_days import compare_on_simulated
+from benchmarks.validation.soft_tissue import compare_soft_tissue
 from benchmarks.validation.speed import compare_speed
 from benchmarks.validation.tasks import compare_on_tasks
 
@@ -41,6 +42,7 @@ SECTIONS = (
     "recorded_people",
     "simulated_people",
     "pose_error",
+    "soft_tissue",
     "gait",
     "tasks",
     "broad",
@@ -103,6 +105,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
         "recorded_people": partial(compare_on_recorded, data / "real_motion", arguments.recorded, recorded),
         "simulated_people": partial(compare_on_simulated, arguments.days, simulated),
         "pose_error": partial(compare_pose_error, data / "real_motion", POSE_SHIFTS, POSE_DAYS),
+        "soft_tissue": partial(compare_soft_tissue, data / "skin_motion"),
         "gait": partial(compare_gaits, data / "real_motion"),
         "tasks": compare_on_tasks,
         "broad": partial(compare_on_broad, data / "broad"),

@@ -21,10 +21,10 @@ def measure_memory(rate_hz: float) -> float:
     from fusion.pose.calibrate import calibrate  # noqa: PLC0415
 
     warming, recording = repeat_quarter(rate_hz, 0.1), repeat_quarter(rate_hz)
-    estimate_elevation(calibrate(warming, "n-pose"))
+    estimate_elevation(calibrate(warming))
     (OWN / "clear_refs").write_text("5")
     before = _read_mib("VmRSS")
-    estimate_elevation(calibrate(recording, "n-pose"))
+    estimate_elevation(calibrate(recording))
     return _read_mib("VmHWM") - before
 
 

@@ -35,14 +35,14 @@ def compare_good_sensors(folder: Path) -> Section:
     for device in DEVICES:
         for seed in SEEDS:
             worn = wear(simulate_shift(device, HOURS, seed, perfect=True))
-            with_it, without = _fuse_both(calibrate(worn.recording, "n-pose"))
+            with_it, without = _fuse_both(calibrate(worn.recording))
             truth_deg = at_rows(worn.truth_deg, len(with_it))
             ours, left = find_rmse_deg(with_it - truth_deg), find_rmse_deg(without - truth_deg)
             what = f"{NAMES[device]} without errors, seed {seed}"
             rows.append([what, f"{ours:.4f}", f"{left:.4f}", f"{find_rmse_deg(with_it - without):.4f}"])
             goals.append(judge(f"{what}: worse by self-calibration", ours - left, WORSE_BY_DEG))
     for what, recording in (("real GT9X", _read_gt9x(folder)), ("real upper arm", _read_arm(folder))):
-        with_it, without = _fuse_both(calibrate(recording, "n-pose"))
+        with_it, without = _fuse_both(calibrate(recording))
         rows.append([what, "-", "-", f"{find_rmse_deg(with_it - without):.4f}"])
     header = ("recording", "RMSE with, deg", "RMSE without, deg", "apart, deg")
     return Section("A good sensor calibrating itself", (), tuple(goals), (PROSE, draw_table(header, rows)))

@@ -61,11 +61,11 @@ def compare_changes() -> Section:
 
 def change_all(recording: Recording) -> dict[str, Angle]:
     """Give the difference from the unchanged recording, by change, at each sample kept."""
-    samples = calibrate(recording, "n-pose")
+    samples = calibrate(recording)
     whole = fuse(samples)
     return {
         "strapped on another way": strap_on(recording),
-        "units": fuse(calibrate(convert(recording), "n-pose")) - whole,
+        "units": fuse(calibrate(convert(recording))) - whole,
         "cut at still moments": fuse(replace(samples, recording=cut(recording))) - whole,
         "rate halved": halve_rate(recording, whole),
     }
@@ -73,9 +73,9 @@ def change_all(recording: Recording) -> dict[str, Angle]:
 
 def strap_on(recording: Recording) -> Angle:
     """Give the difference that the worst of some random rotations makes."""
-    whole = fuse(calibrate(recording, "n-pose"))
+    whole = fuse(calibrate(recording))
     rotations = Rotation.random(MOUNTINGS, rng=np.random.default_rng(SEED)).as_matrix()
-    turned = [fuse(calibrate(turn(recording, rotation), "n-pose")) - whole for rotation in rotations]
+    turned = [fuse(calibrate(turn(recording, rotation))) - whole for rotation in rotations]
     return max(turned, key=lambda difference_deg: float(np.abs(difference_deg).max()))
 
 
@@ -127,7 +127,7 @@ def _count_per_row(segment: Segment) -> int:
 
 def halve_rate(recording: Recording, whole: Angle) -> Angle:
     """Give the difference that half the rate makes, at its rows."""
-    halved = fuse(calibrate(halve(recording), "n-pose"))
+    halved = fuse(calibrate(halve(recording)))
     time_s = np.arange(len(halved)) * (len(whole) / len(halved))
     return halved - interpolate(Run(0.0, 1.0, whole), np.minimum(time_s, len(whole) - 1.0))
 

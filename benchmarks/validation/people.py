@@ -21,9 +21,10 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import CELLS_PER_DEG
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
-from fusion.pose.postures import find_angle_deg
+from fusion.numerics.rotations import find_angle_deg
+from fusion.pipeline import Analysis, analyse
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Recording, Segment
+from fusion.settings import AnalysisSettings
 from fusion.simulation.body import ArmState
 from fusion.simulation.sensor import (
     PARTS,

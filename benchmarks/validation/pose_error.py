@@ -26,9 +26,10 @@ from fusion.conventions import NPOSE_ERROR_DEG
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.pose_error import FULL_AT_DEG, LEAST_BIN_DEG
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pipeline import Analysis, analyse
 from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
+from fusion.settings import AnalysisSettings
 
 KINDS = ("time above", "bins", "entries", "percentiles")
 GOAL_PERCENT = 90.0
@@ -72,7 +73,23 @@ def list_ranged(measured: Exposure, true: Exposure) -> Iterator[Ranged]:
 
 
 def read_low(worn: WornDay, analysis: Analysis, lower: Lower, off_deg: float, seed: int) -> list[Ranged]:
-    """Count a day read low, its axis turned off by an angle, beside the truth over the same rows."""
+    """Return a day's figures, read low and with its axis turned off by an angle."""
+    return read_turned(worn, analysis, off_deg, seed, lower_deg=lower(worn.truth_deg))
+
+
+def read_turned(
+    worn: WornDay,
+    analysis: Analysis,
+    off_deg: float,
+    seed: int,
+    *,
+    extra_sigma_deg: float = 0.0,
+    lower_deg: Float64Array | float = 0.0,
+) -> list[Ranged]:
+    """Count a day whose axis is turned off by an angle, beside the truth over the same rows.
+
+    ``extra_sigma_deg`` is added in squares to the angle's standard deviation.
+    """
     assert analysis.calibration is not None
     (fused,) = analysis.elevation.segments
     assert fused.vertical is not None
@@ -81,14 +98,14 @@ def read_low(worn: WornDay, analysis: Analysis, lower: Lower, off_deg: float, se
     off = np.radians(off_deg * random.normal())
     turned = np.cos(off) * axis + np.sin(off) * aside / np.linalg.norm(aside)
     angle_deg = np.degrees(np.arccos(np.clip(fused.vertical[0 : len(fused)] @ turned, -1.0, 1.0)))
-    read_deg = np.clip(angle_deg - lower(worn.truth_deg), 0.0, 180.0)
+    read_deg = np.clip(angle_deg - lower_deg, 0.0, 180.0)
     rows = fused.valid & worn.worn
-    sigma_deg = float(np.hypot(analysis.calibration.sigma_deg, analysis.elevation.bias_sigma_deg or 0.0))
+    sigmas_deg = (analysis.calibration.sigma_deg, analysis.elevation.bias_sigma_deg or 0.0, extra_sigma_deg)
     read, truth = (
         Elevation((ElevationSegment(0, fused.rate_hz, some.astype(np.float32), rows),), None)
         for some in (read_deg, worn.truth_deg)
     )
-    measured = summarise_exposure(read, bias_sigma_deg=sigma_deg, is_npose=True)
+    measured = summarise_exposure(read, bias_sigma_deg=float(np.linalg.norm(sigmas_deg)), is_npose=True)
     return list(list_ranged(measured, summarise_exposure(truth)))
 
 
@@ -115,7 +132,7 @@ def draw_rows(source: str, found: Mapping[tuple[str, float], list[Ranged]]) -> I
             every = [[one for one in found[name, off] if one[0] == kind] for off in (0.0, HELD_SIGMA_DEG)]
             inside = [_share(some, _holds_with_pose) for some in every]
             met = "yes" if min(inside) >= GOAL_PERCENT else "**no**"
-            without = [_share(some, _holds) for some in every]
+            without = [_share(some, holds) for some in every]
             yield [
                 source,
                 name,
@@ -126,11 +143,11 @@ def draw_rows(source: str, found: Mapping[tuple[str, float], list[Ranged]]) -> I
             ]
 
 
-def _share(some: Sequence[Ranged], holds: Callable[[Interval, float], bool]) -> float:
-    return 100.0 * float(np.mean([holds(interval, true) for _, interval, true in some]))
+def _share(some: Sequence[Ranged], is_inside: Callable[[Interval, float], bool]) -> float:
+    return 100.0 * float(np.mean([is_inside(interval, true) for _, interval, true in some]))
 
 
-def _holds(interval: Interval, true: float) -> bool:
+def holds(interval: Interval, true: float) -> bool:
     return interval.low <= true <= interval.high
 
 

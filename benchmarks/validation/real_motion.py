@@ -79,7 +79,7 @@ def _open(track: Track, course: Course, work: list[Clip], stride: list[Clip]) ->
         while track.length_s < begun_s + LATE_S:
             _work(track, work, np.inf)
             if track.length_s >= paused_s:
-                _pause(track)
+                pause(track)
     if course.opening in {"pose", "late", "paused"}:
         return [track.hold(_hang(chance, course.tilt_deg), POSE_S)]
     stance = _hang(chance, chance.uniform(*STANCE_DEG))
@@ -123,10 +123,10 @@ def _walk(track: Track, stride: list[Clip]) -> None:
 def _work(track: Track, clips: list[Clip], no_pause_s: float) -> None:
     track.go_on_with_nearest(clips)
     if track.length_s > no_pause_s and track.chance.random() < PAUSE_SHARE:
-        _pause(track)
+        pause(track)
 
 
-def _pause(track: Track) -> None:
+def pause(track: Track) -> None:
     """Hold about the posture in which a clip ends, each time another one."""
     turn = _sway_by(track.chance, PAUSE_SD_DEG) * track.now
     track.hold(turn, float(track.chance.uniform(*PAUSE_S)))

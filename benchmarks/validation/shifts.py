@@ -101,7 +101,7 @@ def run_shift(device: Device, hours: float, seed: int) -> ShiftResult:
 
 def _publish(worn: Worn, valid: NDArray[np.bool_]) -> float:
     """RMSE of `published` on the same shift."""
-    samples = calibrate(worn.recording, "n-pose")
+    samples = calibrate(worn.recording)
     found_deg = estimate_elevation(samples, "published").segments[0].elevation_deg
     return find_rmse_deg((found_deg - at_rows(worn.truth_deg, len(valid)))[valid])
 

@@ -5,6 +5,7 @@ measured beside the humerus. The axial rotation of the humerus comes from that p
 in elevation and plane, hardly about the arm's axis.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,7 @@ class Strap:
     Fitted to the person's clips by least squares; for ``Track``, whose held postures have no measured plate.
     """
 
-    def __init__(self, clips: list[Clip]) -> None:
+    def __init__(self, clips: Sequence[Clip]) -> None:
         plates = [clip.plate for clip in clips if clip.plate]
         measured = [np.hstack([plate.turn.as_rotvec(), plate.place_m]) for plate in plates]
         postures = np.vstack([_describe(clip.turn) for clip in clips])

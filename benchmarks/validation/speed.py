@@ -90,9 +90,9 @@ def _prepare(recording: Recording, rate_hz: float) -> dict[str, tuple[Callable[[
     piece = (segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64), rate_hz)
     scale = HOURS * 3600.0 / PIECE_S
     return {
-        OURS: (lambda: estimate_elevation(calibrate(recording, "n-pose")), 1.0),
-        "published": (lambda: estimate_elevation(calibrate(recording, "n-pose"), "published"), 1.0),
-        "live": (lambda: estimate_elevation(calibrate(recording, "n-pose"), "live"), 1.0),
+        OURS: (lambda: estimate_elevation(calibrate(recording)), 1.0),
+        "published": (lambda: estimate_elevation(calibrate(recording), "published"), 1.0),
+        "live": (lambda: estimate_elevation(calibrate(recording), "live"), 1.0),
         "offlineVQF": (lambda: vqf.offlineVQF(gyr, acc, None, 1.0 / rate_hz), 1.0),
         "VQF": (lambda: vqf.VQF(1.0 / rate_hz).updateBatch(gyr, acc), 1.0),
         "imufusion": (lambda: run_imufusion(*piece), scale),

@@ -12,6 +12,7 @@ from benchmarks.validation.worn import DEVICES, NAMES, Worn, at_rows, compare, f
 from fusion.elevation import estimate_elevation
 from fusion.orientation import MethodName
 from fusion.pose.calibrate import calibrate
+from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
 from fusion.simulation.tasks import TASKS, simulate_session, simulate_task
 from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
@@ -87,7 +88,7 @@ def play_separately() -> Iterable[Results]:
 
 def measure(worn: Worn, names: Mapping[int, str]) -> Results:
     """Compare every method on the repetitions of every task in one recording."""
-    samples = calibrate(worn.recording, "n-pose", (worn.shift.calibration_s,))
+    samples = calibrate(worn.recording, AnalysisSettings(calibration_windows_s=(worn.shift.calibration_s,)))
     results: Results = {}
     for method in METHODS:
         found_deg = estimate_elevation(samples, method).segments[0].elevation_deg.astype(np.float64)

@@ -10,6 +10,7 @@ from fusion.elevation import measure_elevation
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.pose.calibrate import calibrate
 from fusion.sensor.model import view_segment
+from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
 from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
 
@@ -48,7 +49,7 @@ def _average(sessions: Sequence[Worn], how: PublishedParameters) -> dict[int, Ta
 
 
 def _measure(worn: Worn, how: PublishedParameters) -> dict[int, TaskFigures]:
-    samples = calibrate(worn.recording, "n-pose", (worn.shift.calibration_s,))
+    samples = calibrate(worn.recording, AnalysisSettings(calibration_windows_s=(worn.shift.calibration_s,)))
     run, bias_dps = view_segment(worn.recording.segments[0]), samples.calibration.gyro_bias_dps
     up = estimate_published(run, bias_dps, how)
     found_deg = measure_elevation(up, samples.calibration.arm_axis).astype(np.float64)

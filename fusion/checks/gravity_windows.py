@@ -87,6 +87,24 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
     return rests if len(rests) >= FEWEST_RESTS and _is_steady(rests) else Rests(acc[:0], gyr[:0])
 
 
+def measure_rest_part(segments: Sequence[Segment]) -> float | None:
+    """Length of the acceleration while the gyroscope rests, over the longest of the recording.
+
+    Gravity is there at rest, too: the part is 0.3 and more, whatever the unit. An acceleration from which it
+    was taken out reads next to nothing then. None where the gyroscope never rests.
+    """
+    looks = [_look(*some) for some in _place_stretches(segments, REST_S, 8)]
+    lengths = measure_lengths(segments)
+    if not looks or len(lengths) == 0:
+        return None
+    acc, _, _, gyr_sd, rough, _ = (np.concatenate(column) for column in zip(*looks, strict=True))
+    is_resting = (gyr_sd <= _find_quiet(segments)) | (rough > ROUGH)
+    if np.count_nonzero(is_resting) < FEWEST_RESTS:
+        return None
+    longest = float(np.quantile(lengths, 0.95))
+    return float(np.median(np.linalg.norm(acc[is_resting], axis=1))) / max(longest, 1e-12)
+
+
 def _is_steady(rests: Rests) -> bool:
     """Whether the middle half of the rests reads one length wherever it reads one direction."""
     length = np.linalg.norm(rests.acc, axis=1)

@@ -38,10 +38,11 @@ from fusion.checks.gravity_windows import (
     cut_windows,
     find_rests,
     measure_lengths,
+    measure_rest_part,
     number_directions,
 )
 from fusion.checks.summary import Summaries, summarise
-from fusion.errors import ExchangedSensors, MixedColumns, TooShort, UnknownUnit, WrongScale
+from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.units import DEG_PER_RAD, LEFT_GYR_FACTOR, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 
@@ -216,6 +217,10 @@ REST_TOLERANCE, MOST_DOUBTED = 0.10, 0.25
 """So far from 1 g at rest an accelerometer is believed, and used with a caveat."""
 MOVING_TOLERANCE, MOVING_TIMES = 0.20, 5.0
 """Without rest, the median of the movement decides between ranges, a factor of 2 apart, and between units."""
+LEAST_REST_PART = 0.25
+"""The acceleration at rest, over the longest: 0.70 and more in recordings in hand, 0.03 without gravity."""
+LEAST_USUAL_G = 0.05
+"""Less in a stated unit is no gravity: one that is read in the wrong unit, g for m/s2, is twice as long."""
 SENSITIVITIES_G = (0.000061, 0.000122, 0.000244, 0.000732)
 """LSM9DS1 at 2, 4, 8 and 16 g, g per count (ST, lsm9ds1_reg.c)."""
 SENSITIVITIES_DPS = (0.00875, 0.0175, 0.07)
@@ -239,6 +244,8 @@ def check_physics(recording: Recording, known: Summaries = ()) -> Recording:
     ------
     WrongScale
         At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
+    NoGravity
+        At rest it reads next to nothing.
     UnknownUnit
         Neither header nor rest and motion settle a unit.
     MixedColumns
@@ -263,6 +270,12 @@ def check_physics(recording: Recording, known: Summaries = ()) -> Recording:
 def is_header_known(recording: Recording) -> bool:
     """Whether a known device's format or header states units and axes: nothing overrules it."""
     return recording.understood.get("units_from") == "header"
+
+
+def are_units_stated(recording: Recording) -> bool:
+    """Whether the file, its device or a person states both units in words that say how large they are."""
+    units = (_known_acc_unit(recording), _known_unit(recording.understood.get("angular_rate_unit", "deg/s")))
+    return not {"", "registers"} & set(units)
 
 
 def _check_rates(recording: Recording, rests: Rests, known: Summaries) -> Recording:
@@ -486,17 +499,22 @@ def _check_gravity(recording: Recording, rests: Rests) -> Recording:
         return _set_acc_unit(recording, unit, factor, "rest", rests.length)
     if off <= MOST_DOUBTED:
         return flag_doubt(recording, "accelerometer", g=round(rests.length, 3))
+    _refuse_no_gravity(recording)
     _refuse_short(recording)
     raise WrongScale(g=round(rests.length, 3))
 
 
 def _settle_moving(recording: Recording, unit: str) -> Recording:
     """Without rest: a unit that is stated stays unless it is out of the question."""
+    part = _refuse_no_gravity(recording)
     lengths = measure_lengths(recording.segments)
     usual = float(np.median(lengths)) if len(lengths) else 0.0
+    if part is not None and acc_scale_g(unit) and usual < LEAST_USUAL_G:
+        raise NoGravity
     is_likely = 1.0 / MOVING_TIMES < usual < MOVING_TIMES
     if is_header_known(recording) or (unit != "registers" and is_likely):
-        return recording
+        is_lively = part is None and _measure_spread(lengths) > LIVELY_RATIO
+        return flag_doubt(recording, "accelerometer", moving_g=round(usual, 3)) if is_lively else recording
     if unit == "registers":
         fitting = [one for one in SENSITIVITIES_G if abs(usual * one - 1.0) <= MOVING_TOLERANCE]
     else:
@@ -505,6 +523,14 @@ def _settle_moving(recording: Recording, unit: str) -> Recording:
         _refuse_short(recording)
         raise UnknownUnit(sensor="accelerometer")
     return _set_acc_unit(recording, unit, fitting[0], "motion", usual)
+
+
+def _refuse_no_gravity(recording: Recording) -> float | None:
+    """Refuse an acceleration that reads next to nothing at rest; see :func:`measure_rest_part`."""
+    part = measure_rest_part(recording.segments)
+    if part is not None and part < LEAST_REST_PART:
+        raise NoGravity
+    return part
 
 
 def _set_acc_unit(recording: Recording, unit: str, factor: float, evidence: str, read_g: float) -> Recording:

@@ -12,7 +12,7 @@ from datetime import UTC, date, datetime, time, timedelta
 from itertools import pairwise
 
 from fusion.caveats import Caveat
-from fusion.diary import KINDS, DiaryEntry, Kind, refuse_slips
+from fusion.diary import KINDS, DiaryEntry, Kind, parse_clock, refuse_slips
 from fusion.errors import UnusableDiary
 from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
 
@@ -140,11 +140,11 @@ def _bound(
     entry: DiaryEntry, following: DiaryEntry | None, start: datetime | None, duration_us: int
 ) -> tuple[int, int]:
     """Give the first microsecond of a row and the first after it, not yet cut to the recording."""
-    start_us = _place_moment(entry.start, entry.line, start, duration_us)
+    start_us = place_moment(entry.start, entry.line, start, duration_us)
     if entry.end is not None:
-        end_us = _place_moment(entry.end, entry.line, start, duration_us)
+        end_us = place_moment(entry.end, entry.line, start, duration_us)
     elif following is not None:
-        end_us = _place_moment(following.start, following.line, start, duration_us)
+        end_us = place_moment(following.start, following.line, start, duration_us)
     else:
         end_us = max(duration_us, start_us + 1)
     if end_us <= start_us:
@@ -157,12 +157,18 @@ def _format_times(entry: DiaryEntry) -> str:
     return f"{entry.start}" if entry.end is None else f"{entry.start} - {entry.end}"
 
 
-def _place_moment(moment: float | str, line: int, start: datetime | None, duration_us: int) -> int:
-    """Give a moment in microseconds from the first sample."""
+def place_moment(moment: float | str, line: int, start: datetime | None, duration_us: int) -> int:
+    """Return a moment in microseconds from the first sample: a number is seconds, text is a clock time.
+
+    Raises
+    ------
+    UnusableDiary
+    """
     if not isinstance(moment, str):
         return round(moment * MICROSECONDS)
     if start is None:
         raise UnusableDiary(line=line, why="no clock", cure="seconds", value=moment)
+    moment = parse_clock(moment, line)
     if "T" in moment:
         return _measure_from(start, _set_zone(datetime.fromisoformat(moment), start, line))
     hour = time.fromisoformat(moment)

@@ -48,7 +48,7 @@ def estimate_vertical(
         method.
     """
     if method not in get_args(MethodName):
-        raise UnusableArrays(why="method")
+        raise UnusableArrays(why="method", value=str(method), allowed=", ".join(get_args(MethodName)))
     acc, gyr = check_arrays(acc_g, gyr_dps, rate_hz)
     check_gravity(acc)
     if method == "live":

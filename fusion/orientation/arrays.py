@@ -15,7 +15,14 @@ class UnusableArrays(UnusableRecording, ValueError):
 
     code = "E-ARRAYS"
     fact_meanings = name_facts(
-        why=TERM, acc="shape", gyr="shape", axis="as given", g="g, median length", rate_hz="Hz"
+        why=TERM,
+        acc="shape",
+        gyr="shape",
+        axis="as given",
+        g="g, median length",
+        rate_hz="Hz",
+        value="as given",
+        allowed="what can be",
     )
 
 
@@ -61,7 +68,10 @@ def check_direction(axis: object) -> Float64Array:
     ------
     UnusableArrays
     """
-    vector = np.array(_as_floats(axis), dtype=np.float64)
+    try:
+        vector = np.array(axis, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise UnusableArrays(why="axis", axis=repr(axis)[:60]) from error
     if vector.shape != (3,) or not abs(np.linalg.norm(vector) - 1.0) <= UNIT_WITHIN:
         raise UnusableArrays(why="axis", axis=str(vector.tolist()))
     return vector

@@ -3,8 +3,11 @@
 The same idea as :mod:`fusion.orientation.smoothed`, one-sided: the acceleration is low-passed in a frame
 that turns with the gyroscope, and the filter's state is carried along. Weights at the age ``s = t /
 time_constant_s``: ``exp(-s) (freshness cos s + sin s)``, a second-order Butterworth low-pass with a little
-of the newest samples, which a start needs. The bias is the mean rate of still moments; it is not followed
-while the arm never rests.
+of the newest samples, which a start needs.
+
+The gyroscope's bias is the mean rate of still moments, less the turn that gravity shows in them: an arm that
+turns slowly and evenly looks still, and its turn is not bias. Until the first still moment, gentle moments
+stand in for it; after it, the bias is not followed while the arm never rests.
 """
 
 from dataclasses import dataclass
@@ -20,17 +23,23 @@ from fusion.sensor.model import RADIANS, bend, carry, turn_factors
 from fusion.sensor.stillness import StillRules
 
 # Places in the state: filter, previous rate, bias, then the still moment being gathered.
-REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE = range(0, 24, 3)
-SAMPLES, GATHERED, STILLS, SIZE = 24, 25, 26, 27
+REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE, ACC_TREND = range(0, 27, 3)
+SAMPLES, GATHERED, STILLS, GENTLES, SIZE = 27, 28, 29, 30, 31
 
 
 @dataclass(frozen=True, slots=True)
 class LiveParameters:
-    """Chosen on the even-numbered half of BROAD; ``memory_stills`` still moments share in the bias."""
+    """Chosen on the even-numbered half of BROAD; ``memory_stills`` still moments share in the bias.
+
+    ``gentle_acc_sd_g`` and ``gentle_gyro_sd_dps`` limit the moments that stand in until the first still one;
+    chosen on skin-mounted sensors of four people, with no effect on BROAD.
+    """
 
     time_constant_s: float = 3.0
     freshness: float = 0.05
     memory_stills: float = 8.0
+    gentle_acc_sd_g: float = 0.08
+    gentle_gyro_sd_dps: float = 10.0
 
 
 class LiveVertical:
@@ -54,7 +63,8 @@ class LiveVertical:
         self._filter = (1.0 / rate_hz, decay.real, decay.imag, parameters.freshness)
         block = float(max(2, round(rules.still_s * rate_hz)))
         limits = (rules.acc_sd_g**2, rules.gyro_sd_dps**2, rules.largest_bias_dps**2)
-        self._still = (block, *limits, parameters.memory_stills)
+        gentle = (parameters.gentle_acc_sd_g**2, parameters.gentle_gyro_sd_dps**2)
+        self._still = (block, *limits, parameters.memory_stills, *gentle)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> Float64Array:
         """Take the next samples, shapes (n, 3) or (3,), and give the unit vectors to the zenith, (n, 3).
@@ -112,36 +122,48 @@ def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  
 @inner
 def _gather(acc: Any, gyr: Any, sample: int, state: Any, settings: Any) -> None:  # pragma: no cover
     """Add a sample to the moment being gathered; when it is full, see whether it was still."""
+    from_middle = state[GATHERED] - (settings[1][0] - 1.0) / 2.0
     for i in range(3):
         state[ACC_SUM + i] += acc[sample, i]
+        state[ACC_TREND + i] += from_middle * acc[sample, i]
         state[ACC_SQUARE + i] += float(acc[sample, i]) ** 2
         state[GYR_SUM + i] += gyr[sample, i]
         state[GYR_SQUARE + i] += float(gyr[sample, i]) ** 2
     state[GATHERED] += 1.0
     if state[GATHERED] >= settings[1][0]:
         _judge(state, settings)
-        for place in range(ACC_SUM, GYR_SQUARE + 3):
+        for place in range(ACC_SUM, ACC_TREND + 3):
             state[place] = 0.0
         state[GATHERED] = 0.0
 
 
 @kernel
 def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
-    """If the moment was still, its mean rate goes into the bias; the first one also sets the vertical."""
-    (_, keep, mix, _), (block, acc_limit, gyr_limit, bias_limit, memory) = settings
-    level, acc_total, gyr_total = 0.0, 0.0, 0.0
+    """If the moment was still, its rate goes into the bias; the first one also sets the vertical."""
+    period_s, keep, mix, _ = settings[0]
+    block, acc_limit, gyr_limit, bias_limit, memory, gentle_acc_limit, gentle_gyr_limit = settings[1]
+    level, acc_total, gyr_total, gravity = 0.0, 0.0, 0.0, 1e-12
     for i in range(3):
         acc_mean, gyr_mean = state[ACC_SUM + i] / block, state[GYR_SUM + i] / block
         level += gyr_mean * gyr_mean
+        gravity += acc_mean * acc_mean
         acc_total += state[ACC_SQUARE + i] / block - acc_mean * acc_mean
         gyr_total += state[GYR_SQUARE + i] / block - gyr_mean * gyr_mean
-    if acc_total > acc_limit or gyr_total > gyr_limit or level > bias_limit:
+    is_still = acc_total <= acc_limit and gyr_total <= gyr_limit
+    is_gentle = state[STILLS] == 0.0 and acc_total <= gentle_acc_limit and gyr_total <= gentle_gyr_limit
+    if level > bias_limit or not (is_still or is_gentle):
         return
-    state[STILLS] += 1.0
-    share = 1.0 / min(state[STILLS], memory)
+    kind = STILLS if is_still else GENTLES
+    state[kind] += 1.0
+    share = 1.0 / min(state[kind], memory)
+    # The regression of gravity on time, crossed with gravity: the turn across it, deg/s.
+    to_dps = 12.0 / (block * (block * block - 1.0) * period_s * block * gravity * RADIANS)
     for i in range(3):
-        state[BIAS + i] += share * (state[GYR_SUM + i] / block - state[BIAS + i])
-        if state[STILLS] == 1.0:
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turn_dps = state[ACC_TREND + j] * state[ACC_SUM + k] - state[ACC_TREND + k] * state[ACC_SUM + j]
+        state[BIAS + i] += share * (state[GYR_SUM + i] / block - to_dps * turn_dps - state[BIAS + i])
+    for i in range(3):
+        if is_still and state[STILLS] == 1.0:
             # What was carried with an unknown bias is forgotten: the filter stands as if it had always
             # rested so.
             settle = 1.0 / ((1.0 - keep) ** 2 + mix * mix)

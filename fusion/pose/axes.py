@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from fusion.conventions import ARM_AXES, ArmAxis
-from fusion.pose.postures import find_angle_deg
+from fusion.numerics.rotations import find_angle_deg
 from fusion.pose.rules import RULES
 from fusion.recording import Float64Array
 
@@ -90,8 +90,8 @@ def find_spread_deg(axes: Iterable[Float64Array]) -> float:
 
 def choose_apart(axes: Sequence[Float64Array], most: int = MOST_READINGS) -> list[int]:
     """Return the places of axes that stand for all: the first, then each time the one farthest from those."""
-    chosen = [0]
-    while len(chosen) < most:
+    chosen = [0] if axes else []
+    while axes and len(chosen) < most:
         nearest_deg = [min(find_angle_deg(axis, axes[place]) for place in chosen) for axis in axes]
         farthest = int(np.argmax(nearest_deg))
         if nearest_deg[farthest] < SAME_DEG:

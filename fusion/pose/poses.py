@@ -6,17 +6,18 @@ candidate. A stillness that does not sway is a table: the sensor is worn from it
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from fusion.conventions import CalibrationState, PoseHeld
+from fusion.numerics.rotations import find_angle_deg
 from fusion.pose.axes import (
     ALIKE_DEG,
     MOMENT_SIGMA_DEG,
     WALKING_SIGMA_DEG,
     estimate_held_sigma,
 )
-from fusion.pose.postures import find_angle_deg, find_walking
+from fusion.pose.slips import find_walking
 from fusion.pose.wear import Wear, divide_by_wear
 from fusion.pose.windows import (
     Blocks,
@@ -41,16 +42,19 @@ MOST_REPEATS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPose:
-    """A pose, or what stands for one.
+    """A pose, several that agree, or what stands for one.
 
-    ``time_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its standard
-    deviation. ``candidates``: the stillnesses that may be the pose, if nobody confirmed one.
+    ``time_s``, ``end_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its
+    standard deviation; ``repeat_deg``: the largest angle between several. ``candidates``: the stillnesses
+    that may be the pose, if nobody confirmed one.
     """
 
     state: CalibrationState
     time_s: float
+    end_s: float
     axis: Float64Array
     sigma_deg: float
+    repeat_deg: float | None = None
     still: StillPeriod | None = None
     candidates: tuple[StillPeriod, ...] = ()
 
@@ -63,20 +67,31 @@ class EarlyStills:
     stills: tuple[StillPeriod, ...]
 
 
-def find_early_stills(recording: Recording, wear: Wear, stretches_s: Sequence[Window]) -> EarlyStills:
-    """Return the stillnesses of 5 to 60 s that sway, in the first ten minutes of a stretch of wear."""
-    measured = [(end_s, measure_stretch(recording, (start_s, end_s))) for start_s, end_s in stretches_s]
-    sways = any(still.sway_dps >= TABLE_SWAY_DPS for _, still in measured)
+def find_early_stills(
+    recording: Recording, wears: Sequence[Wear], stretches_s: Sequence[Window]
+) -> list[EarlyStills]:
+    """Return the stillnesses of 5 to 60 s that sway, in the first ten minutes of each stretch of wear.
+
+    If none in the whole recording sways, it was made without an arm, and those that do not sway are taken.
+    """
+    sways = any(measure_stretch(recording, span_s).sway_dps >= TABLE_SWAY_DPS for span_s in stretches_s)
+    return [_find_in_wear(recording, wear, stretches_s, TABLE_SWAY_DPS if sways else 0.0) for wear in wears]
+
+
+def _find_in_wear(
+    recording: Recording, wear: Wear, stretches_s: Sequence[Window], least_sway_dps: float
+) -> EarlyStills:
     worn_from_s, found = wear.worn_from_s, list[StillPeriod]()
-    for end_s, still in measured:
-        if not wear.start_s <= still.start_s < wear.end_s or end_s <= worn_from_s:
+    for start_s, end_s in stretches_s:
+        if not wear.start_s <= start_s < wear.end_s or end_s <= worn_from_s:
             continue
-        if still.start_s > worn_from_s + EARLY_S:
+        if start_s > worn_from_s + EARLY_S:
             break
-        if end_s - still.start_s > LONGEST_POSE_S or (sways and still.sway_dps < TABLE_SWAY_DPS):
-            worn_from_s = worn_from_s if found else end_s
-        else:
+        still = measure_stretch(recording, (start_s, end_s))
+        if end_s - start_s <= LONGEST_POSE_S and still.sway_dps >= least_sway_dps:
             found.append(still)
+        elif not found:
+            worn_from_s = end_s
     return EarlyStills(worn_from_s, tuple(found))
 
 
@@ -84,6 +99,7 @@ def find_pose(
     recording: Recording,
     blocks: Blocks,
     wear: Wear,
+    early: EarlyStills,
     accelerometer: AccelerometerCorrection,
     pose_held: PoseHeld | None,
 ) -> FoundPose:
@@ -94,19 +110,25 @@ def find_pose(
     UnusableCalibration
         Nothing was ever still.
     """
-    early = find_early_stills(recording, wear, find_still_stretches(blocks, accelerometer))
     if not early.stills:
         return _do_without(recording, blocks, wear, accelerometer)
     still = early.stills[0]
     is_held = pose_held == "start" and still.start_s <= early.worn_from_s + HELD_S
-    return FoundPose(
-        "held_at_start" if is_held else "assumed",
-        still.start_s,
-        still.correct(accelerometer),
-        estimate_held_sigma(still.duration_s),
-        still,
-        () if is_held else early.stills,
-    )
+    state: CalibrationState = "held_at_start" if is_held else "assumed"
+    candidates = () if is_held else early.stills
+    return describe_pose(state, still, accelerometer, candidates)
+
+
+def describe_pose(
+    state: CalibrationState,
+    still: StillPeriod,
+    accelerometer: AccelerometerCorrection,
+    candidates: tuple[StillPeriod, ...] = (),
+) -> FoundPose:
+    """Return a stillness as a pose."""
+    sigma_deg = estimate_held_sigma(still.duration_s)
+    axis = still.correct(accelerometer)
+    return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
 
 
 def _do_without(
@@ -116,8 +138,9 @@ def _do_without(
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)
     if walking is not None:
-        return FoundPose("none", float(wear.strides.time_s[0]), walking, WALKING_SIGMA_DEG)
-    return FoundPose("none", still.start_s, still.correct(accelerometer), MOMENT_SIGMA_DEG, still)
+        first_s = float(wear.strides.time_s[0])
+        return FoundPose("none", first_s, first_s, walking, WALKING_SIGMA_DEG)
+    return replace(describe_pose("none", still, accelerometer), sigma_deg=MOMENT_SIGMA_DEG)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +159,7 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
     blocks = reduce_recording(recording)
     accelerometer = calibrate_accelerometer(find_still_moments(blocks))
     stretches_s = find_still_stretches(blocks, accelerometer)
-    wears = divide_by_wear(blocks, accelerometer)
-    early = [find_early_stills(recording, wear, stretches_s) for wear in wears]
+    early = find_early_stills(recording, divide_by_wear(blocks, accelerometer), stretches_s)
     proposed = [ProposedPose(still, "pose") for one in early for still in one.stills]
     late_s = recording.duration_us / MICROSECONDS - EARLY_S
     if not early[0].stills or late_s < early[0].worn_from_s + EARLY_S:

@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from fusion.pose.postures import Moments, find_calm_moments, find_striding_moments
 from fusion.sensor.accelerometer import AccelerometerCorrection
+from fusion.sensor.moments import Moments, find_calm_moments, find_striding_moments
 from fusion.sensor.stillness import QuarterSeconds, summarise_windows
 from fusion.still_limits import OFF_THE_ARM
 
 OFF_S, HOLE_S = 600.0, 300.0
 LEAST_SHARE = 0.15
-"""Of the calm moments of the day: a stretch with fewer is a sensor in a bag or in a hand."""
+"""Of the calm moments of the longest stretch: one with fewer is a sensor in a bag or in a hand."""
 Cut = tuple[float, float]
 """Start and end of a stretch in which the sensor may have been off, s."""
 
@@ -27,13 +27,14 @@ Cut = tuple[float, float]
 class Wear:
     """A stretch of wear, at ``worn_from_s`` at the earliest; ``off_s``: how long it was off before.
 
-    ``strides``: the moments in which the wearer seems to walk.
+    ``calm``: how the sensor saw gravity; ``strides``: while the wearer seemed to walk.
     """
 
     start_s: float
     end_s: float
     worn_from_s: float
     off_s: float
+    calm: Moments
     strides: Moments
 
 
@@ -42,20 +43,30 @@ def divide_by_wear(
 ) -> tuple[Wear, ...]:
     """Return the stretches of wear worth the name, one at least, which cover the whole recording."""
     cuts = _find_cuts(blocks)
-    calm_s = find_calm_moments(blocks, accelerometer)
-    strides = find_striding_moments(blocks, accelerometer)
+    calm, strides = find_calm_moments(blocks, accelerometer), find_striding_moments(blocks, accelerometer)
     for off_s, on_s in cuts:
-        calm_s = calm_s[(calm_s <= off_s) | (calm_s >= on_s)]
+        calm = calm.select((calm.time_s <= off_s) | (calm.time_s >= on_s))
     edges_s = [-np.inf, *((off_s + on_s) / 2.0 for off_s, on_s in cuts), np.inf]
-    worn = [float(((calm_s >= first) & (calm_s < stop)).mean()) for first, stop in pairwise(edges_s)]
+    worn = [len(calm.within(*span_s).up) for span_s in pairwise(edges_s)]
     opened_s = blocks[0].start_s if blocks else 0.0
     openings = [(opened_s, opened_s), *cuts]
-    kept = [k for k, share in enumerate(worn) if share >= LEAST_SHARE] or [0]
+    kept = [k for k, count in enumerate(worn) if count >= LEAST_SHARE * max(worn)]
     starts_s = [-np.inf, *(edges_s[k] for k in kept[1:]), np.inf]
     return tuple(
-        Wear(start_s, end_s, openings[k][1], openings[k][1] - openings[k][0], strides.within(start_s, end_s))
-        for k, (start_s, end_s) in zip(kept, pairwise(starts_s), strict=True)
+        Wear(
+            *span_s,
+            openings[k][1],
+            openings[k][1] - openings[k][0],
+            calm.within(*span_s),
+            strides.within(*span_s),
+        )
+        for k, span_s in zip(kept, pairwise(starts_s), strict=True)
     )
+
+
+def find_wear(wears: Sequence[Wear], time_s: float) -> Wear:
+    """Return the stretch of wear that a time lies in."""
+    return next(wear for wear in reversed(wears) if wear.start_s <= time_s)
 
 
 def _find_cuts(blocks: Sequence[QuarterSeconds]) -> list[Cut]:

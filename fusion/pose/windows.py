@@ -7,7 +7,7 @@ import numpy as np
 
 from fusion.caveats import Caveat
 from fusion.errors import UnusableCalibration
-from fusion.pose.postures import find_angle_deg
+from fusion.numerics.rotations import find_angle_deg, scale_to_unit
 from fusion.pose.rules import RULES, object_to_window, score_still_period
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
@@ -162,11 +162,6 @@ def flag_window(
 ) -> QualityFlag:
     """One flag for a calibration window, with its place."""
     return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
-
-
-def scale_to_unit(vector: Float64Array) -> Float64Array:
-    """The same direction at length 1."""
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _object_to(recording: Recording, start_s: float, end_s: float) -> str:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fusion.quality.time_account import propose_nonwear as propose_nonwear
     from fusion.quality.time_account import refuse_short as refuse_short
     from fusion.quality.verdict import assess_quality as assess_quality
+    from fusion.quality.verdict import flag_accelerometer_drift as flag_accelerometer_drift
     from fusion.quality.verdict import flag_gyro_drift as flag_gyro_drift
     from fusion.quality.verdict import flag_published as flag_published
     from fusion.quality.verdict import flag_upside_down as flag_upside_down
@@ -31,6 +32,7 @@ _HOMES = {
     "assess_quality": "fusion.quality.verdict",
     "count_holes_us": "fusion.quality.time_account",
     "find_exclusions": "fusion.quality.time_account",
+    "flag_accelerometer_drift": "fusion.quality.verdict",
     "flag_gyro_drift": "fusion.quality.verdict",
     "flag_published": "fusion.quality.verdict",
     "flag_spans": "fusion.recording",
@@ -54,6 +56,7 @@ __all__ = [
     "count_holes_us",
     "divide_time",
     "find_exclusions",
+    "flag_accelerometer_drift",
     "flag_gyro_drift",
     "flag_published",
     "flag_spans",

@@ -154,7 +154,7 @@ def refuse_short(recording: Recording) -> None:
     """
     present_us = sum(segment.duration_us for segment in recording.segments)
     if present_us < SHORTEST_RECORDING_US and recording.device not in (READY_ANGLES, "mvn"):
-        raise TooShort(s=round(present_us / MICROSECONDS, 3))
+        raise TooShort(s=round(present_us / MICROSECONDS, 3), **_find_cause(recording.flags))
 
 
 def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
@@ -252,11 +252,21 @@ WITHOUT_MINIMUM = (READY_ANGLES, "mvn")
 SAID_BY_A_PERSON = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
 
 
-def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...]) -> TimeAccount:
+CAUSES = {Caveat.RESOLUTION: "resolution", Caveat.ACC_DRIFT: "drift"}
+"""Of time that is lost in a way that does not show them."""
+
+
+def account_time(
+    recording: Recording,
+    elevation: Elevation,
+    exclusions: tuple[Span, ...],
+    flags: tuple[QualityFlag, ...] = (),
+) -> TimeAccount:
     """Account for every microsecond: analysed are the valid rows, missing is what nothing explains.
 
     A segment's rows last its fitted period, so sums and stamps can differ by a microsecond for each segment
-    and each exclusion; such a difference goes to the excluded time, and is not called missing.
+    and each exclusion; such a difference goes to the excluded time, and is not called missing. ``flags``:
+    caveats beside the recording's own, which may hold the cause where too little is left.
 
     Raises
     ------
@@ -268,7 +278,10 @@ def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[S
     )
     least_us = 1 if recording.device in WITHOUT_MINIMUM else SHORTEST_ANALYSED_US
     if analysed_us < least_us:
-        raise TooShort(s=analysed_us / MICROSECONDS, **_describe_largest(exclusions))
+        present_us = sum(segment.duration_us for segment in recording.segments)
+        largest = _describe_largest(exclusions, present_us - analysed_us)
+        cause = _find_cause((*recording.flags, *flags)) if "cure" not in largest else {}
+        raise TooShort(s=analysed_us / MICROSECONDS, **largest, **cause)
     recorded_us = max(recording.duration_us, analysed_us)
     excluded_us = min(sum(span.duration_us for span in exclusions), recorded_us - analysed_us)
     missing_us = recorded_us - analysed_us - excluded_us
@@ -338,11 +351,23 @@ def _build_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int)
             yield TimePart(account, name, told_us)
 
 
-def _describe_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
-    """Describe what left out most: the reason, for how long, and the cure where a person can undo it."""
+def _find_cause(flags: Iterable[QualityFlag]) -> dict[str, str]:
+    """The cure for a sensor that loses time: its resolution, or its accelerometer's drift."""
+    found = [CAUSES[Caveat(flag.code)] for flag in flags if flag.code in CAUSES]
+    return {"cure": found[0]} if found else {}
+
+
+def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dict[str, str | float]:
+    """Describe what left out most: the reason, for how long, and the cure where a person can undo it.
+
+    ``left_out_us``: of the samples; what no exclusion explains was not trusted.
+    """
     lengths_us: dict[str, int] = {}
     for span in exclusions:
         lengths_us[span.reason] = lengths_us.get(span.reason, 0) + span.duration_us
+    untrusted_us = left_out_us - sum(lengths_us.values())
+    if untrusted_us >= MICROSECONDS:
+        lengths_us["untrusted"] = untrusted_us
     if not lengths_us:
         return {}
     largest = max(lengths_us, key=lambda reason: lengths_us[reason])

@@ -5,13 +5,16 @@ from collections.abc import Iterable
 import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
+from fusion.checks.gravity_windows import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import Calibration
 from fusion.quality.time_account import count_beside_us
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Span, flag_spans
+from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import GyroBias
+from fusion.sensor.stillness import QuietTable
 
 # Caveats on the figures themselves: a gyroscope that drifted, a method that cannot follow the drift, an arm
 # raised for most of the day.
@@ -37,6 +40,36 @@ def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
     first_s, last_s = sorted(float(bias.time_s[place]) for place in places)
     facts = {"dps": round(float(spread_dps[axis]), 2)}
     return (QualityFlag(Caveat.GYRO_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
+
+
+SAME_DEG, FEWEST_RESTS, LEAST_DRIFT_G = 10.0, 8, 0.015
+"""Recordings in hand read up to 4 mg apart, simulated devices up to 7; from 25 mg on time is lost."""
+
+
+def flag_accelerometer_drift(
+    stills: QuietTable, accelerometer: AccelerometerCorrection
+) -> tuple[QualityFlag, ...]:
+    """Flag an accelerometer that reads another length at the end, at rest in one direction (W-ACC-DRIFT).
+
+    The first and the last quarter of the still moments of each direction are compared. What stands still all
+    along, offset and gain, is taken off before: within a direction it would pass for a change.
+    """
+    read_g = (stills.gravity_g - accelerometer.mean_offset_g) @ accelerometer.gain
+    length_g = np.linalg.norm(read_g, axis=1)
+    direction = number_directions(read_g / np.maximum(length_g, 1e-9)[:, None], SAME_DEG)
+    found = (0.0, 0.0, 0.0)
+    for rows in (np.flatnonzero(direction == number) for number in range(direction.max(initial=-1) + 1)):
+        if len(rows) < FEWEST_RESTS:
+            continue
+        few = len(rows) // 4
+        change_g = float(np.median(length_g[rows[-few:]]) - np.median(length_g[rows[:few]]))
+        first_s, last_s = float(stills.start_s[rows[0]]), float(stills.start_s[rows[-1]])
+        found = max(found, (abs(change_g), first_s, last_s))
+    change_g, first_s, last_s = found
+    if change_g < LEAST_DRIFT_G:
+        return ()
+    facts = {"mg": round(1000.0 * change_g)}
+    return (QualityFlag(Caveat.ACC_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
 
 
 def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:

@@ -8,10 +8,11 @@ from typing import BinaryIO
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
-from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
+from fusion.checks.resolution import flag_resolution
 from fusion.checks.summary import summarise
 from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
-from fusion.errors import EmptyFile, FailedReader
+from fusion.errors import EmptyFile, FailedReader, MixedColumns
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
 from fusion.readers.gt3x import read as gt3x
@@ -141,16 +142,27 @@ def read_recording(
 
 
 def _check_readings(recording: Recording) -> Recording:
-    """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults."""
+    """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults.
+
+    A channel that stuck is told by movement in g and deg/s: where a file states no units, the search follows
+    their settling. A channel that stops again and again passes for columns mixed up, and is named first.
+    """
     whole = leave_out_zeros(recording)
     seen = summarise(whole.segments)
     alive = leave_out_held(refuse_dead(whole, seen), seen)
     seen = summarise(alive.segments, seen)
-    measured = exclude_stuck(alive, seen)
+    is_stated = are_units_stated(alive)
+    measured = exclude_stuck(alive, seen) if is_stated else alive
     seen = summarise(measured.segments, seen)
-    checked = check_physics(measured, seen)
+    try:
+        checked = check_physics(measured, seen)
+    except MixedColumns:
+        exclude_stuck(measured)
+        raise
     seen = summarise(checked.segments, seen)
-    return flag_days(refuse_impossible_rates(exclude_faults(checked, measured, seen), seen))
+    searched = measured if is_stated else None
+    found = add_flags(exclude_faults(checked, searched, seen), *flag_resolution(checked))
+    return flag_days(refuse_impossible_rates(found, seen))
 
 
 def holds_device_format(file: BinaryIO) -> bool:

@@ -7,9 +7,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 URL = "/api/v1/recordings"
-OUTSIDE = {"start": 100_000, "end": 100_060, "kind": "task"}
-REVERSED = {"start": 60, "end": 30, "kind": "task"}
-INSIDE = {"start": 0, "end": 45, "kind": "task"}
+OUTSIDE = {"start_s": 100_000, "end_s": 100_060, "kind": "task"}
+REVERSED = {"start_s": 60, "end_s": 30, "kind": "task"}
+INSIDE = {"start_s": 0, "end_s": 45, "kind": "task"}
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def address(client: TestClient, shift_gt3x: Path) -> str:
         ([INSIDE, REVERSED], 3, "before it begins"),
         ([OUTSIDE], 2, "outside of"),
         ([INSIDE, OUTSIDE], 3, "outside of"),
-        ([INSIDE, INSIDE | {"start": 10}], 3, "overlap"),
+        ([INSIDE, INSIDE | {"start_s": 10}], 3, "overlap"),
     ],
 )
 def test_periods_that_cannot_be_are_refused_with_their_row(
@@ -40,10 +40,36 @@ def test_periods_that_cannot_be_are_refused_with_their_row(
 
 def test_a_diary_file_is_checked_like_rows(client: TestClient, address: str) -> None:
     answer = client.put(
-        address, content=b"start,end,kind\n60,30,task\n", headers={"content-type": "text/csv"}
+        address, content=b"start_s,end_s,kind\n60,30,task\n", headers={"content-type": "text/csv"}
     )
 
     assert answer.json()["code"] == "E-DIARY"
+
+
+@pytest.mark.parametrize(
+    ("row", "value"),
+    [({"start": 600}, "600"), ({"start": "07:00", "end": 10.2}, "10.2")],
+    ids=["start", "end"],
+)
+def test_a_number_that_does_not_say_seconds_is_refused(
+    client: TestClient, address: str, row: dict[str, Any], value: str
+) -> None:
+    problem = client.put(address, json=[INSIDE, row | {"kind": "break"}]).json()
+
+    assert (problem["code"], problem["where"]) == ("E-DIARY", {"line": 3})
+    assert f'"{value}"' in problem["detail"]
+    assert "start_s" in problem["fix"]
+
+
+@pytest.mark.parametrize("start", ["07:02", "07.02", "07,02", "0702", "7h02", "7 h 02"])
+def test_a_clock_time_is_stored_alike_in_every_spelling(client: TestClient, address: str, start: str) -> None:
+    answer = client.put(address, json=[{"start": start, "end": "0704", "kind": "break"}])
+
+    assert [(row["start"], row["end"]) for row in answer.json()] == [("07:02:00", "07:04:00")]
+
+
+def test_a_time_without_its_row_s_start_is_refused(client: TestClient, address: str) -> None:
+    assert client.put(address, json=[{"end_s": 30, "kind": "task"}]).json()["code"] == "E-DIARY"
 
 
 def test_what_is_refused_changes_nothing(client: TestClient, address: str) -> None:
@@ -51,11 +77,11 @@ def test_what_is_refused_changes_nothing(client: TestClient, address: str) -> No
 
     client.put(address, json=[REVERSED])
 
-    assert [row["end"] for row in client.get(address).json()] == [45.0]
+    assert [row["end_s"] for row in client.get(address).json()] == [45.0]
 
 
 def test_what_reaches_past_the_recording_is_taken_and_cut_later(client: TestClient, address: str) -> None:
-    assert client.put(address, json=[INSIDE | {"end": 4000}]).status_code == 200
+    assert client.put(address, json=[INSIDE | {"end_s": 4000}]).status_code == 200
 
 
 def test_rows_of_a_recording_that_cannot_be_read_yet_are_compared_with_one_another(

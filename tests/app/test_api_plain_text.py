@@ -22,7 +22,7 @@ def post_recording(client: TestClient) -> str:
         ("PATCH", "/api/v1/recordings/{id}", '{"subject": "@"}'),
         ("PATCH", "/api/v1/recordings/{id}", '{"note": "@"}'),
         ("PUT", "/api/v1/recordings/{id}/periods", '[{"start": "@", "kind": "task"}]'),
-        ("PUT", "/api/v1/recordings/{id}/periods", '[{"start": 0, "end": 9, "kind": "task", "label": "@"}]'),
+        ("PUT", "/api/v1/recordings/{id}/periods", '[{"start_s": 0, "kind": "task", "label": "@"}]'),
         ("POST", "/api/v1/recordings", '{"upload_id": "@"}'),
         ("POST", "/api/v1/analyses", '{"recording_ids": ["@"]}'),
         ("POST", "/api/v1/analyses", '{"recording_ids": ["{id}"], "settings": {"profile": {"@": 1}}}'),

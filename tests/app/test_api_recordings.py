@@ -256,12 +256,15 @@ def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, 
 def test_periods_are_given_back_as_they_were_put(client: TestClient) -> None:
     address = f"{URL}/{keep(client)['id']}/periods"
     periods: list[dict[str, Any]] = [
-        {"start": 0, "end": 60.5, "kind": "task", "label": "sorting", "left_out": None},
-        {"start": "07:58", "end": None, "kind": "not_worn", "label": "", "left_out": False},
+        {"start_s": 0, "end_s": 60.5, "kind": "task", "label": "sorting", "left_out": None},
+        {"start": "7h58", "kind": "not_worn", "label": "", "left_out": False},
     ]
+    no_times = dict.fromkeys(("start", "end", "start_s", "end_s"))
 
     assert client.put(address, json=periods).status_code == 200
-    assert client.get(address).json() == [periods[0], periods[1] | {"start": "07:58:00"}]
+    given = client.get(address).json()
+    assert given == [no_times | periods[0], no_times | periods[1] | {"start": "07:58:00"}]
+    assert client.put(address, json=given).json() == given
 
 
 def test_a_diary_file_is_taken_and_given_as_csv(client: TestClient) -> None:
@@ -277,12 +280,28 @@ def test_a_diary_file_is_taken_and_given_as_csv(client: TestClient) -> None:
     assert again.json() == client.get(address).json()
 
 
+def test_clock_times_and_seconds_are_given_as_csv_that_is_read_again(client: TestClient) -> None:
+    address = f"{URL}/{keep(client)['id']}/periods"
+    given = client.put(
+        address,
+        json=[
+            {"start_s": 0, "end_s": 60.5, "kind": "task"},
+            {"start": "10.20", "end": "1050", "kind": "break"},
+        ],
+    ).json()
+
+    text = client.get(address, headers={"accept": "text/csv"}).text
+
+    assert text.splitlines()[0] == "start,end,start_s,end_s,kind,label,left_out,file"
+    assert client.put(address, content=text.encode(), headers={"content-type": "text/csv"}).json() == given
+
+
 @pytest.mark.parametrize(
     ("body", "code"),
     [
         ('[{"start": "25:00", "end": 3, "kind": "task"}]', "E-DIARY"),
-        ('[{"start": 0, "end": 3, "kind": "party"}]', "E-PARAMETER"),
-        ('{"start": 0}', "E-PARAMETER"),
+        ('[{"start_s": 0, "end_s": 3, "kind": "party"}]', "E-PARAMETER"),
+        ('{"start_s": 0}', "E-PARAMETER"),
         ("x", "E-PARAMETER"),
     ],
 )

@@ -40,7 +40,7 @@ def test_a_stored_recording_can_be_analysed(client: TestClient) -> None:
 
 def test_the_analysis_knows_what_the_recording_says(client: TestClient, store: JobStore) -> None:
     recording = keep(client, file_name="a.csv", subject="S1", side="left")
-    client.put(f"/api/v1/recordings/{recording}/periods", json=[{"start": 0, "end": 9, "kind": "task"}])
+    client.put(f"/api/v1/recordings/{recording}/periods", json=[{"start_s": 0, "end_s": 9, "kind": "task"}])
 
     request = store.get(ask(client, recording)["id"]).request
 
@@ -64,7 +64,7 @@ def test_settings_win_over_what_the_recording_says(client: TestClient, store: Jo
         "lang": "fr",
         "rate_hz": 100,
         "source": "samples",
-        "periods": [{"start": 5, "end": 6, "kind": "break"}],
+        "periods": [{"start_s": 5, "end_s": 6, "kind": "break"}],
     }
 
     request = store.get(ask(client, recording, settings=settings)["id"]).request

@@ -113,7 +113,8 @@ def test_a_download_is_named_by_file_and_version_where_nothing_else_is_known(
 
     header = client.get(f"{address}/report.pdf", params={"lang": "fr"}).headers["content-disposition"]
 
-    assert header == "attachment; filename*=utf-8''%C3%89quipe%201_report_v1.fr.pdf"
+    plain, exact = "Equipe 1_report_v1.fr.pdf", "%C3%89quipe%201_report_v1.fr.pdf"
+    assert header == f"attachment; filename=\"{plain}\"; filename*=UTF-8''{exact}"
 
 
 @pytest.mark.parametrize("name", ['a";b.gt3x', "a\r\nSet-Cookie: x.gt3x", "../../x.gt3x", "%0d%0a.gt3x"])

@@ -110,7 +110,7 @@ def test_the_document_holds_the_same_change_as_the_page() -> None:
 
 @pytest.mark.parametrize(
     ("subject", "stated", "one_person"),
-    [("S012", False, "codes"), ("", False, "unknown"), ("", True, "person"), ("S013", True, "no")],
+    [("S012", False, "codes"), ("", True, "person"), ("S013", True, "no")],
 )
 def test_the_document_says_whether_both_days_are_of_one_person(
     subject: str, stated: bool, one_person: str
@@ -121,9 +121,17 @@ def test_the_document_says_whether_both_days_are_of_one_person(
 
 
 def test_a_missing_code_is_said_beside_the_change() -> None:
-    caution = plain(report_of(kept_with(subject="")).pose_caution)
+    report = build_comparison(BEFORE, kept_with(subject=""), "en", same_subject=True)
 
-    assert caution.startswith("A subject code is missing: it is not known whether all")
+    assert plain(report.pose_caution).startswith("A subject code is missing; the person who asked")
+
+
+@pytest.mark.parametrize("subject", ["", "NA", "?"])
+def test_a_day_without_a_code_is_not_taken_for_one_of_the_same_person(subject: str) -> None:
+    with pytest.raises(CannotCompare) as refused:
+        refuse_no_comparison(BEFORE, kept_with(subject=subject))
+
+    assert refused.value.facts == {"why": "person"}
 
 
 def test_the_document_names_both_analyses_and_what_differs() -> None:

@@ -274,23 +274,14 @@ def test_codes_of_two_people_are_no_pair_and_no_arm_with_a_trunk(
     assert refused.value.facts == {"why": "subjects"}
 
 
-def test_an_arm_without_a_code_is_paired_with_one_that_has_one(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 40.0, subject=""), keep(tmp_path / "r", "right", 70.0)
-
-    make_report_of_two((left, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
-
-    assert (tmp_path / "pair.json").exists()
-
-
 @pytest.mark.parametrize(
     ("codes", "stated", "one_person"),
     [
         (("S012", "S012"), False, "codes"),
         (("S012", "S012"), True, "codes"),
-        (("S012", ""), False, "unknown"),
-        (("", ""), False, "unknown"),
         (("S012", ""), True, "person"),
-        (("S012", "S012", ""), False, "unknown"),
+        (("", ""), True, "person"),
+        (("S012", "S012", ""), True, "person"),
     ],
 )
 def test_who_says_that_all_are_of_one_person_stands_in_the_document(
@@ -307,11 +298,23 @@ def test_who_says_that_all_are_of_one_person_stands_in_the_document(
     assert json.loads((tmp_path / "pair.json").read_bytes())["one_person"] == one_person
 
 
+@pytest.mark.parametrize("codes", [("S012", ""), ("", ""), ("NA", "NA"), ("S012", "S012", "")])
+def test_arms_without_a_code_are_not_taken_for_one_person(codes: tuple[str, ...], tmp_path: Path) -> None:
+    folders = tuple(
+        keep(tmp_path / name, side, 40.0, name, subject=code)
+        for name, side, code in zip("lrt", ("left", "right", "unknown"), codes, strict=False)
+    )
+
+    with pytest.raises(CannotPair) as refused:
+        make_report_of_two(folders, PairRequest("pair", languages=("en",), kinds=()), tmp_path)
+
+    assert refused.value.facts["why"] == "person"
+
+
 @pytest.mark.parametrize(
     ("one_person", "told"),
     [
         ("codes", "Both recordings began at the same moment."),
-        ("unknown", "A subject code is missing: it is not known whether all recordings are of one person."),
         ("person", "A subject code is missing; the person who asked for the report says that all"),
     ],
 )

@@ -11,7 +11,7 @@ from app.request import ReportRequest
 from app.web.recording.day import correct_request, read_rows, write_csv
 from app.web.recording.day_views import DayClock, place_rows
 from fusion.diary import read_diary
-from fusion.errors import UnusableCalibration
+from fusion.errors import UnusableCalibration, UnusableDiary
 
 START = datetime(2026, 3, 2, 22, tzinfo=timezone(timedelta(hours=-5)))
 NIGHT = DayClock(START, 8 * 3600 * 1_000_000)
@@ -126,10 +126,43 @@ def test_a_window_that_ends_before_it_begins_is_refused() -> None:
     assert refusal.value.facts == {"why": "end first", "start_s": 1800.0, "end_s": 1200.0}
 
 
-def test_rows_that_were_exported_are_imported_alike() -> None:
-    form = {"start": ["22:30:00"], "end": ["22:45:00"], "kind": ["task"], "label": ['shelves; "high"']}
-    rows = place_rows(read_rows(form), NIGHT)
+@pytest.mark.parametrize(
+    ("clock", "start", "end"),
+    [(NIGHT, "22.30", "2245"), (WITHOUT, "1800", "2700,5")],
+    ids=["clock", "seconds"],
+)
+def test_rows_that_were_exported_are_imported_alike(clock: DayClock, start: str, end: str) -> None:
+    form = {"start": [start], "end": [end], "kind": ["task"], "label": ['shelves; "high"']}
+    rows = place_rows(read_rows(form, clock), clock)
 
-    body = write_csv([(row["start"], row["end"], row["kind"], row["label"]) for row in rows])
+    body = write_csv([(row["start"], row["end"], row["kind"], row["label"]) for row in rows], clock)
 
-    assert place_rows(read_diary(body), NIGHT) == rows
+    assert place_rows(read_diary(body), clock) == rows
+    assert rows[0]["start"] == clock.format(1800.0)
+
+
+@pytest.mark.parametrize("text", ["2230", "22.30", "22,30", "22h30", "22 h 30", "22:30"])
+def test_the_fields_of_the_page_take_every_spelling(text: str) -> None:
+    rows = {"start": [text], "end": ["23h"], "kind": ["break"], "label": [""]}
+    form = FORM | rows | {"window_start": [text], "window_end": ["22.30.10"], "slips": [f"{text}; 23h10"]}
+
+    request = correct_request(ReportRequest("a.gt3x"), form, NIGHT)
+
+    assert request.calibration_windows_s == ((1800.0, 1810.0),)
+    assert request.slip_times_s == (1800.0, 4200.0)
+    assert place_rows(request.diary, NIGHT)[0]["start"] == "22:30:00"
+
+
+@pytest.mark.parametrize("text", ["7:58", "10h20", "soon"])
+def test_without_a_clock_the_fields_take_seconds_alone(text: str) -> None:
+    with pytest.raises(BadParameter):
+        WITHOUT.read(text, "slip_at")
+    with pytest.raises(UnusableDiary) as refusal:
+        read_rows({"start": [text], "end": [""], "kind": ["task"], "label": [""]}, WITHOUT)
+
+    assert refusal.value.facts["cure"] == "seconds"
+
+
+def test_a_moment_before_the_recording_is_not_its_first() -> None:
+    with pytest.raises(BadParameter):
+        NIGHT.read("21:30", "slip_at")

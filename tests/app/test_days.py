@@ -93,11 +93,18 @@ def test_several_methods_are_refused_unless_they_are_asked_for() -> None:
 # ------------------------------------------------------------------ what is told
 
 
-@pytest.mark.parametrize(("stated", "one_person"), [(False, "unknown"), (True, "person")])
-def test_a_missing_code_is_asked_about(stated: bool, one_person: str) -> None:
-    studied = group_days([make_day(0), make_day(1, subject="")], same_subject=stated)
+@pytest.mark.parametrize("codes", [("S012", ""), ("", ""), ("NA", "NA"), ("-", "-"), ("unknown", "unknown")])
+def test_recordings_without_a_code_are_not_taken_for_one_person(codes: tuple[str, str]) -> None:
+    with pytest.raises(CannotProfile) as refused:
+        group_days([make_day(day, subject=code) for day, code in enumerate(codes)])
 
-    assert (studied.one_person, studied.people) == (one_person, ("S012",))
+    assert refused.value.facts["why"] == "person"
+
+
+def test_somebody_may_say_that_a_recording_without_a_code_is_of_the_one_person() -> None:
+    studied = group_days([make_day(0), make_day(1, subject="")], same_subject=True)
+
+    assert (studied.one_person, studied.people) == ("person", ("S012",))
 
 
 def test_days_that_are_alike_differ_in_nothing() -> None:

@@ -374,7 +374,7 @@ def test_after_an_upgrade_a_study_goes_on_under_its_id(
 def test_after_an_upgrade_a_study_follows_what_is_corrected(upgraded: Earlier, store: JobStore) -> None:
     job = store.get(upgraded.analysis_id)
 
-    corrected = store.add_correction((job.recording_id, job.sha256), ReportRequest("nadia.csv", side="left"))
+    corrected = store.add_correction(job, ReportRequest("nadia.csv", side="left"))
 
     jobs = BatchStore(store.engine, store.reader).find_jobs(upgraded.study_id)
     assert [job.id for job in jobs] == [corrected.id]

@@ -43,7 +43,7 @@ LABELS = {
 }
 """The columns that hold a person's words in clear until the recording is erased: not sealed yet."""
 WORDS = {"file_name": f"{CANARY}.gt3x", "subject": CANARY, "external_id": CANARY, "note": CANARY}
-PERIODS = [{"start": 0, "end": 60, "kind": "task", "label": CANARY}]
+PERIODS = [{"start_s": 0, "end_s": 60, "kind": "task", "label": CANARY}]
 
 
 def write_canary_report(log: Path, request: Any, out: Path, on_stage: Any) -> None:

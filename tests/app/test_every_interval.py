@@ -11,8 +11,9 @@ from app.report.export.results import build_results
 from app.report.figures import read_figures
 from app.report.findings import take_findings
 from fusion.diary import DiaryEntry
-from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pipeline import analyse
 from fusion.recording import Recording, Segment
+from fusion.settings import AnalysisSettings
 from fusion.simulation.shift import simulate_shift
 from tests.app.analysis_factory import make_subject
 

@@ -7,19 +7,28 @@ import pytest
 from app.batch.inputs import assign_participants, read_participants
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
+from app.report.words.messages import describe_problem
 from app.request import ReportRequest
 from fusion.errors import UnusableDiary
+from tests.app.report_reading import plain
 
 
 def read_one(text: str, folder: Path = Path()) -> dict[str, object]:
-    (row,) = read_participants(text.encode(), folder)
+    (row,), refusals = read_participants(text.encode(), folder)
+    assert not refusals
     return dict(row.stated)
 
 
-def refusal(text: str) -> UnusableParticipants:
+def refusal(text: str, *paths: str) -> UnusableParticipants:
     with pytest.raises(UnusableParticipants) as caught:
-        read_participants(text.encode(), Path())
+        assign_participants([make_task(path) for path in paths], text.encode(), Path())
     return caught.value
+
+
+def assign(text: str, *paths: str) -> list[str]:
+    """Return the subject of each recording."""
+    tasks, _ = assign_participants([make_task(path) for path in paths], text.encode(), Path())
+    return [task.request.subject for task in tasks]
 
 
 def make_task(path: str) -> Task:
@@ -67,10 +76,22 @@ def test_an_empty_cell_says_nothing() -> None:
     assert read_one("file,subject,side\na.gt3x,,\n") == {}
 
 
+@pytest.mark.parametrize(
+    "nobody", ["NA", "N/A", "NaN", "null", "None", "unknown", "Inconnu", "-", "?", "\u200b"]
+)
+def test_a_word_for_a_missing_value_is_no_code(nobody: str) -> None:
+    assert read_one(f"file,subject\na.gt3x,{nobody}\n") == {"subject": ""}
+
+
+@pytest.mark.parametrize("code", ["na", "N1", "0", "unknown-3", "É"])
+def test_a_code_that_only_resembles_such_a_word_is_one(code: str) -> None:
+    assert read_one(f"file,subject\na.gt3x,{code}\n") == {"subject": code}
+
+
 def test_french_headers_semicolons_and_a_spreadsheet_encoding_are_read() -> None:
     text = "fichier;sujet;côté\né.gt3x;S01;gauche\n"
 
-    (row,) = read_participants(text.encode("cp1252"), Path())
+    (row,), _ = read_participants(text.encode("cp1252"), Path())
 
     assert (row.file, row.stated) == ("é.gt3x", {"subject": "S01", "side": "left"})
 
@@ -96,9 +117,11 @@ def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
         ("file,calibration\na,early\n", 2, "value"),
         ("file,axis\na,up\n", 2, "value"),
         ("file,slip_at\na,noon\n", 2, "value"),
+        ("file,subject\na,S01\na,S02\n", 3, "file twice"),
+        ("subject,file\nS01\n", 2, "no file named"),
+        ("file,calibration\na,5,5-15\n", 2, "more fields"),
         ("file,no_slip_at\na,noon\n", 2, "value"),
         ("file,pose_held\na,end\n", 2, "value"),
-        ("file,subject\na,S01\nA,S02\n", 3, "file twice"),
     ],
 )
 def test_a_slip_is_named_with_its_line(text: str, line: int, why: str) -> None:
@@ -108,44 +131,106 @@ def test_a_slip_is_named_with_its_line(text: str, line: int, why: str) -> None:
 
 
 def test_a_row_goes_before_the_settings_of_the_run() -> None:
-    people = read_participants(b"file,subject\nA.gt3x,S01\n", Path())
-
-    tasks, _ = assign_participants([make_task("in/a.gt3x"), make_task("in/b.gt3x")], people)
-
-    assert [task.request.subject for task in tasks] == ["S01", "default"]
+    assert assign("file,subject\nA.gt3x,S01\n", "in/a.gt3x", "in/b.gt3x") == ["S01", "default"]
 
 
 def test_a_path_tells_files_of_one_name_apart() -> None:
-    people = read_participants(b"file,subject\np1/arm.csv,S01\np2\\arm.csv,S02\n", Path())
+    list_ = "file,subject\np1/arm.csv,S01\np2\\arm.csv,S02\n"
 
-    tasks, _ = assign_participants([make_task("in/p2/arm.csv"), make_task("in/p1/arm.csv")], people)
+    assert assign(list_, "in/p2/arm.csv", "in/p1/arm.csv") == ["S02", "S01"]
 
-    assert [task.request.subject for task in tasks] == ["S02", "S01"]
+
+def test_a_row_that_fits_two_files_is_refused_with_both_as_they_can_be_written() -> None:
+    refused = refusal("file,subject\narm.csv,S01\n", "in/p1/arm.csv", "in/p2/ARM.csv", "in/p2/arm.csv")
+
+    assert refused.facts == {
+        "line": 2,
+        "why": "several recordings",
+        "value": "arm.csv",
+        "first": "p1/arm.csv",
+        "second": "p2/arm.csv",
+        "cure": "path",
+    }
+
+
+def test_every_name_that_a_refusal_shows_fits_one_file_alone() -> None:
+    paths = ("in/arm.csv", "in/p2/in/arm.csv", "in/x/p2/in/arm.csv")
+    facts = refusal("file,subject\narm.csv,S01\n", *paths).facts
+    shown = [str(facts["first"]), str(facts["second"])]
+
+    assert [assign(f"file,subject\n{name},S01\n", *paths).count("S01") for name in shown] == [1, 1]
+
+
+def test_a_name_in_its_own_case_goes_before_one_that_differs_in_case() -> None:
+    assert assign("file,subject\na.csv,S01\nA.csv,S02\n", "in/A.csv", "in/a.csv") == ["S02", "S01"]
+
+
+def test_one_recording_that_was_named_twice_is_one() -> None:
+    assert assign("file,subject\na.csv,S01\n", "in/a.csv", "in/p1/../a.csv") == ["S01", "S01"]
+
+
+def test_two_rows_that_fit_one_file_are_refused() -> None:
+    refused = refusal("file,subject\narm.csv,S01\np1/arm.csv,S02\n", "in/p1/arm.csv")
+
+    assert refused.facts == {"line": 3, "why": "file twice", "value": "p1/arm.csv", "other": 2}
+
+
+def test_a_row_that_fits_two_files_takes_neither_from_another_row() -> None:
+    refused = refusal("file\narm.csv\np1/arm.csv\n", "p1/arm.csv", "p2/arm.csv")
+
+    assert refused.facts["line"] == 2
+    assert "line_2" not in refused.facts
+
+
+def test_windows_of_the_list_that_do_not_fit_its_pose_are_refused() -> None:
+    refused = refusal("file,pose,calibration\na.csv,two-point,5-15\n", "a.csv")
+
+    assert (refused.facts["line"], refused.facts["why"]) == (2, "window count")
+
+
+def test_all_faults_of_a_list_are_told_at_once_in_both_languages() -> None:
+    list_ = "file,side\narm.csv,left\nb.csv,up\nc.csv,left\nc.csv,right\n"
+    refused = refusal(list_, "p1/arm.csv", "p2/arm.csv", "b.csv", "c.csv")
+
+    english, french = (describe_problem(refused.code, refused.facts, language) for language in ("en", "fr"))
+
+    assert english.detail == (
+        'Line 2: the row fits several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv. '
+        "Write the file with as much of its path as fits one recording alone, as named here. "
+        'Line 3: a value that cannot be ("up"). Allowed: left|right. '
+        'Line 5: two rows fit the same recording ("c.csv"); the other row is line 4.'
+    )
+    assert english.fix == "Correct the list and send it again; nothing was analysed."
+    assert plain(french.detail) == (
+        "Ligne 2 : la ligne correspond à plusieurs enregistrements (« arm.csv ») : "
+        "p1/arm.csv et p2/arm.csv. Écrivez le fichier avec assez de son chemin pour ne correspondre "
+        "qu'à un seul enregistrement, comme indiqué ici. "
+        "Ligne 3 : une valeur impossible (« up »). Valeurs admises : left|right. "
+        "Ligne 5 : deux lignes correspondent au même enregistrement (« c.csv ») ; "
+        "l'autre ligne est la ligne 4."
+    )
+
+
+def test_beyond_twenty_faults_the_others_are_counted() -> None:
+    refused = refusal("file,side\n" + "a,up\n" * 23)
+
+    assert describe_problem(refused.code, refused.facts, "en").detail.endswith("And 25 more.")
 
 
 def test_a_row_for_no_recording_is_given_back() -> None:
-    people = read_participants(b"file,subject\nlost.gt3x,S01\n", Path())
-
-    _, unmatched = assign_participants([make_task("a.gt3x")], people)
+    _, unmatched = assign_participants([make_task("a.gt3x")], b"file,subject\nlost.gt3x,S01\n", Path())
 
     assert [row.line for row in unmatched] == [2]
 
 
 def test_accents_may_be_written_in_one_sign_or_in_two() -> None:
-    people = read_participants("file,subject\nZoé.gt3x,S01\n".encode(), Path())
-
-    tasks, _ = assign_participants([make_task("in/Zoe\u0301.gt3x")], people)
-
-    assert tasks[0].request.subject == "S01"
+    assert assign("file,subject\nZoé.gt3x,S01\n", "in/Zoe\u0301.gt3x") == ["S01"]
 
 
 def test_a_link_is_known_by_where_it_was_named(tmp_path: Path) -> None:
     (tmp_path / "S01.gt3x").symlink_to(tmp_path / "archive.gt3x")
-    people = read_participants(b"file,subject\nS01.gt3x,S01\n", Path())
 
-    tasks, _ = assign_participants([make_task(str(tmp_path / "S01.gt3x"))], people)
-
-    assert tasks[0].request.subject == "S01"
+    assert assign("file,subject\nS01.gt3x,S01\n", str(tmp_path / "S01.gt3x")) == ["S01"]
 
 
 def test_a_diary_that_is_not_there_is_named_with_its_line() -> None:
@@ -158,6 +243,6 @@ def test_a_slip_in_a_diary_names_the_diary(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text("start,end,kind\nten,10:15,break\n")
 
     with pytest.raises(UnusableDiary) as caught:
-        read_participants(b"file,diary\na.gt3x,d.csv\n", tmp_path)
+        assign_participants([], b"file,diary\na.gt3x,d.csv\n", tmp_path)
 
     assert caught.value.facts["diary"] == "d.csv"

@@ -26,7 +26,7 @@ from tests.factories import hold
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
 WORDS = {"file_name": f"{CANARY}.gt3x", "subject": CANARY, "external_id": CANARY, "note": CANARY}
-PERIODS = [{"start": 0, "end": 60, "kind": "task", "label": CANARY}]
+PERIODS = [{"start_s": 0, "end_s": 60, "kind": "task", "label": CANARY}]
 
 
 @pytest.fixture

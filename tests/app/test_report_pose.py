@@ -338,7 +338,7 @@ def test_findings_of_an_earlier_version_are_read() -> None:
 @pytest.mark.parametrize(
     ("found", "state"), [("given", "given"), ("held", "assumed"), ("walking", "none"), ("axis", "axis")]
 )
-def test_findings_up_to_method_version_4_say_how_the_pose_was_found(found: str, state: str) -> None:
+def test_earlier_findings_say_how_the_pose_was_found(found: str, state: str) -> None:
     values = json.loads(encode_findings(make_analysis(), make_subject()))
     del values["findings"]["calibration"]["state"]
     values["findings"]["calibration"]["found"] = found

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.batch.settings_file import encode_settings, read_settings
+from app.batch.settings_file import DIARY_HINT, encode_settings, read_settings
 from app.errors import UnusableSettings
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
@@ -64,7 +64,7 @@ def test_an_empty_file_sets_nothing() -> None:
 
 
 def test_a_clock_time_without_quotes_is_a_clock_time() -> None:
-    values = read_settings(b"diary: [{start: 10:30, end: 11:00, kind: break}]\n")
+    values = read_settings(b"diary: [{start: 10:30, end: 11h00, kind: break}]\n")
 
     assert values["diary"] == (DiaryEntry("10:30:00", "11:00:00", "break"),)
 
@@ -90,9 +90,13 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
         ("pose_held: end", "start"),
         ("slip_at: [noon]", "[SECONDS]"),
         ("no_slip_at: [noon]", "[SECONDS]"),
-        ("diary: [{start: 25:99, kind: break}]", "[{start, end, kind, label}]"),
-        ("diary: [{start: 5, kind: lunch}]", "[{start, end, kind, label}]"),
-        ("diary: [{start: 5, kind: break, where: here}]", "[{start, end, kind, label}]"),
+        ("diary: [{start: 25:99, kind: break}]", DIARY_HINT),
+        ("diary: [{start_s: 5, kind: lunch}]", DIARY_HINT),
+        ("diary: [{start_s: 5, kind: break, where: here}]", DIARY_HINT),
+        ("diary: [{start: 5, kind: break}]", DIARY_HINT),
+        ("diary: [{start: 10.20, kind: break}]", DIARY_HINT),
+        ("diary: [{start: 0730, kind: break}]", DIARY_HINT),
+        ("diary: [{end: 10:30, kind: break}]", DIARY_HINT),
     ],
 )
 def test_a_value_that_cannot_be_is_refused_with_what_is_allowed(line: str, allowed: str) -> None:

@@ -57,7 +57,7 @@ def test_a_study_goes_on_with_what_a_person_corrected(
     first = add_job(b"1")
     store.join_study(NAME, first.id)
 
-    corrected = store.add_correction((first.recording_id, first.sha256), ReportRequest("a.csv", side="left"))
+    corrected = store.add_correction(first, ReportRequest("a.csv", side="left"))
 
     assert hold(batches, study_id) == [corrected.id]
 
@@ -67,7 +67,7 @@ def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient,
     batch = client.post("/api/v1/batches", json={"name": "spring", "items": [{"recording_id": recording}]})
     (asked,) = store.find_newest()
 
-    store.add_correction((recording, asked.sha256), ReportRequest("a.csv", side="left"))
+    store.add_correction(asked, ReportRequest("a.csv", side="left"))
 
     kept = client.get("/api/v1/analyses", params={"batch_id": batch.json()["id"]}).json()["items"]
     assert [item["id"] for item in kept] == [asked.id]
@@ -140,6 +140,20 @@ def test_the_same_list_again_changes_nothing(client: TestClient, study: str) -> 
 def test_a_list_with_a_fault_changes_nothing(client: TestClient, study: str, listed: str) -> None:
     assert client.post(study, content=listed).status_code == 422
     assert read_whose(client, study) == {"0.csv": ("", None), "1.csv": ("", None)}
+
+
+def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_recording(
+    client: TestClient, study: str
+) -> None:
+    asked = {"file_name": "0.csv", "study": NAME}
+    sent = client.put("/api/v1/analyze", params=asked, content=b"other").json()
+    name = f"{sent['recording_id']}/0.csv"
+
+    refused = client.post(study, content="file,subject\n0.csv,S01\n")
+    told = client.post(study, content=f"file,subject\n{name},S01\n").json()
+
+    assert (refused.status_code, name in refused.text) == (422, True)
+    assert told == {"changed": 1, "unknown": []}
 
 
 def test_a_list_for_a_study_that_is_not_there_is_refused(client: TestClient) -> None:

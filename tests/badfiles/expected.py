@@ -97,7 +97,7 @@ RECORDS = (
     read("42 late", "shift.gt3x", g.schema_late),
     read("42 changed", "shift.gt3x", g.schema_changed),
     read("42 unknown column", "shift.gt3x", g.strange_column),
-    read("42 8 bits", "shift.gt3x", g.eight_bits),
+    read("42 8 bits", "shift.gt3x", g.eight_bits, "W-RESOLUTION"),
     read("43", "shift.gt3x", given(g.pack(g.with_primary(0.7))), "W-BIAS"),
     read("43 agreeing", "shift.gt3x", given(g.pack(g.with_primary()))),
     read(

@@ -186,7 +186,7 @@ def _build(folder: Path, shifts: list[bytes]) -> Store:
     return Store(data, digests, recording, analysis, trashed, upload, sent)
 
 
-PERIOD = {"start": 0, "end": 30, "kind": "task", "label": "sorting"}
+PERIOD = {"start_s": 0, "end_s": 30, "kind": "task", "label": "sorting"}
 
 
 def _make_shifts(folder: Path, number: int, seed: int) -> list[bytes]:

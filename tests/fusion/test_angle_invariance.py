@@ -15,6 +15,7 @@ from fusion.elevation import estimate_elevation
 from fusion.orientation import estimate_vertical
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
+from fusion.settings import AnalysisSettings
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn, tumble
 from tests.fusion.table_builder import read_text
 
@@ -44,7 +45,9 @@ def record(acc_g: Array, gyr_dps: Array) -> Recording:
 
 
 def find_elevation(recording: Recording) -> Array:
-    (segment,) = estimate_elevation(calibrate(recording, "n-pose", POSE_S)).segments
+    (segment,) = estimate_elevation(
+        calibrate(recording, AnalysisSettings(calibration_windows_s=POSE_S))
+    ).segments
     return segment.elevation_deg.astype(np.float64)
 
 
@@ -117,7 +120,7 @@ def test_a_left_handed_frame_gives_the_same_elevation(axis: int) -> None:
 def test_cut_at_a_still_moment_the_pieces_give_the_same_elevation(turns: int) -> None:
     # In the middle of the 2 s rest before a turn: 4 s, then 3 s for each turn before it, then 1 s.
     row = round((5.0 + 3.0 * turns) * RATE_HZ)
-    samples = calibrate(record(*readings()), "n-pose", POSE_S)
+    samples = calibrate(record(*readings()), AnalysisSettings(calibration_windows_s=POSE_S))
     (segment,) = samples.recording.segments
     pieces = tuple(
         Segment(first * 10_000, RATE_HZ, segment.acc_g[first:stop], segment.gyr_dps[first:stop])

@@ -15,6 +15,7 @@ from fusion.orientation.angle_rows import lay_rows, read_rows
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
+from fusion.settings import AnalysisSettings
 from tests.factories import hold, move_arm
 
 LIFT_DPS = 90.0
@@ -43,7 +44,9 @@ def bridge(recording: Recording, *holes: tuple[int, int]) -> Recording:
 
 
 def fuse(recording: Recording, method: MethodName = "smoothed") -> Elevation:
-    return estimate_elevation(calibrate(recording, "n-pose", ((0.5, 4.5),)), method)
+    return estimate_elevation(
+        calibrate(recording, AnalysisSettings(calibration_windows_s=((0.5, 4.5),))), method
+    )
 
 
 def find_missing_us(analysis: Analysis) -> dict[str, int]:

@@ -7,11 +7,12 @@ import pytest
 
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, estimate_elevation
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
 from fusion.quality import flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording
 from fusion.sensor.model import GyroBias
+from fusion.settings import AnalysisSettings
 from tests.factories import hold
 
 
@@ -64,7 +65,7 @@ def lose(elevation: Elevation, first_s: float, end_s: float) -> Elevation:
 
 @pytest.mark.parametrize(("end_s", "told"), [(6.9, 0), (7.1, 1), (30.0, 1)])
 def test_a_calibration_of_which_half_is_not_trusted_is_in_doubt(end_s: float, told: int) -> None:
-    samples = calibrate(hang_and_raise(), "n-pose", ((2.0, 12.0),))
+    samples = calibrate(hang_and_raise(), AnalysisSettings(calibration_windows_s=((2.0, 12.0),)))
 
     flags = flag_untrusted_pose(samples.calibration, lose(estimate_elevation(samples), 0.0, end_s))
 

@@ -1,9 +1,12 @@
 """A diary is read in the forms people already have, and a slip in it is named with its line and its cure."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fusion.diary import DiaryEntry, read_diary
+from fusion.diary import DiaryEntry, parse_clock, read_diary
 from fusion.errors import UnusableDiary
+from tests.clock_spellings import FRACTIONS, READ, REFUSED
 
 
 def refuse(text: str) -> dict[str, object]:
@@ -62,13 +65,73 @@ def test_a_french_diary_from_a_spreadsheet_is_read() -> None:
 
 
 def test_a_diary_in_the_encoding_of_windows_is_read() -> None:
-    assert read_diary("début,fin,genre\n1,2,retiré\n".encode("cp1252"))[0].kind == "not_worn"
+    assert read_diary("début_s,fin_s,genre\n1,2,retiré\n".encode("cp1252"))[0].kind == "not_worn"
 
 
 def test_seconds_may_have_a_decimal_comma() -> None:
-    (entry,) = read_diary(b"start;end;kind\n12,5;60.25;work\n")
+    (entry,) = read_diary(b"start_s;end_s;kind\n12,5;60.25;work\n")
 
     assert (entry.start, entry.end) == (12.5, 60.25)
+
+
+@pytest.mark.parametrize(("text", "time"), READ.items())
+def test_a_clock_time_is_read_in_every_spelling(text: str, time: str) -> None:
+    assert parse_clock(text) == time
+
+
+SPELLINGS = ("{h:02}:{m:02}", "{h}:{m:02}", "{h:02}.{m:02}", "{h:02},{m:02}", "{h:02}{m:02}", "{h:02}h{m:02}",
+             "{h} h {m:02}", "{h}h{m:02}min", "{h:02}:{m:02}:00", "{h:02}.{m:02}.00", "{h:02}{m:02}00",
+             "{h}h{m:02}m00", "2026-03-02 {h:02}.{m:02}")  # fmt: skip
+
+
+@given(st.integers(0, 23), st.integers(0, 59), st.sampled_from(SPELLINGS))
+def test_every_spelling_of_every_minute_of_the_day_is_that_minute(
+    hour: int, minute: int, spelling: str
+) -> None:
+    assert parse_clock(spelling.format(h=hour, m=minute))[-8:] == f"{hour:02}:{minute:02}:00"
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_what_is_no_clock_time_is_refused_and_never_seconds(text: str) -> None:
+    with pytest.raises(UnusableDiary) as refusal:
+        parse_clock(text, 7)
+
+    assert refusal.value.facts == {"line": 7, "why": "time", "cure": "time", "value": text}
+
+
+@pytest.mark.parametrize("text", [*FRACTIONS, "2026-03-02 0.43"])
+def test_a_fraction_of_a_day_is_refused_with_its_own_cure(text: str) -> None:
+    with pytest.raises(UnusableDiary) as refusal:
+        parse_clock(text)
+
+    assert (refusal.value.facts["cure"], refusal.value.facts["value"]) == ("fraction", text)
+
+
+def test_a_column_of_seconds_takes_seconds() -> None:
+    assert read_diary(b"start_s,kind\n1020,work\n")[0].start == 1020.0
+
+
+@pytest.mark.parametrize("cell", ["07:58", "10h20", "soon", "-5", "1e3"])
+def test_a_column_of_seconds_takes_nothing_else(cell: str) -> None:
+    assert refuse(f"start_s,kind\n{cell},work\n")["cure"] == "seconds"
+
+
+def test_clock_times_and_seconds_may_stand_in_one_file_but_not_in_one_row() -> None:
+    header = "start,end,start_s,end_s,kind\n"
+    entries = read_diary(f"{header}10h20,10h50,,,break\n,,600,660.5,task\n".encode())
+
+    assert [(e.start, e.end) for e in entries] == [("10:20:00", "10:50:00"), (600.0, 660.5)]
+    assert refuse(f"{header}10h20,,600,,break\n")["why"] == "two times"
+
+
+def test_a_lunch_of_half_an_hour_is_half_an_hour() -> None:
+    (entry,) = read_diary(b"start;end;kind\n12.00;12.30;pause\n")
+
+    assert (entry.start, entry.end) == ("12:00:00", "12:30:00")
+
+
+def test_a_comma_between_hour_and_minute_is_refused_where_it_parts_the_cells() -> None:
+    assert refuse("start,end,kind\n10,20,10,50,break\n")["why"] == "time"
 
 
 def test_a_time_may_bear_its_date() -> None:
@@ -79,19 +142,19 @@ def test_a_time_may_bear_its_date() -> None:
 
 @pytest.mark.parametrize(("word", "left_out"), [("oui", True), ("no", False), ("", None)])
 def test_a_row_may_say_itself_whether_it_is_left_out(word: str, left_out: bool | None) -> None:
-    (entry,) = read_diary(f"start,end,kind,left_out\n1,2,seated,{word}\n".encode())
+    (entry,) = read_diary(f"start_s,end_s,kind,left_out\n1,2,seated,{word}\n".encode())
 
     assert entry.left_out is left_out
 
 
 def test_remarks_and_empty_lines_are_passed_over_and_lines_still_counted() -> None:
-    (entry,) = read_diary(b"# my day\n\nstart,end,kind\n\n1,2,work\n")
+    (entry,) = read_diary(b"# my day\n\nstart_s,end_s,kind\n\n1,2,work\n")
 
     assert entry.line == 5
 
 
 def test_a_row_may_be_for_one_file_only() -> None:
-    (entry,) = read_diary(b"file,start,end,kind\na.gt3x,1,2,work\n")
+    (entry,) = read_diary(b"file,start_s,end_s,kind\na.gt3x,1,2,work\n")
 
     assert entry.file == "a.gt3x"
 
@@ -102,13 +165,15 @@ def test_a_row_may_be_for_one_file_only() -> None:
         ("", 1, "empty"),
         ("start,end,kind\n", 1, "empty"),
         ("kind,label\nwork,a\n", 1, "header"),
-        ("start,start,kind\n1,2,work\n", 1, "header"),
-        ("start,end,kind\n1,2,work\n3,4,wrk\n", 3, "kind"),
+        ("start_s,start_s,kind\n1,2,work\n", 1, "header"),
+        ("start_s,end_s,kind\n1,2,work\n3,4,wrk\n", 3, "kind"),
         ("start,end,kind\n8.30 am,9:00,work\n", 2, "time"),
         ("start,end,kind\n25:00,26:00,work\n", 2, "time"),
         ("start,end,kind\n03/02/2026 08:00,,work\n", 2, "time"),
         ("start,end,kind\n,9:00,work\n", 2, "time"),
-        ("start,end,kind,left_out\n1,2,work,perhaps\n", 2, "yes or no"),
+        ("start_s,end_s,kind\n,60,work\n", 2, "time"),
+        ("end_s,kind\n60,work\n", 1, "header"),
+        ("start_s,end_s,kind,left_out\n1,2,work,perhaps\n", 2, "yes or no"),
         ("time,event\n08:00,end\n", 2, "end alone"),
     ],
     ids=lambda value: str(value)[-24:],
@@ -120,11 +185,11 @@ def test_a_slip_is_named_with_its_line_and_its_reason(text: str, line: int, why:
 
 
 def test_a_refused_word_is_told_back() -> None:
-    assert refuse("start,end,kind\n1,2,wrk\n")["value"] == "wrk"
+    assert refuse("start_s,end_s,kind\n1,2,wrk\n")["value"] == "wrk"
 
 
 def test_a_diary_without_end_is_refused() -> None:
-    assert refuse("start,end,kind\n" + "1,2,work\n" * 10_000)["why"] == "too many rows"
+    assert refuse("start_s,end_s,kind\n" + "1,2,work\n" * 10_000)["why"] == "too many rows"
 
 
 LOG = """ID,date,work,travelhome,home,date,work,break
@@ -160,14 +225,14 @@ def test_a_date_of_the_activity_log_that_is_none_is_refused() -> None:
 
 
 def test_every_line_that_cannot_be_read_is_told_with_its_text() -> None:
-    facts = refuse("start,end,kind,label\n1,2,wrk,Boxes\n3,4,work,\nnoon,5,work,\n")
+    facts = refuse("start_s,end_s,kind,label\n1,2,wrk,Boxes\n3,4,work,\nnoon,5,work,\n")
 
     assert (facts["line"], facts["text"], facts["why"]) == (2, "1, 2, wrk, Boxes", "kind")
-    assert (facts["line_2"], facts["text_2"], facts["cure_2"]) == (4, "noon, 5, work", "time")
+    assert (facts["line_2"], facts["text_2"], facts["cure_2"]) == (4, "noon, 5, work", "seconds")
 
 
 def test_twenty_slips_are_told_and_the_others_counted() -> None:
-    facts = refuse("start,end,kind\n" + "1,2,wrk\n" * 23)
+    facts = refuse("start_s,end_s,kind\n" + "1,2,wrk\n" * 23)
 
     assert (facts["line_20"], facts["more"]) == (21, 3)
     assert "line_21" not in facts

@@ -13,11 +13,14 @@ from fusion.conventions import MethodName
 from fusion.elevation import Elevation, describe_method, estimate_elevation, measure_elevation
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
+from fusion.settings import AnalysisSettings
 from tests.factories import hold, move_arm
 
 
 def fuse(recording: Recording, method: MethodName = "smoothed") -> Elevation:
-    return estimate_elevation(calibrate(recording, "n-pose", ((0.5, 4.5),)), method)
+    return estimate_elevation(
+        calibrate(recording, AnalysisSettings(calibration_windows_s=((0.5, 4.5),))), method
+    )
 
 
 def still_then_swing(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -62,7 +65,7 @@ def test_the_mounting_does_not_change_the_elevation(seed: int) -> None:
 @given(st.integers(7, 30))
 def test_cut_at_a_still_moment_the_pieces_give_what_the_whole_gives(held_s: int) -> None:
     made = hold((0.0, 10.0), (80.0, float(held_s)), (20.0, 10.0), (60.0, 10.0), rate_hz=50.0)
-    samples = calibrate(made.recording, "n-pose", ((0.5, 4.5),))
+    samples = calibrate(made.recording, AnalysisSettings(calibration_windows_s=((0.5, 4.5),)))
     whole = estimate_elevation(samples).segments[0].elevation_deg
     cut = round((10.0 + held_s / 2.0) * 50.0)
 

@@ -73,6 +73,33 @@ def test_an_offset_of_27_deg_per_s_is_taken_off_at_the_first_rest() -> None:
     assert angle_between_deg(up[200:], motion.up[200:]).max() < 1.0
 
 
+def test_the_turn_of_a_slow_even_movement_is_not_taken_for_bias() -> None:
+    # At 2 deg/s gravity varies by 0.015 g in 1.5 s: still, by the limits.
+    angle = np.radians(2.0 * np.arange(3000) / 100.0)
+    acc_g = np.column_stack([np.zeros(3000), np.sin(angle), np.cos(angle)])
+    live = LiveVertical(100.0)
+
+    live.update(acc_g, np.tile([2.0, 0.0, 0.0], (3000, 1)))
+
+    assert live.has_rested
+    assert live.bias_dps == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
+
+
+def test_until_the_first_rest_gentle_movement_shows_the_offset() -> None:
+    # An arm that swings by 5 deg in 3 s is never still.
+    time_s = np.arange(6000) / 100.0
+    angle = np.radians(5.0) * np.sin(2.0 * np.pi * time_s / 3.0)
+    rate_dps = 5.0 * 2.0 * np.pi / 3.0 * np.cos(2.0 * np.pi * time_s / 3.0)
+    acc_g = np.column_stack([np.zeros(6000), np.sin(angle), np.cos(angle)])
+    gyr_dps = np.column_stack([rate_dps, np.zeros(6000), np.zeros(6000)])
+    live = LiveVertical(100.0)
+
+    live.update(acc_g, gyr_dps + OFFSET)
+
+    assert not live.has_rested
+    assert live.bias_dps == pytest.approx(OFFSET, abs=1.0)
+
+
 def test_a_bias_given_beforehand_is_used_from_the_first_sample() -> None:
     motion = tumble(30.0, seed=4, still_s=0.0)
 

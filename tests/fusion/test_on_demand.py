@@ -11,7 +11,7 @@ from tests.factories import hold
 
 
 def make() -> VerticalOnDemand:
-    samples = calibrate(hold((0.0, 6.0), (70.0, 4.02)).recording, "n-pose")
+    samples = calibrate(hold((0.0, 6.0), (70.0, 4.02)).recording)
     calibrated = samples.run_of(samples.recording.segments[0])
     nodes = calibrated.nodes
     return VerticalOnDemand(calibrated.run.gyr_dps, calibrated.run.rate_hz, nodes, smooth_nodes(nodes).up)

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from fusion.diary import KINDS, DiaryEntry, Kind
 from fusion.errors import TooShort
-from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
+from fusion.pipeline import Analysis, analyse, analyse_angles
 from fusion.quality import TimePart
+from fusion.settings import AnalysisSettings
 from tests.factories import hold
 
 MINUTE = 60_000_000

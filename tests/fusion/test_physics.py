@@ -11,7 +11,7 @@ from fusion.checks.physics import (
     format_axes,
     refuse_impossible_rates,
 )
-from fusion.errors import MixedColumns, UnknownUnit, WrongScale
+from fusion.errors import MixedColumns, NoGravity, UnknownUnit, WrongScale
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import rest_and_turn
 
@@ -144,7 +144,7 @@ def test_acceleration_in_another_unit_becomes_g(factor: float, unit: str) -> Non
     assert told(checked) == ["acceleration"]
 
 
-@pytest.mark.parametrize("factor", [0.5, 2.0, 0.0])
+@pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_rest_that_no_unit_explains_is_refused(factor: float) -> None:
     acc, gyr = swinging_arm()
 
@@ -152,6 +152,13 @@ def test_a_rest_that_no_unit_explains_is_refused(factor: float) -> None:
         check_physics(recording_of(acc * factor, gyr, **STATED))
 
     assert refusal.value.facts == {"g": factor}
+
+
+def test_an_acceleration_of_nothing_at_rest_has_no_gravity() -> None:
+    acc, gyr = swinging_arm()
+
+    with pytest.raises(NoGravity):
+        check_physics(recording_of(0.0 * acc, gyr, **STATED))
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3], ids=["mdps under dps", "dps under mdps"])

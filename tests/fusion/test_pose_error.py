@@ -21,8 +21,9 @@ from fusion.exposure.pose_error import (
     widen,
 )
 from fusion.exposure.resampling import draw_blocks, spread_errors
-from fusion.pipeline import AnalysisSettings, analyse, analyse_angle_file, analyse_angles
+from fusion.pipeline import analyse, analyse_angle_file, analyse_angles
 from fusion.recording import Float64Array
+from fusion.settings import AnalysisSettings
 from tests.factories import elevate, hold
 
 # 200 shares, every 200th of [0, 1] once: their 97.5th percentile is (0.975 x 199 + 0.5) / 200

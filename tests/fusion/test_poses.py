@@ -1,4 +1,4 @@
-"""Which stillness is the pose: the first that was held, those that a person names, and what stands for it."""
+"""What a person states about the pose, and what is asked of the person."""
 
 from dataclasses import replace
 
@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.conventions import parse_arm_axis
-from fusion.elevation import estimate_elevation
+from fusion.conventions import PoseHeld, parse_arm_axis
+from fusion.pose.axes import choose_apart, estimate_repeated_sigma
 from fusion.pose.calibrate import CalibratedSamples, calibrate
-from fusion.pose.poses import ProposedPose, estimate_repeated_sigma, propose_poses
+from fusion.pose.poses import ProposedPose, propose_poses
 from fusion.recording import Recording, Segment
+from fusion.settings import AnalysisSettings
 from tests.factories import record
 
 RATE_HZ = 50.0
@@ -25,18 +26,24 @@ UP, ASIDE = tilted(0.0), tilted(60.0)
 
 
 class Course:
-    """What the sensor reads, stretch after stretch."""
+    """What the sensor reads, stretch after stretch; a held arm sways by 1 deg/s, a table by nothing."""
 
     def __init__(self) -> None:
         self._random = np.random.default_rng(0)
         self._acc: list[NDArray[np.float64]] = []
         self._gyr: list[NDArray[np.float64]] = []
 
-    def hold(self, seconds: float, direction: Direction = UP) -> "Course":
-        return self._add(seconds, direction, 0.002, 0.1)
+    def hold(self, seconds: float, direction: Direction = UP, sway_dps: float = 1.0) -> "Course":
+        self._add(seconds, direction, 0.002, 0.1)
+        rows = np.arange(len(self._gyr[-1]))
+        self._gyr[-1][:, 0] += sway_dps * np.sin(2.0 * np.pi * 0.4 * rows / RATE_HZ)
+        return self
 
-    def move(self, seconds: float) -> "Course":
-        return self._add(seconds, UP, 0.6, 60.0)
+    def lie(self, seconds: float, direction: Direction = ASIDE) -> "Course":
+        return self.hold(seconds, direction, sway_dps=0.0)
+
+    def move(self, seconds: float, direction: Direction = UP) -> "Course":
+        return self._add(seconds, direction, 0.6, 60.0)
 
     def walk(self, seconds: float, direction: Direction = UP) -> "Course":
         """Steps: the acceleration swings about a direction, along it, twice a second."""
@@ -55,9 +62,17 @@ class Course:
     def record(self) -> Recording:
         return record(np.concatenate(self._acc), np.concatenate(self._gyr), RATE_HZ)
 
-    def calibrate(self, *windows_s: tuple[float, float], slip_s: float | None = None) -> CalibratedSamples:
-        slips_s = () if slip_s is None else (slip_s,)
-        return calibrate(self.record(), "n-pose", windows_s, slip_times_s=slips_s)
+    def calibrate(
+        self,
+        *windows_s: tuple[float, float],
+        slip_s: tuple[float, ...] = (),
+        no_slip_s: tuple[float, ...] = (),
+        held: PoseHeld | None = None,
+    ) -> CalibratedSamples:
+        settings = AnalysisSettings(
+            calibration_windows_s=windows_s, slip_times_s=slip_s, no_slip_times_s=no_slip_s, pose_held=held
+        )
+        return calibrate(self.record(), settings)
 
 
 def codes(samples: CalibratedSamples) -> list[str]:
@@ -68,10 +83,10 @@ def start_s(samples: CalibratedSamples) -> float:
     return samples.calibration.windows[0].start_s
 
 
-# The first still stretch is the pose.
+# Nobody says anything: the first stillness of wear is assumed.
 
 
-def test_the_first_still_stretch_is_the_pose_however_often_another_posture_is_held() -> None:
+def test_the_first_stillness_is_assumed_however_often_another_posture_is_held() -> None:
     course = Course().move(20.0).hold(8.0)
     for _ in range(10):
         course.move(20.0).hold(30.0, ASIDE)
@@ -79,23 +94,48 @@ def test_the_first_still_stretch_is_the_pose_however_often_another_posture_is_he
     samples = course.calibrate()
 
     assert start_s(samples) == pytest.approx(20.0, abs=0.5)
-    assert (samples.calibration.found, samples.calibration.sigma_deg) == ("held", 5.0)
-    assert codes(samples) == []
+    assert (samples.calibration.state, samples.calibration.sigma_deg) == ("assumed", 5.0)
 
 
-def test_walking_20_deg_from_the_pose_changes_nothing() -> None:
-    samples = Course().hold(10.0).walk(300.0, tilted(20.0)).hold(10.0, tilted(20.0)).calibrate()
+def test_an_assumed_pose_is_never_without_a_caveat() -> None:
+    assert codes(Course().hold(10.0).move(100.0).calibrate()) == ["W-POSE-ASSUMED"]
+
+
+@pytest.mark.parametrize(("apart_deg", "code"), [(8.0, "W-POSE-ASSUMED"), (12.0, "W-WHICH-POSE")])
+def test_stillnesses_more_than_10_deg_apart_need_the_pose(apart_deg: float, code: str) -> None:
+    samples = Course().hold(10.0).move(60.0).hold(10.0, tilted(apart_deg)).calibrate()
+
+    assert codes(samples) == [code]
+    assert samples.calibration.spread_deg == pytest.approx(apart_deg, abs=0.2)
+    assert [round(still.start_s) for still in samples.calibration.proposals] == [0, 70]
+
+
+def test_walking_in_another_direction_moves_no_pose() -> None:
+    samples = Course().hold(10.0, ASIDE).move(20.0).hold(10.0).walk(300.0).calibrate()
 
     assert start_s(samples) == pytest.approx(0.0, abs=0.5)
-    assert samples.calibration.walking_deg == pytest.approx(20.0, abs=1.0)
-    assert codes(samples) == []
+    assert samples.calibration.walking_deg == pytest.approx(60.0, abs=1.0)
 
 
-def test_a_stillness_of_more_than_a_minute_is_a_table_and_the_sensor_is_worn_from_its_end_on() -> None:
-    samples = Course().hold(300.0, ASIDE).move(30.0).hold(10.0).move(300.0).hold(10.0, ASIDE).calibrate()
+@pytest.mark.parametrize("seconds", [8.0, 40.0, 120.0])
+def test_a_table_does_not_sway_and_the_sensor_is_worn_from_its_end_on(seconds: float) -> None:
+    samples = Course().lie(seconds).move(12.0).hold(10.0).move(100.0).calibrate(held="start")
+
+    assert start_s(samples) == pytest.approx(seconds + 12.0, abs=0.5)
+    assert samples.calibration.state == "held_at_start"
+
+
+def test_a_stillness_of_more_than_a_minute_is_no_pose_even_if_it_sways() -> None:
+    samples = Course().hold(300.0, ASIDE).move(30.0).hold(10.0).move(300.0).calibrate(held="start")
 
     assert start_s(samples) == pytest.approx(330.0, abs=0.5)
-    assert samples.calibration.found == "held"
+
+
+def test_a_recording_in_which_nothing_sways_was_made_without_an_arm_and_is_read_all_the_same() -> None:
+    samples = Course().lie(10.0, UP).move(100.0).calibrate()
+
+    assert samples.calibration.state == "assumed"
+    assert codes(samples) == ["W-POSE-ASSUMED", "W-POSE-UNSTEADY"]
 
 
 @pytest.mark.parametrize(("gain", "started_s"), [(1.09, 10.0), (1.25, 30.0)])
@@ -109,65 +149,49 @@ def test_of_a_long_pose_the_first_ten_seconds_are_measured() -> None:
     assert Course().hold(50.0).move(10.0).calibrate().calibration.windows[0].duration_s == pytest.approx(10.0)
 
 
-# Walking can only veto.
-
-
-def test_walking_more_than_30_deg_away_vetoes_and_the_next_early_stretch_is_taken() -> None:
-    samples = Course().hold(10.0, ASIDE).move(20.0).hold(10.0).walk(120.0).calibrate()
-
-    assert start_s(samples) == pytest.approx(30.0, abs=0.5)
-    assert codes(samples) == []
-
-
-def test_less_than_a_minute_of_walking_vetoes_nothing() -> None:
-    samples = Course().hold(10.0, ASIDE).move(20.0).hold(10.0).walk(50.0).calibrate()
-
-    assert start_s(samples) == pytest.approx(0.0, abs=0.5)
-
-
-def test_shaking_that_keeps_to_no_direction_is_no_walking_and_vetoes_nothing() -> None:
-    course = Course().hold(10.0, ASIDE).move(20.0).hold(10.0)
-    for degrees in (0.0, 15.0, -15.0) * 3:
-        course.walk(20.0, tilted(degrees))
-
-    assert start_s(course.calibrate()) == pytest.approx(0.0, abs=0.5)
-
-
-def test_where_walking_vetoes_all_the_nearest_is_taken_and_the_calibration_is_in_doubt() -> None:
-    # 80 and 60 deg from walking; 60 / 1.96 = 30.6 deg.
-    samples = Course().hold(10.0, tilted(80.0)).move(20.0).hold(10.0, ASIDE).walk(120.0).calibrate()
-
-    assert start_s(samples) == pytest.approx(30.0, abs=0.5)
-    assert samples.calibration.sigma_deg == pytest.approx(30.6, abs=0.5)
-    assert codes(samples) == ["W-POSE-DOUBT"]
-
-
-# Asking beats guessing.
-
-
-def test_where_the_first_comes_later_and_others_differ_the_person_is_asked() -> None:
-    # Three postures after 90 s: the first is used, and 60 / 1.96 = 30.6 deg hold the others.
-    samples = Course().move(90.0).hold(10.0).move(60.0).hold(10.0, ASIDE).move(60.0).hold(10.0).calibrate()
-
-    assert start_s(samples) == pytest.approx(90.0, abs=0.5)
-    assert [round(still.start_s) for still in samples.calibration.proposals] == [90, 160, 230]
-    assert samples.calibration.sigma_deg == pytest.approx(30.6, abs=0.2)
-    assert codes(samples) == ["W-WHICH-POSE"]
-
-
-@pytest.mark.parametrize(("apart_deg", "asked"), [(8.0, []), (12.0, ["W-WHICH-POSE"])])
-def test_early_stretches_within_10_deg_of_the_first_ask_nothing(apart_deg: float, asked: list[str]) -> None:
-    samples = Course().move(90.0).hold(10.0).move(60.0).hold(10.0, tilted(apart_deg)).calibrate()
-
-    assert codes(samples) == asked
-
-
-def test_what_was_held_within_the_first_minute_asks_nothing() -> None:
-    assert codes(Course().move(50.0).hold(10.0).move(60.0).hold(10.0, ASIDE).calibrate()) == []
-
-
 def test_what_is_held_after_ten_minutes_is_no_candidate() -> None:
-    assert codes(Course().move(90.0).hold(10.0).move(620.0).hold(10.0, ASIDE).calibrate()) == []
+    samples = Course().move(90.0).hold(10.0).move(620.0).hold(10.0, ASIDE).calibrate()
+
+    assert [round(still.start_s) for still in samples.calibration.proposals] == [90]
+
+
+def test_each_candidate_is_a_reading_and_those_within_3_deg_are_one() -> None:
+    course = Course().hold(10.0).move(30.0).hold(10.0, tilted(2.0)).move(30.0).hold(10.0, tilted(30.0))
+
+    (reading,) = course.calibrate().readings
+
+    assert reading.arm_axis == pytest.approx(tilted(30.0), abs=0.01)
+
+
+def test_of_many_candidates_those_farthest_apart_are_read() -> None:
+    axes = [tilted(degrees) for degrees in (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0)]
+
+    assert choose_apart(axes, most=3) == [0, 6, 3]
+
+
+# A person says that the pose was held at the start of wear.
+
+
+def test_a_stillness_that_begins_within_a_minute_confirms_a_pose_held_at_the_start() -> None:
+    samples = Course().move(50.0).hold(10.0).move(60.0).hold(10.0, ASIDE).calibrate(held="start")
+
+    assert samples.calibration.state == "held_at_start"
+    assert samples.calibration.proposals == ()
+    assert codes(samples) == []
+    assert samples.readings == ()
+
+
+def test_without_a_stillness_within_a_minute_the_statement_does_not_hold() -> None:
+    samples = Course().move(70.0).hold(10.0).move(60.0).calibrate(held="start")
+
+    assert samples.calibration.state == "assumed"
+    assert codes(samples) == ["W-POSE-ASSUMED", "W-NOT-HELD"]
+
+
+def test_a_window_goes_before_the_statement() -> None:
+    samples = Course().hold(10.0).move(60.0).hold(10.0, ASIDE).calibrate((71.0, 79.0), held="start")
+
+    assert (samples.calibration.state, start_s(samples)) == ("given", 71.0)
 
 
 # No pose.
@@ -176,7 +200,7 @@ def test_what_is_held_after_ten_minutes_is_no_candidate() -> None:
 def test_without_an_early_stillness_walking_stands_for_the_pose() -> None:
     samples = Course().move(620.0).hold(10.0, ASIDE).walk(120.0, tilted(15.0)).calibrate()
 
-    assert samples.calibration.found == "walking"
+    assert samples.calibration.state == "none"
     assert samples.calibration.windows == ()
     assert samples.calibration.arm_axis == pytest.approx(tilted(15.0), abs=0.01)
     assert (samples.calibration.sigma_deg, codes(samples)) == (10.0, ["W-NO-STILL"])
@@ -185,20 +209,36 @@ def test_without_an_early_stillness_walking_stands_for_the_pose() -> None:
 def test_without_walking_either_the_stillest_moment_stands_for_it_with_35_deg() -> None:
     samples = Course().move(620.0).hold(10.0, ASIDE).calibrate()
 
-    assert samples.calibration.found == "moment"
+    assert samples.calibration.state == "none"
     assert (samples.calibration.sigma_deg, codes(samples)) == (35.0, ["W-NO-STILL"])
 
 
-# A window that a person gives is final.
+# A window that a person gives is the pose.
 
 
 def test_nothing_outvotes_a_window_that_a_person_gave() -> None:
     samples = Course().hold(10.0).walk(120.0).hold(10.0, ASIDE).walk(120.0).calibrate((132.0, 139.0))
 
     assert samples.calibration.arm_axis == pytest.approx(ASIDE, abs=0.01)
-    assert samples.calibration.sigma_deg == 5.0
+    assert (samples.calibration.state, samples.calibration.sigma_deg) == ("given", 5.0)
     assert samples.calibration.walking_deg == pytest.approx(60.0, abs=1.0)
     assert codes(samples) == []
+
+
+def test_a_given_window_in_which_the_arm_moves_is_kept_with_a_caveat() -> None:
+    samples = Course().hold(10.0)._add(10.0, UP, 0.02, 1.0).move(60.0).calibrate((11.0, 19.0))
+
+    (flag,) = samples.flags
+    assert (flag.code, flag.facts) == ("W-POSE-UNSTEADY", {"what": "moving"})
+    assert samples.calibration.state == "given"
+
+
+def test_a_given_window_on_a_table_is_kept_with_a_caveat() -> None:
+    samples = Course().lie(20.0).move(20.0).hold(10.0).calibrate((2.0, 12.0))
+
+    (flag,) = samples.flags
+    assert (flag.code, flag.facts) == ("W-POSE-UNSTEADY", {"what": "table"})
+    assert start_s(samples) == 2.0
 
 
 # The pose repeated.
@@ -210,6 +250,7 @@ def test_poses_that_agree_are_averaged_and_narrow_the_range() -> None:
 
     calibration = course.calibrate((1.0, 9.0), (111.0, 119.0)).calibration
 
+    assert calibration.state == "repeated"
     assert calibration.arm_axis == pytest.approx(tilted(2.0), abs=0.002)
     assert calibration.repeat_deg == pytest.approx(4.0, abs=0.1)
     assert calibration.sigma_deg == pytest.approx(4.39, abs=0.01)
@@ -221,7 +262,7 @@ def test_windows_that_meet_are_one_pose(again_s: tuple[float, float]) -> None:
 
     (window,) = calibration.windows
     assert (window.start_s, window.end_s) == pytest.approx((1.0, max(9.0, again_s[1])))
-    assert (calibration.sigma_deg, calibration.repeat_deg) == (5.0, None)
+    assert (calibration.state, calibration.sigma_deg, calibration.repeat_deg) == ("given", 5.0, None)
 
 
 def test_the_more_poses_agree_the_narrower_the_range_down_to_what_a_person_always_does() -> None:
@@ -231,7 +272,7 @@ def test_the_more_poses_agree_the_narrower_the_range_down_to_what_a_person_alway
     assert 4.0 < narrower[-1] < 4.01
 
 
-def test_between_two_poses_that_disagree_nothing_is_valid_and_each_side_has_its_own() -> None:
+def test_between_two_poses_that_disagree_nothing_is_cut_and_the_earlier_reads_up_to_the_later() -> None:
     course = Course().hold(10.0).move(100.0).hold(10.0, tilted(20.0)).move(20.0).hold(10.0, tilted(20.0))
 
     samples = course.calibrate((1.0, 9.0), (111.0, 119.0), (141.0, 149.0))
@@ -239,46 +280,145 @@ def test_between_two_poses_that_disagree_nothing_is_valid_and_each_side_has_its_
     (flag,) = samples.flags
     assert (flag.code, flag.first_s, flag.last_s) == ("W-POSES-DIFFER", 9.0, 111.0)
     assert flag.facts == {"apart_deg": 20}
-    segment = estimate_elevation(samples).segments[0]
-    assert not segment.valid[round(9.1 * RATE_HZ) : round(110.9 * RATE_HZ)].any()
-    assert samples.axis_parts[-1].arm_axis == pytest.approx(tilted(20.0), abs=0.002)
+    assert not any(part.arm_axis is None for part in samples.axis_parts)
+    (part,) = samples.axis_parts
+    assert (part.start_s, part.end_s) == (111.0, np.inf)
+    assert part.arm_axis == pytest.approx(tilted(20.0), abs=0.002)
+
+
+def test_another_reading_of_two_poses_that_disagree_changes_over_at_once() -> None:
+    course = Course().hold(10.0).move(100.0).hold(10.0, tilted(20.0)).move(20.0)
+
+    (reading,) = course.calibrate((1.0, 9.0), (111.0, 119.0)).readings
+
+    assert reading.parts[-1].start_s == 9.0
+
+
+# The sensor moves on the arm.
 
 
 def test_a_slip_that_the_person_names_parts_two_poses_and_costs_a_minute_on_both_sides() -> None:
     course = Course().hold(10.0).move(300.0).hold(10.0, tilted(20.0))
 
-    samples = course.calibrate((1.0, 9.0), (311.0, 319.0), slip_s=200.0)
+    samples = course.calibrate((1.0, 9.0), (311.0, 319.0), slip_s=(200.0,))
 
     left_out = [(part.start_s, part.end_s) for part in samples.axis_parts if part.arm_axis is None]
     assert left_out == [(140.0, 260.0)]
     assert codes(samples) == ["W-REMOUNT"]
 
 
-def test_after_a_slip_at_the_very_start_the_pose_is_sought_from_its_end_on() -> None:
-    samples = Course().move(100.0).hold(10.0).move(100.0).calibrate(slip_s=20.0)
+def test_after_a_slip_nothing_is_read_until_a_pose_is_given() -> None:
+    samples = Course().hold(10.0).move(300.0).hold(10.0, tilted(20.0)).calibrate((1.0, 9.0), slip_s=(200.0,))
 
-    assert (samples.calibration.found, round(start_s(samples))) == ("held", 100)
+    left_out = [(part.start_s, part.end_s) for part in samples.axis_parts]
+    assert left_out == [(140.0, 260.0), (260.0, np.inf)]
 
 
 def test_a_slip_in_the_last_minute_leaves_out_what_there_is_of_it() -> None:
-    samples = Course().hold(10.0).move(300.0).calibrate(slip_s=300.0)
+    samples = Course().hold(10.0).move(300.0).calibrate((1.0, 9.0), slip_s=(300.0,))
 
     (flag,) = samples.flags
     assert (flag.code, flag.first_s, flag.last_s) == ("W-REMOUNT", 240.0, 310.0)
 
 
-def test_a_slip_after_the_last_sample_has_no_effect() -> None:
-    assert Course().hold(10.0).move(300.0).calibrate(slip_s=5000.0).axis_parts == ()
+def slip(degrees: float) -> Course:
+    """A pose, work and walking, and both again with the sensor turned."""
+    course = Course().hold(10.0)
+    for direction in (UP, tilted(degrees)):
+        for _ in range(3):
+            course.hold(70.0, direction).walk(60.0, direction).move(30.0, direction)
+    return course
 
 
-def test_a_sensor_put_back_is_read_by_the_pose_held_then() -> None:
+def test_walking_that_shows_a_slip_asks_and_cuts_nothing() -> None:
+    samples = slip(30.0).calibrate((1.0, 9.0))
+
+    (question,) = samples.calibration.questions
+    assert question.kind == "slip"
+    assert 400.0 < question.first_s < question.end_s < 650.0
+    assert question.apart_deg == pytest.approx(30.0, abs=1.0)
+    assert samples.axis_parts == ()
+    assert codes(samples) == ["W-SLIP"]
+
+
+def test_another_reading_of_a_suspected_slip_turns_the_axis_with_it() -> None:
+    (reading,) = slip(30.0).calibrate((1.0, 9.0)).readings
+
+    assert reading.arm_axis == pytest.approx(UP, abs=0.01)
+    assert reading.parts[0].arm_axis == pytest.approx(tilted(30.0), abs=0.03)
+
+
+@pytest.mark.parametrize("answer", ["slip_s", "no_slip_s"])
+def test_a_person_who_answers_is_not_asked_again(answer: str) -> None:
+    samples = slip(30.0).calibrate((1.0, 9.0), **{answer: (500.0,)})  # type: ignore[arg-type]
+
+    assert samples.calibration.questions == ()
+    assert ("W-REMOUNT" in codes(samples)) == (answer == "slip_s")
+
+
+def test_walking_within_12_deg_asks_nothing() -> None:
+    assert slip(10.0).calibrate((1.0, 9.0)).calibration.questions == ()
+
+
+def test_loads_carried_with_the_arm_raised_are_no_slip_if_the_other_postures_stay() -> None:
+    course = Course().hold(10.0)
+    for direction in (UP, tilted(50.0)):
+        for _ in range(3):
+            course.hold(70.0).walk(60.0, direction).move(30.0)
+
+    assert course.calibrate((1.0, 9.0)).calibration.questions == ()
+
+
+def test_poses_that_agree_on_both_sides_show_that_nothing_slipped() -> None:
+    course = slip(30.0).hold(10.0)
+    end_s = course.record().duration_us / 1e6
+
+    assert course.calibrate((1.0, 9.0), (end_s - 9.0, end_s - 1.0)).calibration.questions == ()
+
+
+def take_off(after: Direction, minutes: float = 12.0) -> Course:
+    """A pose and work, a while on a desk, and work again."""
+    return Course().hold(10.0).move(600.0).lie(60.0 * minutes).move(20.0).hold(20.0, after).move(600.0)
+
+
+def test_a_sensor_that_was_off_asks_for_the_pose_after_it_and_cuts_nothing() -> None:
+    samples = take_off(ASIDE).calibrate((1.0, 9.0))
+
+    (question,) = samples.calibration.questions
+    assert question.kind == "put_back"
+    assert (question.first_s, question.end_s) == pytest.approx((610.0, 1330.0), abs=10.0)
+    assert samples.axis_parts == ()
+    assert codes(samples) == ["W-PUT-BACK"]
+
+
+def test_another_reading_after_it_was_off_is_by_the_stillness_held_then() -> None:
+    (reading,) = take_off(ASIDE).calibrate((1.0, 9.0)).readings
+
+    assert reading.parts[-1].arm_axis == pytest.approx(ASIDE, abs=0.01)
+
+
+def test_a_pose_given_after_it_was_off_reads_from_there_on() -> None:
+    samples = take_off(ASIDE).calibrate((1.0, 9.0), (1352.0, 1368.0))
+
+    (part,) = samples.axis_parts
+    assert part.arm_axis == pytest.approx(ASIDE, abs=0.01)
+    assert 610.0 < part.start_s < 1330.0
+    assert samples.calibration.questions == ()
+
+
+def test_a_sensor_put_back_in_the_same_place_is_asked_about_until_a_person_says_so() -> None:
+    assert codes(take_off(UP).calibrate((1.0, 9.0))) == ["W-PUT-BACK"]
+    assert codes(take_off(UP).calibrate((1.0, 9.0), no_slip_s=(1330.0,))) == []
+
+
+def test_a_hole_of_five_minutes_may_be_a_sensor_that_was_off() -> None:
     before, after = (
         Course().hold(10.0, direction).move(200.0).record().segments[0] for direction in (UP, ASIDE)
     )
     later = Segment(600_000_000, after.rate_hz, after.acc_g, after.gyr_dps)
     whole = replace(Course().hold(1.0).record(), duration_us=810_000_000, segments=(before, later))
 
-    samples = calibrate(whole, "n-pose", ((1.0, 9.0), (601.0, 609.0)))
+    samples = calibrate(whole, AnalysisSettings(calibration_windows_s=((1.0, 9.0), (601.0, 609.0))))
 
     (part,) = samples.axis_parts
     assert part.arm_axis == pytest.approx(ASIDE, abs=0.01)
@@ -314,8 +454,8 @@ def test_what_is_no_axis_is_refused(text: str) -> None:
 def test_an_axis_that_was_given_is_the_arms_within_8_deg() -> None:
     recording = Course().move(100.0).hold(10.0, ASIDE).record()
 
-    samples = calibrate(recording, "n-pose", arm_axis="-y")
+    samples = calibrate(recording, AnalysisSettings(arm_axis="-y"))
 
     assert samples.calibration.arm_axis.tolist() == [0.0, -1.0, 0.0]
-    assert (samples.calibration.sigma_deg, samples.calibration.found) == (8.0, "axis")
+    assert (samples.calibration.sigma_deg, samples.calibration.state) == (8.0, "axis")
     assert codes(samples) == ["W-AXIS"]

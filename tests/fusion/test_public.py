@@ -2,17 +2,30 @@
 
 import dataclasses
 import inspect
+import math
 import re
 import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import fusion
-from fusion import Analysis, FusionError, analyse, read_recording, read_recordings
+from fusion import (
+    Analysis,
+    AnalysisSettings,
+    ColumnProfile,
+    DiaryEntry,
+    FusionError,
+    LiveElevation,
+    UnusableArrays,
+    analyse,
+    read_recording,
+    read_recordings,
+)
 from fusion.simulation import simulate_shift, write_shift
 from tests.factories import hold
 
@@ -149,3 +162,50 @@ def test_an_installation_offers_the_same_names_as_acromion(tmp_path: Path) -> No
     )
 
     assert told.stdout.strip() == str(tmp_path / "acromion.py")
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"method": "publishd"}, "method='publishd'; allowed: 'smoothed', 'published', 'live'"),
+        ({"pose": "two_point"}, "pose='two_point'; allowed: 'n-pose', 'side-lean', 'two-point'"),
+        ({"arm_axis": "q"}, "arm_axis='q'; allowed: None, '+x', '-x', '+y', '-y', '+z', '-z'"),
+        ({"calibration_windows_s": ((15.0, 5.0),)}, "allowed: (start, end), s, start < end"),
+        ({"calibration_windows_s": (5.0, 15.0)}, "allowed: (start, end), s, start < end"),
+        ({"calibration_windows_s": ((5.0, math.nan),)}, "allowed: (start, end), s, start < end"),
+        ({"slip_times_s": (-4.0,)}, "allowed: seconds from the first sample, >= 0"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_with_the_allowed_values(
+    settings: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(told)):
+        AnalysisSettings(**settings)
+
+
+def test_an_unknown_kind_of_a_diary_entry_is_refused_with_the_allowed_ones() -> None:
+    with pytest.raises(ValueError, match=r"kind='lunch'; allowed: 'shift', 'work', .*'break'"):
+        DiaryEntry(10.0, 20.0, "lunch")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("acceleration_unit", "furlong", "allowed: '', 'g', "),
+        ("angular_rate_unit", "rpm3", "allowed: '', 'dps', "),
+        ("time_unit", "weeks", "allowed: '', 's', "),
+        ("date_order", "mmd", "allowed: None, 'ymd', 'dmy', 'mdy'"),
+    ],
+)
+def test_an_unknown_name_in_a_column_profile_is_refused_with_the_allowed_ones(
+    field: str, value: str, told: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"{field}='{value}'; {told}")):
+        ColumnProfile(**{field: value})  # type: ignore[arg-type]
+
+
+def test_an_arm_axis_by_name_is_refused_by_the_live_angle_which_takes_a_direction() -> None:
+    with pytest.raises(UnusableArrays) as refused:
+        LiveElevation(100.0, arm_axis="+x")
+
+    assert refused.value.facts == {"why": "axis", "axis": "'+x'"}

@@ -1,9 +1,12 @@
 """Layouts of known devices, made of one motion: each is read unaided, to the same samples."""
 
 import io
+import re
 from datetime import UTC
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from fusion.devices import KNOWN_DEVICES, find_device_name, find_known_device
@@ -11,11 +14,13 @@ from fusion.errors import NoGravity, SeveralSensors, UnknownRate
 from fusion.readers import ColumnProfile, read_recording
 from fusion.readers.preview import Preview, preview_head
 from fusion.recording import Recording
+from fusion.units import STANDARD_GRAVITY
 from tests.fusion.device_layouts import (
     ACC_G,
     ACC_MS2,
     GYR_DPS,
     GYR_RAD,
+    MOTION,
     RATE_HZ,
     START_S,
     TABLES,
@@ -250,3 +255,86 @@ def test_an_unknown_header_is_nobodys() -> None:
 def test_a_device_has_one_name_however_its_files_are_written() -> None:
     assert find_device_name("gt9x") == "ActiGraph GT9X Link"
     assert find_device_name("other") is None
+
+
+STEP_G = 0.3 * GYR_DPS / np.abs(GYR_DPS).max()
+"""An acceleration of the arm's own."""
+UP = MOTION.up
+
+
+def core_motion(names: tuple[str, ...], per_g: float = 1.0, user_g: np.ndarray = STEP_G) -> str:
+    """A table of both vectors as Core Motion has them, of the opposite sign to an accelerometer's."""
+    heads = [axes("rotationRate{}"), *map(axes, names)]
+    parts = [-UP * per_g, -user_g * per_g][-len(names) :]
+    values = rows(START_S * 1e9 + TIME_S * 1e9, TIME_S, GYR_RAD, *parts, form="%.7f")
+    return "time,seconds_elapsed," + ",".join(name for head in heads for name in head) + "\n" + values
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("gravity{}", "acceleration{}"), ("gravity.{}", "userAcceleration.{}"), ("grav_{}", "userAcc_{}")],
+)
+def test_gravity_beside_an_acceleration_without_it_is_put_back(names: tuple[str, str]) -> None:
+    (segment,) = read_text(core_motion(names), "watch.csv").segments
+
+    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
+
+
+def test_both_vectors_in_m_s2_are_of_an_accelerometers_sign() -> None:
+    (segment,) = read_text(
+        core_motion(("gravity{}", "acceleration{}"), -STANDARD_GRAVITY), "watch.csv"
+    ).segments
+
+    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
+
+
+def test_an_acceleration_with_gravity_is_left_alone_by_the_columns_of_gravity() -> None:
+    whole = core_motion(("gravity{}", "acceleration{}"), -STANDARD_GRAVITY, UP + STEP_G)
+
+    (segment,) = read_text(whole, "watch.csv").segments
+
+    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
+
+
+def test_rows_without_gravity_are_left_out() -> None:
+    lines = core_motion(("gravity{}", "acceleration{}")).splitlines()
+    fields = [line.split(",") for line in lines[1001:1201]]
+    lines[1001:1201] = [",".join([*row[:5], "", "", "", *row[8:]]) for row in fields]
+
+    recording = read_text("\n".join(lines) + "\n", "watch.csv")
+
+    assert [len(segment) for segment in recording.segments] == [1000, 1800]
+
+
+@pytest.mark.parametrize("name", ["acceleration{}", "userAcceleration{}"])
+def test_an_acceleration_without_gravity_or_its_columns_is_refused_as_such(name: str) -> None:
+    with pytest.raises(NoGravity):
+        read_text(core_motion((name,)), "watch.csv")
+
+
+def test_columns_called_gravity_that_hold_none_do_not_help() -> None:
+    header, values = core_motion(("gravity{}", "userAcceleration{}")).split("\n", 1)
+    zeros = re.sub(r"^((?:[^,]*,){5})[^,]*,[^,]*,[^,]*,", r"\g<1>0,0,0,", values, flags=re.MULTILINE)
+
+    with pytest.raises(NoGravity):
+        read_text(f"{header}\n{zeros}", "watch.csv")
+
+
+@pytest.mark.parametrize("unit", ["", " (g)"])
+def test_an_acceleration_that_reads_nothing_at_rest_has_no_gravity(unit: str) -> None:
+    heads = [*axes("Acc{}" + unit), *axes("Gyr{} (dps)")]
+
+    with pytest.raises(NoGravity):
+        read_text("time_s," + ",".join(heads) + "\n" + rows(TIME_S, STEP_G, GYR_DPS))
+
+
+def test_parquet_puts_gravity_back_too() -> None:
+    names = [*axes("acceleration{}"), *axes("gravity{}"), *axes("rotationRate{} (rad/s)")]
+    values = np.concatenate([-STEP_G, -UP, GYR_RAD], axis=1)
+    columns = {"time_s": TIME_S, **dict(zip(names, values.T, strict=True))}
+    file = io.BytesIO()
+    pq.write_table(pa.table(columns), file)
+
+    (segment,) = read_recording(file).segments
+
+    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.pose.postures import find_angle_deg
+from fusion.numerics.rotations import find_angle_deg
 from fusion.simulation import simulate_shift
 from fusion.simulation.activities import Activity, Choreography, stand, walk
 from fusion.simulation.body import Body, feel, play

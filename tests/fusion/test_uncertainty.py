@@ -8,10 +8,11 @@ from scipy.ndimage import uniform_filter1d
 
 from fusion.elevation import estimate_elevation
 from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
-from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pipeline import analyse
 from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
 from fusion.sensor.accelerometer import AccelerometerCorrection, leave_accelerometer
+from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
 from tests.badfiles.person_files import swing
@@ -46,7 +47,7 @@ def test_nine_seconds_are_averaged_as_scipy_does_to_the_bit(count: int) -> None:
 
 
 def test_there_is_one_value_for_each_second() -> None:
-    segment = estimate_elevation(calibrate(hold((0.0, 10.4)).recording, "n-pose")).segments[0]
+    segment = estimate_elevation(calibrate(hold((0.0, 10.4)).recording)).segments[0]
 
     assert segment.sigma_deg is not None
     assert segment.sigma_deg.shape == (11,)
@@ -54,7 +55,7 @@ def test_there_is_one_value_for_each_second() -> None:
 
 
 def test_the_recordings_own_figure_is_their_root_mean_square() -> None:
-    elevation = estimate_elevation(calibrate(hold((0.0, 10.0), (80.0, 10.0)).recording, "n-pose"))
+    elevation = estimate_elevation(calibrate(hold((0.0, 10.0), (80.0, 10.0)).recording))
 
     sigma_deg = np.asarray(elevation.segments[0].sigma_deg, dtype=float)
     assert elevation.bias_sigma_deg == pytest.approx(np.sqrt(np.mean(sigma_deg**2)))
@@ -62,7 +63,7 @@ def test_the_recordings_own_figure_is_their_root_mean_square() -> None:
 
 @pytest.mark.parametrize("method", ["published", "live"])
 def test_methods_without_a_measure_of_their_own_tell_their_typical_error(method: str) -> None:
-    samples = calibrate(hold((0.0, 10.0)).recording, "n-pose")
+    samples = calibrate(hold((0.0, 10.0)).recording)
 
     elevation = estimate_elevation(samples, method)  # type: ignore[arg-type]
 
@@ -83,7 +84,7 @@ def test_on_simulated_days_the_band_of_95_percent_covers_the_truth_about_as_ofte
 def cover(device: Device, seed: int) -> float:
     made = simulate_shift(device, 2.0, seed, 50.0).in_arrays()
     recording = record(made.acc_g.astype(float), made.gyr_dps.astype(float), made.rate_hz)
-    segment = estimate_elevation(calibrate(recording, "n-pose")).segments[0]
+    segment = estimate_elevation(calibrate(recording)).segments[0]
     assert segment.sigma_deg is not None
     sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / made.rate_hz).astype(int)]
     return float((np.abs(segment.elevation_deg - made.elevation_deg) < 1.96 * sigma_deg).mean())

@@ -186,7 +186,7 @@ def test_a_token_is_shown_once_on_the_page(page: Page, clinic: RunningServer) ->
     expect(page.get_by_role("button", name="Revoke: nightly")).to_be_visible()
 
 
-@pytest.mark.parametrize("name", ["summary.csv", "reports.zip"])
+@pytest.mark.parametrize("name", ["summary.csv", "reports.zip", "recordings.zip"])
 def test_whoever_takes_many_recordings_out_is_asked_for_the_password_again(
     page: Page, clinic: RunningServer, logins: Logins, data: Path, name: str
 ) -> None:

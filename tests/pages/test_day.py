@@ -1,13 +1,15 @@
 """Looking and correcting: the curve, the calibration window, the periods of the day, another analysis."""
 
 import re
+from datetime import time
 from pathlib import Path
 from urllib.parse import parse_qs
 
 import pytest
-from playwright.sync_api import Dialog, Page, expect
+from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
+from tests.clock_spellings import FRACTIONS, READ, REFUSED
 from tests.pages.conftest import finish
 from tests.pages.steps import END_MS, open_analysis, read_bands, read_view, wait_for_curve
 from tests.ways_in.servers import RunningServer
@@ -241,19 +243,77 @@ def test_a_time_that_cannot_be_is_marked_where_it_was_typed(day: Page) -> None:
     expect(field).to_have_attribute("aria-invalid", "true")
 
 
-def test_what_was_typed_is_not_left_without_a_question(day: Page, server: RunningServer) -> None:
-    asked: list[str] = []
+@pytest.mark.parametrize("text", ["07.01", "07,01", "0701", "7h01", "7 h 01"])
+def test_a_time_is_shown_as_it_was_read(day: Page, text: str) -> None:
+    add_period(day, "break", "tea")
+    row = day.locator("#periods tr").last
+    row.locator("[name=start]").fill(text)
+    row.locator("[name=end]").fill("07.01.30")
+    row.locator("[name=end]").press("Tab")
 
-    def accept(dialog: Dialog) -> None:
-        asked.append(dialog.type)
-        dialog.accept()
+    expect(row.locator("[name=start]")).to_have_value("07:01:00")
+    expect(row.locator("[name=end]")).to_have_value("07:01:30")
+    band = read_bands(day)[-1]
+    assert (round(band["startS"]), round(band["endS"])) == (60, 90)
 
-    day.on("dialog", accept)
-    add_period(day, "break", "not sent yet")
 
-    day.goto(server.address)
+@pytest.mark.parametrize("text", ["60", "1075", "0.4306", "10.75"])
+def test_a_number_that_is_no_clock_time_is_marked_and_not_sent(day: Page, text: str) -> None:
+    add_period(day, "break", "tea")
+    field = day.locator("#periods tr").last.locator("[name=start]")
 
-    assert asked == ["beforeunload"]
+    field.fill(text)
+    field.press("Tab")
+
+    expect(field).to_have_attribute("aria-invalid", "true")
+    expect(field).to_have_value(text)
+    expect(day.get_by_role("button", name="Analyse again")).to_be_disabled()
+
+
+def test_times_at_which_the_sensor_slipped_are_shown_as_they_were_read(day: Page) -> None:
+    field = day.get_by_label("The sensor slipped at")
+
+    field.fill("7h01; 0702; later")
+    field.press("Tab")
+
+    expect(field).to_have_value("07:01:00; 07:02:00; later")
+
+
+READ_CLOCK = """texts => {
+    const clock = new acromionDay.clock.constructor("2026-03-02T00:00:00", 86399.98, "");
+    return texts.map((text) => clock.read(text)).map((second) => Number.isNaN(second) ? null : second);
+}"""
+
+
+def test_the_page_reads_clock_times_as_a_diary_does(day: Page) -> None:
+    times = {text: time.fromisoformat(told) for text, told in READ.items()}
+    expected_s = {
+        text: 3600 * t.hour + 60 * t.minute + t.second + t.microsecond / 1e6 for text, t in times.items()
+    }
+    refused = [*REFUSED, *FRACTIONS]
+
+    assert dict(zip(READ, day.evaluate(READ_CLOCK, list(READ)), strict=True)) == expected_s
+    assert [
+        text for text, second in zip(refused, day.evaluate(READ_CLOCK, refused), strict=True) if second
+    ] == []
+
+
+def test_a_recording_without_a_clock_asks_for_seconds(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    table = write_recordings(tmp_path, "lsm9ds1", 0.05, 5, 100.0)[0]
+    table.write_text(re.sub("(?m)^# start.*\n", "", table.read_text()))
+    open_analysis(page, server, finish(server, table))
+    wait_for_curve(page)
+    add_period(page, "break", "tea")
+    row = page.locator("#periods tr").last
+
+    row.get_by_label("Start (seconds)").fill("60")
+    row.get_by_label("End (seconds)").fill("1h30")
+    row.get_by_label("End (seconds)").press("Tab")
+
+    expect(row.get_by_label("Start (seconds)")).to_have_value("60")
+    expect(row.get_by_label("End (seconds)")).to_have_attribute("aria-invalid", "true")
 
 
 def test_every_change_is_undone(day: Page) -> None:

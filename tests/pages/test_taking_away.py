@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from zipfile import ZipFile
 
 import pypdf
 import pytest
@@ -33,6 +34,42 @@ def test_every_file_is_one_click_away(shown: Page, name: str) -> None:
         shown.get_by_role("link", name=name).first.click()
 
     assert download.value.path().stat().st_size > 100
+
+
+def test_the_original_is_downloaded_under_its_name(shown: Page, shifts: tuple[Path, Path]) -> None:
+    link = shown.get_by_role("link", name="Download the original recording")
+    keep_picture(shown, "original")
+
+    with shown.expect_download() as download:
+        link.click()
+
+    assert download.value.suggested_filename == shifts[0].name
+    assert download.value.path().read_bytes() == shifts[0].read_bytes()
+
+
+def test_the_original_of_a_failed_analysis_is_downloaded_in_french(
+    page: Page, server: RunningServer, unknown: str
+) -> None:
+    page.goto(f"{server.address}analyses/{unknown}?lang=fr")
+    keep_picture(page, "original-fr")
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Télécharger l’enregistrement d’origine").click()
+
+    assert download.value.suggested_filename == "unknown.csv"
+
+
+def test_the_originals_of_a_study_are_downloaded_in_one_zip(
+    page: Page, server: RunningServer, batch: str, shifts: tuple[Path, Path]
+) -> None:
+    page.goto(f"{server.address}batches/{batch}?lang=en")
+    keep_picture(page, "original-study")
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="All original recordings (ZIP)").click()
+
+    with ZipFile(download.value.path()) as packed:
+        assert sorted(packed.namelist()) == sorted([shifts[0].name, "unknown.csv"])
 
 
 def test_the_page_gives_the_same_results_as_the_command_line(

@@ -2,15 +2,16 @@
 
 import io
 import re
+from itertools import count
 from pathlib import Path
 
 import pypdf
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish, repeat
-from tests.pages.steps import END_MS, find_row, open_analysis, open_home
+from tests.pages.steps import END_MS, find_row, open_analysis, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -114,6 +115,11 @@ def plain_id(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) ->
     return finish(server, file, subject="S061", side="right")
 
 
+def find_conclusion(page: Page) -> Locator:
+    """The card of the conclusion."""
+    return page.locator("section", has=page.get_by_role("heading", name="Conclusion", exact=True))
+
+
 def test_a_conclusion_makes_a_version_that_says_it_on_page_and_pdf(
     page: Page, server: RunningServer, plain_id: str
 ) -> None:
@@ -123,7 +129,7 @@ def test_a_conclusion_makes_a_version_that_says_it_on_page_and_pdf(
     page.get_by_label("Date").fill(SAID["date"])
     page.get_by_role("button", name="Add to the report").click()
     expect(page.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
-    card = page.locator("section", has=page.get_by_role("heading", name="Conclusion", exact=True))
+    card = find_conclusion(page)
 
     expect(card).to_contain_text("Measure again in May.")
     expect(card).to_contain_text("M. Tremblay, 23 November 2026")
@@ -134,7 +140,29 @@ def test_a_conclusion_makes_a_version_that_says_it_on_page_and_pdf(
     assert "23 novembre 2026" in second.replace("\u00a0", " ")
 
 
-def test_a_correction_leaves_the_conclusion_out(page: Page, server: RunningServer, plain_id: str) -> None:
+SEEDS = count(620)
+"""A recording for each test: the same bytes are not analysed again."""
+
+
+@pytest.fixture
+def corrected_id(server: RunningServer, tmp_path: Path) -> str:
+    """Version 3: another arm than that of version 2, which has a conclusion."""
+    file = write_recordings(tmp_path, "gt9x", 0.02, next(SEEDS))[0]
+    first = finish(server, file, subject="S062", side="right")
+    repeat(server, first, "succeeded", conclusion=SAID)
+    return repeat(server, first, "succeeded", side="left")
+
+
+def read_pdf(server: RunningServer, page: Page) -> str:
+    """Read the English PDF of the analysis that a page shows."""
+    analysis_id = page.url.split("/analyses/")[1].split("?")[0]
+    pdf = server.client.get(f"/api/v1/analyses/{analysis_id}/report.pdf", params={"lang": "en"}).content
+    return "\n".join(part.extract_text() for part in pypdf.PdfReader(io.BytesIO(pdf)).pages)
+
+
+def test_a_correction_on_the_page_makes_a_draft_of_the_conclusion(
+    page: Page, server: RunningServer, plain_id: str
+) -> None:
     concluded = repeat(server, plain_id, "succeeded", conclusion=SAID | {"name": "A. Roy"})
     open_analysis(page, server, concluded)
     expect(page.get_by_text("A. Roy")).to_be_visible()
@@ -143,4 +171,121 @@ def test_a_correction_leaves_the_conclusion_out(page: Page, server: RunningServe
     page.get_by_role("button", name="Analyse again").click()
 
     expect(page.get_by_role("heading", name="What the correction changed")).to_be_visible(timeout=END_MS)
-    expect(page.get_by_text("Measure again in May.")).to_have_count(0)
+    card = find_conclusion(page)
+    expect(card).to_contain_text(
+        re.compile(r"Conclusion of version \d, written for other figures \(changed since: the arm\)")
+    )
+    expect(card).to_contain_text("A. Roy, 23 November 2026")
+    expect(card.get_by_label("What you conclude")).to_have_value(SAID["text"])
+
+
+def test_no_report_prints_a_draft(page: Page, server: RunningServer, corrected_id: str) -> None:
+    open_analysis(page, server, corrected_id)
+
+    assert "Overhead work is the load." not in read_pdf(server, page)
+
+
+def test_a_draft_is_confirmed_by_one_click(page: Page, server: RunningServer, corrected_id: str) -> None:
+    open_analysis(page, server, corrected_id)
+
+    page.get_by_role("button", name="Confirm for this version").click()
+
+    expect(page.locator(".meta").first).to_contain_text("version 4", timeout=END_MS)
+    expect(find_conclusion(page)).to_contain_text("Measure again in May.")
+    expect(page.get_by_text("Draft, not in the report")).to_have_count(0)
+    assert "Overhead work is the load." in read_pdf(server, page)
+
+
+def test_a_draft_in_french_says_that_it_is_one(page: Page, server: RunningServer, corrected_id: str) -> None:
+    open_analysis(page, server, corrected_id, "fr")
+
+    expect(find_conclusion(page)).to_contain_text("Brouillon, absent du rapport. Conclusion de la version 2")
+    expect(page.get_by_role("button", name="Confirmer pour cette version")).to_be_visible()
+
+
+def test_a_dismissed_draft_is_gone(page: Page, server: RunningServer, corrected_id: str) -> None:
+    open_analysis(page, server, corrected_id)
+
+    page.get_by_role("button", name="Dismiss the draft").click()
+
+    expect(page.get_by_role("button", name="Add to the report")).to_be_visible()
+    expect(page.get_by_label("What you conclude")).to_have_value("")
+    expect(page.get_by_text("Draft, not in the report")).to_have_count(0)
+
+
+def test_without_scripts_a_draft_is_confirmed_too(
+    browser: Browser, server: RunningServer, corrected_id: str
+) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    plain = context.new_page()
+    open_analysis(plain, server, corrected_id)
+
+    plain.get_by_role("button", name="Confirm for this version").click()
+
+    expect(plain).not_to_have_url(re.compile(corrected_id))
+    analysis_id = plain.url.split("/analyses/")[1]
+    context.close()
+    assert see_end(server, analysis_id)["conclusion"]["text"] == SAID["text"]
+
+
+def test_a_conclusion_is_taken_off_the_report(page: Page, server: RunningServer, corrected_id: str) -> None:
+    concluded = repeat(server, corrected_id, "succeeded", side="left", conclusion=SAID)
+    open_analysis(page, server, concluded)
+    page.get_by_text("Change the conclusion").click()
+
+    page.get_by_role("button", name="Remove from the report").click()
+
+    expect(page).not_to_have_url(re.compile(concluded))
+    expect(page.get_by_role("button", name="Add to the report")).to_be_visible(timeout=END_MS)
+    assert "Overhead work is the load." not in read_pdf(server, page)
+
+
+# The banner of an old version.
+
+
+@pytest.mark.parametrize(
+    ("language", "told"),
+    [
+        ("en", "This is version 1 of 2. See the current version (version 2)"),
+        ("fr", "Vous consultez la version 1 sur 2. Voir la version actuelle (version 2)"),
+    ],
+)
+def test_an_old_version_leads_to_the_current_one(
+    page: Page, server: RunningServer, two_versions: tuple[str, str], language: str, told: str
+) -> None:
+    old, current = two_versions
+    open_analysis(page, server, old, language)
+    expect(page.locator("#old")).to_have_text(told)
+
+    page.locator("#old").get_by_role("link").click()
+
+    expect(page).to_have_url(re.compile(current))
+    expect(page.locator("#old")).to_have_count(0)
+
+
+def test_the_report_of_an_old_version_leads_to_the_current_one(
+    page: Page, server: RunningServer, two_versions: tuple[str, str]
+) -> None:
+    old, current = two_versions
+    page.goto(f"{server.address}analyses/{old}/report.html?lang=en")
+    expect(page.get_by_text("This is version 1 of 2.")).to_be_visible()
+
+    page.get_by_role("link", name="See the current version (version 2)").click()
+
+    expect(page).to_have_url(re.compile(current))
+
+
+def test_a_downloaded_report_holds_no_banner(server: RunningServer, two_versions: tuple[str, str]) -> None:
+    old, _ = two_versions
+
+    stored = server.client.get(f"/api/v1/analyses/{old}/report.html", params={"lang": "en"}).text
+
+    assert "This is version 1 of 2." not in stored
+
+
+@pytest.fixture(scope="module")
+def two_versions(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """An old version and the current one."""
+    file = write_recordings(tmp_path_factory.mktemp("two"), "gt9x", 0.02, 63)[0]
+    first = finish(server, file, subject="S063", side="right")
+    return first, repeat(server, first, "succeeded", side="left")

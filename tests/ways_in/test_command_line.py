@@ -196,6 +196,10 @@ def test_an_axis_or_a_slip_that_cannot_be_is_a_usage_error(wrong: list[str], tmp
     assert run("run", "x.gt3x", "-o", tmp_path, *wrong).exit_code == 2
 
 
+def test_a_statement_about_watched_files_needs_a_folder_to_watch(tmp_path: Path) -> None:
+    assert run("serve", "--data", tmp_path, "--pose-held", "start").exit_code == 2
+
+
 def test_an_unknown_kind_of_report_is_a_usage_error(tmp_path: Path) -> None:
     assert run("run", "x.gt3x", "-o", tmp_path, "--report", "docx").exit_code == 2
 
@@ -279,6 +283,8 @@ def test_the_demo_ends_with_a_report(tmp_path: Path) -> None:
 
     assert result.exit_code == 0
     assert "report.html" in result.stdout
+    results = json.loads(next(tmp_path.glob("*/results.json")).read_text("utf-8"))
+    assert results["calibration"]["state"] == "held_at_start"
 
 
 # ------------------------------------------------------------------ a study

@@ -11,7 +11,7 @@ from app.cli import app
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
 
-DIARY = "start,end,kind,label\n0,60,task,Boxes\n60,90,break,Coffee\n"
+DIARY = "start_s,end_s,kind,label\n0,60,task,Boxes\n60,90,break,Coffee\n"
 
 
 def expose(folder: Path, diary: str) -> Result:
@@ -55,11 +55,11 @@ def test_the_report_names_periods_and_hatches_the_break(tmp_path: Path) -> None:
 
 
 def test_a_slip_in_the_diary_is_told_before_anything_is_read(tmp_path: Path) -> None:
-    result = expose(tmp_path, "start,end,kind\n0,60,brake\n")
+    result = expose(tmp_path, "start_s,end_s,kind\n0,60,brake\n")
 
     assert result.exit_code == 2
     assert "E-DIARY" in result.output
-    assert "Write one of: shift, work, task" in result.output
+    assert "Write one of: shift, work, pose, task" in result.output
     assert not (tmp_path / "out").exists()
 
 
@@ -77,16 +77,16 @@ def test_rows_for_another_file_are_not_for_this_one() -> None:
 
 
 def test_every_line_with_a_slip_is_told_with_its_text_and_its_cure(tmp_path: Path) -> None:
-    result = expose(tmp_path, "start,end,kind\n0,60,brake\n60,90,break\nnine,100,task\n")
+    result = expose(tmp_path, "start_s,end_s,kind\n0,60,brake\n60,90,break\n90,nine,task\n")
 
     told = " ".join(result.output.split())
     assert 'Line 2: the kind of period is not known ("brake"). The line reads: 0, 60, brake.' in told
-    assert 'Line 4: the time cannot be read ("nine"). The line reads: nine, 100, task.' in told
-    assert told.count("Write one of: shift") == told.count("Write 07:58, 07:58:30") == 1
+    assert 'Line 4: the value is not a number of seconds ("nine"). The line reads: 90, nine, task.' in told
+    assert told.count("Write one of: shift") == told.count("Write seconds from the first sample") == 1
 
 
 def test_a_break_over_a_task_is_warned_of(tmp_path: Path) -> None:
-    expose(tmp_path, "start,end,kind\n0,60,task\n50,90,break\n")
+    expose(tmp_path, "start_s,end_s,kind\n0,60,task\n50,90,break\n")
 
     quality = json.loads((tmp_path / "out" / "angles" / "results.json").read_text("utf-8"))["quality"]
     (flag,) = [flag for flag in quality["warnings"] if flag["code"] == "W-OVERLAP"]

@@ -16,7 +16,8 @@ def paired(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("pair")
     made = write_recordings(out / "other", "gt9x", 0.05, 5)
     other = next(path for path in made if path.suffix == ".gt3x")
-    result = run("pair", shift_gt3x, other, "-o", out, "--report", "html", "--offset-s", "0")
+    asked = ("-o", out, "--report", "html", "--offset-s", "0", "--same-subject")
+    result = run("pair", shift_gt3x, other, *asked)
     assert result.exit_code == 0, result.output
     return out
 
@@ -36,7 +37,7 @@ def test_the_offset_given_is_told_as_given(paired: Path) -> None:
 def test_finished_folders_are_compared_without_a_new_analysis(paired: Path) -> None:
     before, after = (next((paired / side).iterdir()) for side in ("left", "right"))
 
-    result = run("compare", before, after, "-o", paired, "--report", "html", "--lang", "fr")
+    result = run("compare", before, after, "-o", paired, "--report", "html", "--lang", "fr", "--same-subject")
 
     assert result.exit_code == 0, result.output
     assert "Le temps au-dessus de 60° est passé de" in result.output.replace("\u202f", " ")
@@ -46,7 +47,8 @@ def test_finished_folders_are_compared_without_a_new_analysis(paired: Path) -> N
 def test_another_pair_in_the_same_place_keeps_the_earlier_one(paired: Path) -> None:
     left, right = (next((paired / side).iterdir()) for side in ("left", "right"))
 
-    result = run("pair", left, right, "-o", paired, "--report", "html", "--offset-s", "20")
+    asked = ("-o", paired, "--report", "html", "--offset-s", "20", "--same-subject")
+    result = run("pair", left, right, *asked)
 
     assert "(version 2)" in result.output
     earlier = json.loads((paired / "both-arms" / "v1" / "pair.json").read_text("utf-8"))
@@ -59,22 +61,33 @@ def test_a_report_of_two_is_for_the_paper_asked(
 ) -> None:
     sides = [next((paired / side).iterdir()) for side in ("left", "right")]
 
-    run(command, *sides, "-o", tmp_path, "--report", "pdf", "--paper", "letter")
+    run(command, *sides, "-o", tmp_path, "--report", "pdf", "--paper", "letter", "--same-subject")
 
     page = PdfReader(tmp_path / folder / "report.pdf").pages[0].mediabox
     assert (round(page.width), round(page.height)) == (612, 792)
 
 
 @pytest.mark.parametrize("command", ["pair", "compare"])
-@pytest.mark.parametrize(("more", "warned"), [((), True), (("--same-subject",), False)])
-def test_a_missing_code_is_a_warning_that_can_be_silenced(
-    paired: Path, tmp_path: Path, command: str, more: tuple[str, ...], warned: bool
+@pytest.mark.parametrize(("more", "exit_code"), [((), 3), (("--same-subject",), 0)])
+def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
+    paired: Path, tmp_path: Path, command: str, more: tuple[str, ...], exit_code: int
 ) -> None:
     sides = [next((paired / side).iterdir()) for side in ("left", "right")]
 
     result = run(command, *sides, "-o", tmp_path, "--report", "html", *more)
 
-    assert (result.exit_code, "say --same-subject" in result.stderr) == (0, warned)
+    assert (result.exit_code, "say --same-subject" in result.stderr) == (exit_code, exit_code == 3)
+
+
+@pytest.mark.parametrize("command", ["pair", "compare"])
+def test_a_missing_code_is_refused_before_any_recording_is_analysed(tmp_path: Path, command: str) -> None:
+    for name in ("left.csv", "right.csv"):
+        (tmp_path / name).write_text("not looked at")
+
+    result = run(command, tmp_path / "left.csv", tmp_path / "right.csv", "-o", tmp_path / "out")
+
+    assert (result.exit_code, "say --same-subject" in result.stderr) == (3, True)
+    assert not (tmp_path / "out").exists()
 
 
 def test_one_recording_twice_is_refused_with_its_reason(paired: Path) -> None:

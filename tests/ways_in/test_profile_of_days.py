@@ -107,13 +107,15 @@ def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     assert "E-DAYS" in result.output
 
 
-def test_a_missing_code_is_asked_about(week: Path, tmp_path: Path) -> None:
+def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
+    week: Path, tmp_path: Path
+) -> None:
     nobody = finish(tmp_path / "nobody", 9, 6.0, subject="")
 
     asked = run("profile", week, nobody, "-o", tmp_path / "asked", "--report", "html")
     told = run("profile", week, nobody, "-o", tmp_path / "told", "--report", "html", "--same-subject")
 
-    assert ("--same-subject" in asked.output, "--same-subject" in told.output) == (True, False)
+    assert (asked.exit_code, "--same-subject" in asked.output, told.exit_code) == (3, True, 0)
 
 
 def test_a_day_without_a_clock_is_in_the_means_and_not_in_the_overlay(week: Path, tmp_path: Path) -> None:

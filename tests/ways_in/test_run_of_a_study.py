@@ -134,6 +134,19 @@ def test_a_file_that_steers_the_run_is_checked_before_any_recording(
     assert (result.exit_code, code in result.stderr) == (2, True)
 
 
+def test_a_row_that_fits_two_recordings_is_refused_before_any_is_analysed(tmp_path: Path) -> None:
+    for folder in ("p1", "p2"):
+        (tmp_path / "in" / folder).mkdir(parents=True)
+        (tmp_path / "in" / folder / "arm.csv").write_text("not looked at")
+    (tmp_path / "p.csv").write_text("file,subject\narm.csv,S01\n")
+
+    result = run("run", tmp_path / "in", "-o", tmp_path / "out", "--participants", tmp_path / "p.csv")
+
+    told = 'Line 2: the row fits several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv.'
+    assert (result.exit_code, told in result.stderr) == (2, True)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_pose_of_the_list_that_lacks_its_windows_is_a_usage_error(shift_gt3x: Path, tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text(f"file,pose\n{shift_gt3x.name},two-point\n")
 

@@ -142,7 +142,7 @@ async def analyze(
     wait_s = read_preference(request.headers.get("prefer", ""))
     job = await wait_for_end(request, services, job.id, wait_s)
     view = _view(job, language, existed=existed)
-    return _accept(view.model_dump(exclude_unset=True), job)
+    return _accept(view.model_dump(mode="json", exclude_unset=True), job)
 
 
 # What ``curl -T`` sends.
@@ -177,7 +177,7 @@ def create_analyses(
     for job, _ in pairs if body.study else ():
         services.store.join_study(body.study, job.id)
     views = [_view(job, language, existed=existed) for job, existed in pairs]
-    items = [view.model_dump(exclude_unset=True) for view in views]
+    items = [view.model_dump(mode="json", exclude_unset=True) for view in views]
     return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
 
 
@@ -195,6 +195,13 @@ def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLang
     return view_analysis(services.store.cancel(analysis_id), language)
 
 
+@router.delete("/analyses/{analysis_id}/conclusion-draft", status_code=204)
+def dismiss_draft(analysis_id: str, services: UsedServices) -> Response:
+    """Dismiss the draft of a conclusion, also for every later version; without one nothing happens."""
+    services.store.dismiss_draft(analysis_id)
+    return Response(status_code=204)
+
+
 @router.post(
     "/analyses/{analysis_id}/retry", status_code=202, response_model_exclude_unset=True, responses=DONE
 )
@@ -206,7 +213,7 @@ def retry_analysis(
     What is under way, or done and whole, comes back as it is.
     """
     job = retry(services.store, services.storage, analysis_id, way_in)
-    return _accept(view_analysis(job, language).model_dump(exclude_unset=True), job)  # type: ignore[return-value]
+    return _accept(view_analysis(job, language).model_dump(mode="json", exclude_unset=True), job)  # type: ignore[return-value]
 
 
 def check_queue(services: Services, more: int = 1) -> None:

@@ -16,6 +16,7 @@ from pydantic import (
     RootModel,
     StrictBool,
     StrictFloat,
+    WithJsonSchema,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -31,6 +32,8 @@ from app.request import (
     LONGEST_SUBJECT,
     SUBJECT_HINT,
     WINDOW_HINT,
+    Conclusion,
+    ConclusionDraft,
     Paper,
     ReportRequest,
     check_subject,
@@ -40,7 +43,8 @@ from app.request import (
     write_profile,
 )
 from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, parse_arm_axis
-from fusion.diary import DiaryEntry, read_diary
+from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
+from fusion.errors import UnusableDiary
 from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
 
@@ -49,19 +53,29 @@ T = TypeVar("T")
 # Periods of a recording, taken and given as rows of JSON or as a diary file.
 
 
-COLUMNS = ["start", "end", "kind", "label", "left_out", "file"]
+COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
+SECONDS = {"start_s", "end_s"}
 LONGEST_US = 366 * 86_400 * MICROSECONDS
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
+ClockText = Annotated[
+    StrictFloat | str | None,
+    Field(description="10:20, 10h20 or 2026-03-02T10:20:30; a number is refused with E-DIARY."),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]}),
+]
+
+
 class PeriodView(BaseModel):
-    """A stretch of the day: seconds from the first sample, or the clock as text (ISO 8601 or HH:MM)."""
+    """A stretch of the day: the clock as text (``start``), or seconds from the first sample (``start_s``)."""
 
     model_config = ConfigDict(extra="forbid")
 
-    start: StrictFloat | str
-    end: StrictFloat | str | None = None
-    kind: Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
+    start: ClockText = None
+    end: ClockText = None
+    start_s: StrictFloat | None = None
+    end_s: StrictFloat | None = None
+    kind: Kind
     label: Annotated[str, Field(max_length=200)] = ""
     left_out: StrictBool | None = None
 
@@ -73,13 +87,16 @@ class PeriodList(RootModel[list[PeriodView]]):
 def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:
     """Show a diary as rows."""
     return [
-        PeriodView(start=e.start, end=e.end, kind=e.kind, label=e.label, left_out=e.left_out) for e in diary
+        PeriodView(**split_times(e), kind=e.kind, label=e.label, left_out=e.left_out)  # type: ignore[arg-type]
+        for e in diary
     ]
 
 
 def write_periods(diary: tuple[DiaryEntry, ...]) -> bytes:
     """Write a diary as the CSV that is read again."""
-    return encode_table(COLUMNS, [asdict(e) | {"left_out": _YES_NO[e.left_out]} for e in diary])
+    rows = [asdict(e) | split_times(e) | {"left_out": _YES_NO[e.left_out]} for e in diary]
+    unused = {name for name in SECONDS if all(row[name] is None for row in rows)}
+    return encode_table([name for name in COLUMNS if name not in unused], rows)
 
 
 def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
@@ -92,14 +109,19 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
     """
     if not rows:
         return ()
+    numbers = [
+        UnusableDiary(line=line, why="number", cure="number", value=f"{moment:g}")
+        for line, row in enumerate(rows, 2)
+        for moment in (row.start, row.end)
+        if isinstance(moment, float)
+    ]
+    refuse_slips(numbers)
     text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(COLUMNS[:5])
+    writer = csv.DictWriter(text, COLUMNS[:-1])
+    writer.writeheader()
     for row in rows:
-        label = " ".join(row.label.split())
-        writer.writerow(
-            [row.start, "" if row.end is None else row.end, row.kind, label, _YES_NO[row.left_out]]
-        )
+        told = {"label": " ".join(row.label.split()), "left_out": _YES_NO[row.left_out]}
+        writer.writerow(row.model_dump() | told)
     return read_diary(text.getvalue().encode())
 
 
@@ -281,6 +303,16 @@ class ConclusionView(BaseModel):
     date: date
 
 
+class ConclusionDraftView(ConclusionView):
+    """A conclusion of an earlier version that nobody has confirmed for this one; no report prints it."""
+
+    version: Annotated[int, Field(description="Version that it was written for.")]
+    changes: Annotated[
+        list[str],
+        Field(description="Settings that differ since then; engine: the software; empty: the same figures."),
+    ]
+
+
 class AnalysisSettings(AnalysisOptions):
     """What may be asked of a stored recording; what is left out is as the recording says."""
 
@@ -348,6 +380,8 @@ class AnalysisView(BaseModel):
     replaced_by: str | None = None
     interruptions: int = 0
     asked_by: str | None = None
+    conclusion: ConclusionView | None = None
+    conclusion_draft: ConclusionDraftView | None = None
     duplicate_of: str | None = None
     problem: ProblemView | None = None
 
@@ -399,10 +433,23 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         batch_id=job.batch_id,
         replaced_by=job.replaced_by,
         interruptions=job.interruptions,
+        conclusion=_view_conclusion(job.request.conclusion),
+        conclusion_draft=_view_draft(job.request.draft),
     )
     if job.problem_code is not None:
         view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
     return view
+
+
+def _view_conclusion(said: Conclusion | None) -> ConclusionView | None:
+    return ConclusionView.model_validate(asdict(said)) if said else None
+
+
+def _view_draft(draft: ConclusionDraft | None) -> ConclusionDraftView | None:
+    if draft is None:
+        return None
+    origin = {"version": draft.version, "changes": list(draft.changes)}
+    return ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
 
 
 def describe_links(job: Job) -> Mapping[str, str]:

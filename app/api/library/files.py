@@ -1,23 +1,26 @@
-"""Responses that give the files of a finished analysis, byte for byte as they are stored."""
+"""Responses with stored files, byte for byte: those of a finished analysis, and the recording itself."""
 
 import hashlib
 import json
 import re
+import unicodedata
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+from urllib.parse import quote
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from starlette.types import Message, Receive, Scope, Send
 
 from app.api.middleware.guard import REPORT_POLICY
-from app.errors import NoSuchRange, ResultDamaged
+from app.errors import AppError, NoSuchRange, ResultDamaged, StoreDamaged
 from app.jobs.job import Job
+from app.jobs.recordings import StoredRow
 from app.report.export.naming import Origin, format_file_name
 from app.services import Services
-from app.storage.store import read_mark
+from app.storage.store import borrow_recording, read_mark
 
 # Parts of a file (RFC 9110, 14); a header that cannot be parsed is ignored.
 
@@ -25,8 +28,8 @@ from app.storage.store import read_mark
 _RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 
 
-def check_range(request: Request, size_bytes: int) -> None:
-    """Remove a ``Range`` header whose parts cannot be given.
+def check_range(request: Request, size_bytes: int, etag: str) -> None:
+    """Remove a ``Range`` header that cannot be parsed; one for other bytes (``If-Range``) is left unread.
 
     Raises
     ------
@@ -34,7 +37,7 @@ def check_range(request: Request, size_bytes: int) -> None:
         When a part begins behind the end.
     """
     asked = request.headers.get("range")
-    if asked is None or "if-range" in request.headers:
+    if asked is None or request.headers.get("if-range", etag) != etag:
         return
     parts = _read_parts(asked, size_bytes)
     if not parts:
@@ -81,19 +84,47 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
     NotFinished, NoSuchFile, NoSuchRange, ResultDamaged
     """
     file = services.results.find(job, name)
-    headers = build_file_headers(name, file.sha256)
+    headers = build_file_headers(name, file.sha256) | {
+        "Content-Type": MEDIA_TYPES[name.rpartition(".")[2]],
+        "Content-Disposition": format_disposition(
+            download or build_download_name(services, job, name),
+            "inline" if name.endswith(".html") else "attachment",
+        ),
+    }
+    damaged = ResultDamaged(name=name, analysis=job.id)
+    return _lend(request, services.results.borrow(job, name), file.size_bytes, headers, damaged)
+
+
+def serve_recording(request: Request, services: Services, row: StoredRow) -> Response:
+    """Return the original bytes of a recording under its original name.
+
+    Raises
+    ------
+    NoSuchRange, StoreDamaged, KeyGone
+    """
+    headers = build_file_headers("", row.sha256) | {
+        "Content-Type": "application/octet-stream",
+        "Content-Disposition": format_disposition(row.about.file_name),
+    }
+    stored = borrow_recording(services.storage, row.id, row.sha256)
+    return _lend(request, stored, row.size_bytes, headers, StoreDamaged())
+
+
+def _lend(
+    request: Request,
+    borrowed: AbstractContextManager[Path],
+    size_bytes: int,
+    headers: dict[str, str],
+    damaged: AppError,
+) -> Response:
+    """Return a borrowed file, or that it has not changed; the file is opened only if it is sent."""
     if is_known(request, headers["ETag"]):
-        return Response(status_code=304, headers=headers)
-    check_range(request, file.size_bytes)
+        of_body = ("Content-Type", "Content-Disposition")
+        return Response(None, 304, {name: headers[name] for name in headers if name not in of_body})
+    check_range(request, size_bytes, headers["ETag"])
     with ExitStack() as opened:
-        path = opened.enter_context(services.results.borrow(job, name))
-        answer = _LentFile(
-            path,
-            headers=headers,
-            media_type=MEDIA_TYPES[name.rpartition(".")[2]],
-            filename=download or build_download_name(services, job, name),
-            content_disposition_type="inline" if name.endswith(".html") else "attachment",
-        )
+        path = opened.enter_context(borrowed)
+        answer = _LentFile(path, damaged, headers=headers)
         answer.lent = opened.pop_all()
     return answer
 
@@ -101,20 +132,20 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
 class _LentFile(FileResponse):
     """Sends a borrowed file and returns it at the end; the response breaks off where the file changes."""
 
-    def __init__(self, path: Path, **options: Any) -> None:
+    def __init__(self, path: Path, damaged: AppError, **options: Any) -> None:
         super().__init__(path, **options)
-        self._mark, self.lent = read_mark(path), ExitStack()
+        self._mark, self._damaged, self.lent = read_mark(path), damaged, ExitStack()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def watch(message: Message) -> None:
             if read_mark(Path(self.path)) != self._mark:
-                raise ResultDamaged(name=Path(self.path).name)
+                raise self._damaged
             await send(message)
 
         try:
             await super().__call__(scope, receive, watch)
         finally:
-            with suppress(ResultDamaged):
+            with suppress(type(self._damaged)):
                 self.lent.close()
 
 
@@ -123,15 +154,13 @@ def serve_bytes(request: Request, services: Services, job: Job, name: str, body:
     headers = build_file_headers(name, hashlib.sha256(body).hexdigest())
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    headers["Content-Disposition"] = (
-        f'attachment; filename="{format_ascii(build_download_name(services, job, name))}"'
-    )
+    headers["Content-Disposition"] = format_disposition(build_download_name(services, job, name))
     return Response(body, media_type=MEDIA_TYPES[name.rpartition(".")[2]], headers=headers)
 
 
 def respond_with_file(body: bytes, media_type: str, download: str) -> Response:
     """Give bytes to be kept under a name."""
-    headers = {"Content-Disposition": f'attachment; filename="{format_ascii(download)}"'}
+    headers = {"Content-Disposition": format_disposition(download)}
     return Response(body, media_type=media_type, headers=headers)
 
 
@@ -141,9 +170,12 @@ def build_file_headers(name: str, sha256: str) -> dict[str, str]:
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
 
 
-def format_ascii(name: str) -> str:
-    """Write a name in the characters that an HTTP header takes."""
-    return name.encode("ascii", "replace").decode("ascii").replace("?", "_")
+def format_disposition(name: str, kind: Literal["attachment", "inline"] = "attachment") -> str:
+    """Return the header that names a download (RFC 6266): in ASCII, then exactly, in UTF-8."""
+    letters = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    plain = re.sub(r'[^ -~]|["%/\\]', "_", letters)
+    exact = "" if plain == name else f"; filename*=UTF-8''{quote(name, safe='')}"
+    return f'{kind}; filename="{plain}"{exact}'
 
 
 def build_download_name(services: Services, job: Job, name: str) -> str:

@@ -169,7 +169,7 @@ class RecordingList(BaseModel):
 def view_recording(row: StoredRow) -> RecordingView:
     """Show a recording."""
     own = f"/api/v1/recordings/{row.id}"
-    links = {"self": own, "inspection": f"{own}/inspection", "periods": f"{own}/periods"}
+    links = {"self": own} | {part: f"{own}/{part}" for part in ("file", "inspection", "periods")}
     about = {name: value for name, value in asdict(row.about).items() if value is not None}
     return RecordingView(
         id=row.id,

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import JSONResponse
+from fastapi.responses import FileResponse, JSONResponse
 
 from app.api.library.analysis_models import (
     PeriodList,
@@ -14,6 +14,7 @@ from app.api.library.analysis_models import (
     view_periods,
     write_periods,
 )
+from app.api.library.files import serve_recording
 from app.api.library.intake import (
     RecordingForm,
     read_digest,
@@ -59,6 +60,10 @@ RAW: dict[str, Any] = {
 DIARY_KINDS: dict[str, Any] = {
     "application/json": {"schema": {"type": "array", "items": {"$ref": "#/components/schemas/PeriodView"}}},
     "text/csv": {"schema": {"type": "string"}},
+}
+
+ORIGINAL: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
 }
 
 
@@ -111,6 +116,12 @@ def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
     is_whole = seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
     view = view_recording(row).model_copy(update={} if is_whole else {"damage": StoreDamaged.code})
     return JSONResponse(view.model_dump(), headers={"ETag": _tag(row)})  # type: ignore[return-value]
+
+
+@router.get("/{recording_id}/file", response_class=FileResponse, responses=ORIGINAL)
+def get_file(recording_id: str, request: Request, services: UsedServices) -> Response:
+    """Download the original file: the bytes and the name that were uploaded. ``Range`` resumes a download."""
+    return serve_recording(request, services, services.recordings.get(recording_id))
 
 
 @router.patch("/{recording_id}")

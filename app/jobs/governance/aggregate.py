@@ -28,6 +28,7 @@ from app.jobs.database.tables import (
 from app.jobs.job import JobState
 from app.jobs.queries import STORED, RowStore, format_now
 from app.jobs.trail import record
+from app.request import find_code
 
 FEWEST = 5
 """People in a block, and the step to which counts are rounded down."""
@@ -127,7 +128,7 @@ def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequ
     counted = {subject.casefold() for subject in connection.execute(known.distinct()).scalars()}
     people: dict[str, list[Any]] = {}
     for row in connection.execute(query):
-        if row.subject.casefold() not in counted:
+        if find_code(row.subject) and row.subject.casefold() not in counted:
             people.setdefault(row.subject.casefold(), []).append(row)
     return people
 

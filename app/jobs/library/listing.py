@@ -43,6 +43,7 @@ from app.jobs.queries import (
     sort_tags,
 )
 from app.jobs.trail import record
+from app.request import find_code
 from app.storage.labels import LABELS, Label
 from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION
@@ -155,7 +156,7 @@ class Library:
 
         A comparison with a reference is no report.
         """
-        if not job.request.subject:
+        if not find_code(job.request.subject):
             return ()
         same = self._is_among(lambda words: words.subject == job.request.subject)
         other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))

@@ -11,7 +11,7 @@ from typing import Literal
 
 from app.errors import CannotProfile
 from app.report.findings import Findings, Kept
-from app.report.pairs import OnePerson, are_mixed
+from app.report.pairs import OnePerson, are_mixed, judge_person, read_code
 from app.report.words.subject import clean_text
 from fusion.comparison import WHOLE_DAY_S
 from fusion.days import ClockBand
@@ -41,7 +41,7 @@ class MeasuredDay:
     @property
     def subject(self) -> str:
         """Code of the person; empty where none was given."""
-        return clean_text(self.kept.subject.subject).strip()
+        return read_code(self.kept)
 
     @property
     def start(self) -> datetime | None:
@@ -162,13 +162,14 @@ def group_days(
     Raises
     ------
     CannotProfile
-        With a single recording; one twice; the same hours of one arm twice; several codes beside recordings
-        without one; several methods that nobody asked to mix.
+        With a single recording; one twice; the same hours of one arm twice; recordings without a code beside
+        several codes, or of which nobody says that they are of one person; several methods that nobody asked
+        to mix.
     """
     if len(days) < 2:
         raise CannotProfile(why="one")
     _refuse_twice(days)
-    one_person = _judge_people({day.subject for day in days}, is_stated=same_subject)
+    one_person = _judge_people(days, is_stated=same_subject)
     code = max(day.subject for day in days)  # the only one, where a missing code is taken for it
     if are_mixed(day.kept for day in days) and not mixed_methods:
         raise CannotProfile(why="methods")
@@ -178,15 +179,15 @@ def group_days(
     return StudiedDays(arms, one_person, _find_differences(arms))
 
 
-def _judge_people(codes: set[str], *, is_stated: bool) -> OnePerson:
-    """Several codes are a group, in which none may be missing."""
-    if len(codes - {""}) > 1:
-        if "" in codes:
-            raise CannotProfile(why="codes")
-        return "no"
-    if "" not in codes:
-        return "codes"
-    return "person" if is_stated else "unknown"
+def _judge_people(days: Sequence[MeasuredDay], *, is_stated: bool) -> OnePerson:
+    """Several codes are a group, in which none may be missing; without a code somebody states the person."""
+    one_person = judge_person([day.kept for day in days], is_stated=is_stated)
+    nobody = next((day for day in days if not day.subject), None)
+    if one_person == "unknown" and nobody:
+        raise CannotProfile(why="person", name=_name(nobody))
+    if one_person == "no" and nobody:
+        raise CannotProfile(why="codes", name=_name(nobody))
+    return one_person
 
 
 def _refuse_twice(days: Iterable[MeasuredDay]) -> None:

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from app.report.export.csv import guard_text
 from app.report.figures import Results
+from app.request import find_code
 from app.version import software_version
 
 TRACKING = "acromion"
@@ -87,7 +88,7 @@ def _tell_order(angles: Angles) -> tuple[str, str, str]:
 
 def _name_subject(recording: Mapping[str, Any]) -> str:
     """Give the code of the subject; without one each recording is of somebody else."""
-    return recording["subject"] or f"r{recording['sha256'][:12]}"
+    return find_code(recording["subject"]) or f"r{recording['sha256'][:12]}"
 
 
 def _label_subjects(every: Iterable[Angles]) -> dict[str, str]:

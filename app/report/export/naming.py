@@ -54,5 +54,10 @@ def format_report_name(results: Mapping[str, Any], version: int, ending: str) ->
     return format_file_name(origin, f"report.{ending}")
 
 
+def make_safe_name(file_name: str) -> str:
+    """Return a person's file name without the characters that some file systems refuse."""
+    return re.sub(r'[<>:"|?*/\\]', "-", file_name).strip(" .") or "recording"
+
+
 def _make_safe(text: str) -> str:
     return re.sub(r"[^\w .-]+", "-", text)[:_LONGEST].strip(" .-_")

@@ -35,7 +35,7 @@ from app.web.pairs import find_offers
 from app.web.profile import find_days_address
 from app.web.recording.columns import find_offer
 from app.web.recording.conclusion import build_conclusion
-from app.web.recording.day import add_changed, find_day
+from app.web.recording.day import find_day
 from app.web.recording.day_views import DayClock, build_day, build_hours, list_axes
 from app.web.recording.page_one import read_page_one
 from app.web.rendering import find_base, render_page
@@ -47,6 +47,7 @@ from app.web.views import (
     build_figures,
     build_row,
     build_settings,
+    describe_old,
     format_size,
     format_time,
     format_times,
@@ -401,7 +402,7 @@ def analysis(
         "settings": build_settings(job, clock, language),
         "job_request": asked,
         "reason": asked.reason if attempt else "",
-        "is_attempt": attempt is not None,
+        "attempt_id": attempt.id if attempt else "",
         "entry": build_entry(Entry(job, None), language, took),
         "d": load_wording(language, "day"),
         "why_unusable": {why: load_wording(language)["fact"]["why"][why] for why in WINDOW_FAULTS},
@@ -417,6 +418,7 @@ def analysis(
         "source": describe_source(services, job, language),
         "failed": build_failed_row(history, job, language),
         "report": report if report is not None and report.id != job.id else None,
+        "old": describe_old(job, history.reports, language, find_base(request)),
         **find_neighbours(services, request, job),
         **read_answer(services, job, asked, language),
     }
@@ -435,7 +437,13 @@ def _build_names(  # noqa: PLR0913, PLR0917
     subject = find_subject(request)
     names = find_names(request, (other.asked_by for other in history.jobs), language)
     return {
-        "conclusion": build_conclusion(services, job, language, find_person_name(request, subject.id)),
+        "conclusion": build_conclusion(
+            services,
+            job,
+            language,
+            find_person_name(request, subject.id),
+            is_current=job.id == getattr(history.find_report(), "id", None),
+        ),
         "release": build_release(request, services, subject, job.id, language),
         "versions": build_versions(history, job, names, clock, language),
         "tr": load_wording(language, "trail"),
@@ -459,7 +467,7 @@ def retry(analysis_id: str, request: Request, services: UsedServices) -> Respons
     """Start the same analysis once more."""
     again = retry_job(services.store, services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
-        again = add_changed(services, again, again.request)
+        again = services.store.add_correction(again, again.request)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 

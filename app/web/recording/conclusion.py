@@ -1,6 +1,9 @@
-"""A clinician's conclusion: typed on the page of a recording, it makes the next version of its report."""
+"""A clinician's conclusion: typed on the page of a recording, it makes the next version of its report.
 
-from dataclasses import dataclass, replace
+After a correction it is shown as a draft, until a person confirms or dismisses it.
+"""
+
+from dataclasses import dataclass
 from datetime import date
 
 from fastapi import APIRouter, Request, Response
@@ -14,8 +17,8 @@ from app.errors import BadParameter
 from app.jobs.job import Job, JobState
 from app.report.words.numbers import format_date
 from app.report.words.subject import clean_paragraphs, clean_text
-from app.report.words.wording import Language
-from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion
+from app.report.words.wording import Language, fill, load_wording
+from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft
 from app.services import Services, UsedServices
 from app.web.forms import Form, first, read_form
 from app.web.rendering import find_base
@@ -25,13 +28,15 @@ router = APIRouter(prefix="/analyses/{analysis_id}", include_in_schema=False)
 
 @dataclass(frozen=True, slots=True)
 class ConclusionCard:
-    """What the report says already, its date in words, and what the form holds.
+    """The conclusion of the report or the draft of one, its date in words, and what the form holds.
 
+    ``draft``: where the draft comes from, in words; "" if ``said`` is in the report.
     ``own_name``: of the person logged in, "" where a name is typed.
     ``is_open``: the figures are this engine's; those of an earlier one may move, and are analysed first.
     """
 
     said: Conclusion | None
+    draft: str
     when: str
     today: str
     most: int
@@ -40,16 +45,30 @@ class ConclusionCard:
 
 
 def build_conclusion(
-    services: Services, job: Job, language: Language, own_name: str = ""
+    services: Services, job: Job, language: Language, own_name: str = "", *, is_current: bool = True
 ) -> ConclusionCard | None:
-    """Give the card of a finished analysis; None for any other. ``own_name``: of the person logged in."""
+    """Return the card of a finished analysis, with its draft if it is the current report; None for any other.
+
+    ``own_name``: of the person logged in.
+    """
     if job.state is not JobState.SUCCEEDED or job.replaced_by is not None:
         return None
-    said = job.request.conclusion
+    draft = job.request.draft if is_current else None
+    said = draft.conclusion if draft else job.request.conclusion
     when = format_date(date.fromisoformat(said.date), language) if said else ""
     same = services.store.find_same(job.sha256, job.request)
     is_open = any(one.id == job.id for one in same)
-    return ConclusionCard(said, when, date.today().isoformat(), LONGEST_CONCLUSION, is_open, own_name)  # noqa: DTZ011
+    origin = describe_draft(draft, language) if draft else ""
+    today = date.today().isoformat()  # noqa: DTZ011
+    return ConclusionCard(said, origin, when, today, LONGEST_CONCLUSION, is_open, own_name)
+
+
+def describe_draft(draft: ConclusionDraft, language: Language) -> str:
+    """Write for which version a draft was written, and what has changed since."""
+    words, names = load_wording(language, "page")["conclude"]["draft"], load_wording(language)["changed"]
+    kind = "other" if set(draft.changes) - {"subject"} else "subject" if draft.changes else "same"
+    changed = ", ".join(str(names.get(name, name)) for name in draft.changes)
+    return fill(words[kind], {"n": str(draft.version), "changed": changed})
 
 
 def read_conclusion(form: Form) -> Conclusion:
@@ -83,6 +102,16 @@ async def conclude(
     own_name = await run_in_threadpool(find_person_name, request, subject.id)
     concluded = read_conclusion(form | ({"name": [own_name]} if own_name else {}))
     job = await run_in_threadpool(services.store.get, analysis_id)
-    asked = replace(job.request, conclusion=concluded, reason="")
-    again = await run_in_threadpool(services.store.add_correction, (job.recording_id, job.sha256), asked)
+    again = await run_in_threadpool(services.store.conclude, job, concluded)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", HTTP_303_SEE_OTHER)
+
+
+@router.post("/dismiss")
+def dismiss(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Dismiss the draft of a conclusion, or make the next version without the conclusion of the report."""
+    job = services.store.get(analysis_id)
+    if job.request.conclusion is not None:
+        job = services.store.conclude(job, None)
+    else:
+        services.store.dismiss_draft(job.id)
+    return RedirectResponse(f"{find_base(request)}/analyses/{job.id}", HTTP_303_SEE_OTHER)

@@ -38,6 +38,8 @@ MOVED = {"yes": "slip_times_s", "no": "no_slip_times_s"}
 """The answers to whether the sensor moved on the arm, and the setting that holds each."""
 Window = tuple[float, float]
 COLUMNS = ("start", "end", "kind", "label")
+SECONDS = ("start_s", "end_s", "kind", "label")
+"""The columns of the diary of a recording without a clock; the fields of the form are always COLUMNS."""
 BOM = "\ufeff"
 
 T = TypeVar("T", bound=str)
@@ -56,7 +58,7 @@ def correct_request(
     hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
     if hint:
         raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
-    diary = read_rows(form)
+    diary = read_rows(form, clock)
     place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
     return replace(
         known,
@@ -70,8 +72,8 @@ def correct_request(
     )
 
 
-def read_rows(form: Form) -> tuple[DiaryEntry, ...]:
-    """Give the periods of the form; rows without a time are left aside.
+def read_rows(form: Form, clock: DayClock) -> tuple[DiaryEntry, ...]:
+    """Return the periods of the form; rows without a time are left aside.
 
     Raises
     ------
@@ -81,14 +83,14 @@ def read_rows(form: Form) -> tuple[DiaryEntry, ...]:
     rows = [
         row for row in zip_longest(*(form.get(name, []) for name in COLUMNS), fillvalue="") if row[0].strip()
     ]
-    return read_diary(write_csv(rows)) if rows else ()
+    return read_diary(write_csv(rows, clock)) if rows else ()
 
 
-def write_csv(rows: list[tuple[str, ...]], *, bom: str = "") -> bytes:
+def write_csv(rows: list[tuple[str, ...]], clock: DayClock, *, bom: str = "") -> bytes:
     """Write rows of start, end, kind, label as a diary that we read again."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, delimiter=";")
-    writer.writerows([COLUMNS, *rows])
+    writer.writerows([COLUMNS if clock.start else SECONDS, *rows])
     return (bom + text.getvalue()).encode()
 
 
@@ -311,15 +313,10 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
         services.recordings.describe(row, about)
 
 
-def add_changed(services: Services, job: Job, asked: ReportRequest) -> Job:
-    """Analyse a recording once more; what was concluded from other figures is left out."""
-    return services.store.add_correction((job.recording_id, job.sha256), replace(asked, conclusion=None))
-
-
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
     said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
     say_whose(services, job, corrected, said)
-    again = add_changed(services, job, corrected)
+    again = services.store.add_correction(job, corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 
@@ -337,8 +334,9 @@ async def export_diary(analysis_id: str, request: Request, services: UsedService
     """Give the rows of the form as a diary, for another recording or another program."""
     form = await read_form(request)
     job = await run_in_threadpool(services.store.get, analysis_id)
-    rows = place_rows(read_rows(form), DayClock.of(find_day(services, job).facts))
-    body = write_csv([tuple(row[name] for name in COLUMNS) for row in rows], bom=BOM)
+    clock = DayClock.of(find_day(services, job).facts)
+    rows = place_rows(read_rows(form, clock), clock)
+    body = write_csv([tuple(row[name] for name in COLUMNS) for row in rows], clock, bom=BOM)
     headers = {"Content-Disposition": 'attachment; filename="diary.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 

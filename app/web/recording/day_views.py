@@ -11,15 +11,17 @@ from app.report.words.wording import Language, Words, fill, load_wording
 from app.request import ReportRequest
 from app.storage.day_file import DayFile
 from fusion.conventions import ARM_AXES
-from fusion.diary import KINDS, DiaryEntry, read_diary
+from fusion.diary import KINDS, DiaryEntry, read_moment
 from fusion.errors import UnusableDiary
-from fusion.exposure.periods import place_diary
+from fusion.exposure.periods import place_diary, place_moment
 from fusion.recording import MICROSECONDS
 
 # Moments of a recording as people type and read them: on the device's clock, or in seconds without one.
 
 
 DAY_S = 86400.0
+SHOWN_US = 10_000
+"""Moments are shown to the hundredth of a second, so that they may be read this much aside."""
 STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
 """What a still stretch is proposed as; days of earlier versions proposed poses alone."""
 MOST_PROPOSED = 5
@@ -67,12 +69,15 @@ class DayClock:
         ------
         BadParameter
         """
-        row = f"start;kind\n{text.replace(';', ' ')};task\n".encode()
+        clock, seconds = ("", text) if self.start is None else (text, "")
         try:
-            (placed,) = place_diary(read_diary(row), self.start, self.duration_us).periods
+            moment = read_moment(0, clock, seconds)
+            placed_us = place_moment(text if moment is None else moment, 0, self.start, self.duration_us)
+            if not -SHOWN_US <= placed_us <= self.duration_us + SHOWN_US:
+                raise ValueError
         except (UnusableDiary, ValueError):
             raise BadParameter(name=name, value=text[:60], allowed=self.format_bounds()) from None
-        return placed.start_us / MICROSECONDS
+        return min(max(placed_us, 0), self.duration_us) / MICROSECONDS
 
 
 def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ
 from fusion.recording import MICROSECONDS, QualityFlag
 from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
-Channel = Literal["acc", "gyr", "linear", "time", "counter", "other"]
+Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 """``linear``: an acceleration from which gravity was taken out."""
 
 ACC_STEMS = frozenset(
@@ -35,8 +35,9 @@ NARROW_STEMS = frozenset({"accelln", "lownoiseaccelerometer"})
 """Of a Shimmer's two accelerometers the one that ends at 2 g, where an arm at work does not."""
 LINEAR_STEMS = frozenset(
     {"linearacceleration", "linearaccelerometer", "linearaccel", "linearacc", "linacc", "linaccel"}
-    | {"useracceleration", "useraccel", "freeacc", "freeacceleration", "accelerationlineaire"}
+    | {"useracceleration", "useraccel", "useracc", "freeacc", "freeacceleration", "accelerationlineaire"}
 )
+GRAVITY_STEMS = frozenset({"gravity", "grav", "gravite"})
 GYR_STEMS = frozenset(
     {"g", "gy", "gyr", "gyro", "gyroscope", "w", "omega", "rot", "rate", "rotation", "rotationrate"}
     | {"angularrate", "angularvelocity", "angvel", "angrate", "av"}
@@ -89,7 +90,7 @@ COUNTER_STEMS = frozenset(
 )
 AXIS_WORDS = ("axis", "axe")
 AXIS_SUFFIX = re.compile(r"(?:[ _.\-]*axis)?(?:[ _.\-]+([a-z0-9/_.\-]+))?")
-PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated")
+PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated", "motion")
 
 TIME_UNITS_EXPONENT = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "secondes"), 6),
@@ -195,6 +196,7 @@ def _find_channel(word: str) -> Channel:
         ("acc", ACC_STEMS),
         ("gyr", GYR_STEMS),
         ("linear", LINEAR_STEMS),
+        ("gravity", GRAVITY_STEMS),
     )
     return next((channel for channel, words in stems if word in words), "other")
 
@@ -212,7 +214,10 @@ def _time_unit(stem: str, unit: str | None) -> str | None:
     return stem if stem in TIME_UNITS_EXPONENT else None
 
 
-def choose_vector(columns: Sequence[Column], channel: Channel) -> tuple[int, int, int] | None:
+Vector = tuple[int, int, int]
+
+
+def choose_vector(columns: Sequence[Column], channel: Channel) -> Vector | None:
     """Places of x, y, z of a channel; None unless each is there exactly once."""
     chosen = [(k, c) for k, c in enumerate(columns) if c.channel == channel]
     if any(not column.is_narrow for _, column in chosen):
@@ -221,6 +226,18 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> tuple[int, int
     if any(len(found) != 1 for found in places):
         return None
     return places[0][0], places[1][0], places[2][0]
+
+
+def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vector | None]:
+    """Places of the acceleration, and of the gravity that it may lack; None for what is not there.
+
+    Core Motion's "acceleration" lacks gravity, Android's does not: only where the other acceleration stands
+    beside it does the name tell.
+    """
+    acc, linear, gravity = (choose_vector(columns, channel) for channel in ("acc", "linear", "gravity"))
+    if acc is None:
+        return (linear, gravity) if linear and gravity else (None, None)
+    return acc, None if linear else gravity
 
 
 def name_missing(columns: Sequence[Column]) -> str:

@@ -18,6 +18,7 @@ from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, NUMERIC_TIME, STAMP
 from fusion.readers.tables.dates import DateOrder
+from fusion.readers.tables.gravity import put_back_gravity
 from fusion.readers.tables.layout import TextLayout, flag_text, read_layout, sniff_layout
 from fusion.readers.tables.profile import ColumnProfile, apply_profile
 from fusion.readers.tables.rows import (
@@ -26,6 +27,7 @@ from fusion.readers.tables.rows import (
     TableRows,
     counts_since_1970,
     find_clock,
+    plan_gravity,
     plan_table,
     read_table,
     repair_stamps,
@@ -98,6 +100,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     rows = read_table(source, plan)
     if rows.columns.rows == 0:
         raise NoSamples
+    is_added = _add_gravity(source, rows)
     plan.unit.refuse_doubtful(rows.columns)
     repairs = repair_stamps(rows) if plan.has_times else ()
     first_stamp_us = int(rows.columns.stamps[0])
@@ -122,7 +125,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *clock.flags,
         ),
         understood={
-            **_describe_columns(plan),
+            **_describe_columns(plan, is_in_g=is_added),
             "time": _describe_time(plan, first_stamp_us),
             "time_exponent": str(plan.stamp_exponent),
             "delimiter": _format_delimiter(layout),
@@ -136,6 +139,15 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
         arm_axis=_read_arm_axis(facts.get("arm_axis", "")),
         pose_held="start" if facts.get("pose_held", "").strip().lower() == "start" else None,
     )
+
+
+def _add_gravity(source: Source, rows: TableRows) -> bool:
+    """Read the table again for the gravity that its acceleration may lack, and add it; whether it was."""
+    plan = plan_gravity(rows.plan)
+    if plan is None:
+        return False
+    acc, gyr = rows.plan.acceleration, rows.plan.angular_rate
+    return put_back_gravity(rows.columns, read_table(source, plan).columns, plan.acc_scale, acc, gyr)
 
 
 def _cut_rows(rows: TableRows, rate_hz: float | None) -> Grid:
@@ -235,9 +247,9 @@ def _read_arm_axis(text: str) -> ArmAxis | None:
         return None
 
 
-def _describe_columns(plan: TablePlan) -> dict[str, str]:
+def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
     columns, device = plan.layout.columns, plan.layout.device
-    acc, gyr = (columns[plan.targets.index(target)] for target in (1, 4))
+    acc_unit, gyr_unit = "g" if is_in_g else plan.acceleration.unit, plan.angular_rate.unit
     ignored = (
         column.name
         for column, target in zip(columns, plan.targets, strict=True)
@@ -247,9 +259,9 @@ def _describe_columns(plan: TablePlan) -> dict[str, str]:
         "layout": "table with header",
         "columns": ", ".join(column.name for column in columns)[:400],
         "ignored": ", ".join(ignored)[:400],
-        "acceleration_unit": acc.unit or "",
-        "angular_rate_unit": gyr.unit or "",
-        "units_from": name_unit_source(acc.unit, gyr.unit, is_known=bool(device and device.frame == "right")),
+        "acceleration_unit": acc_unit or "",
+        "angular_rate_unit": gyr_unit or "",
+        "units_from": name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right")),
         **(
             {LEFT_GYR_FACTOR: f"{device.left_gyr_factor:.5f}"}
             if device and device.left_gyr_factor != 1.0

@@ -10,7 +10,15 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import DamagedFile, NoGyroscope, NoSamples, UnknownColumns, UnknownRate, UnsafeArchive
+from fusion.errors import (
+    DamagedFile,
+    NoGravity,
+    NoGyroscope,
+    NoSamples,
+    UnknownColumns,
+    UnknownRate,
+    UnsafeArchive,
+)
 from fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import LARGEST_VALUE
@@ -20,11 +28,13 @@ from fusion.readers.tables.columns import (
     UNIT_NAMES,
     Column,
     TimeUnit,
+    choose_acceleration,
     choose_vector,
     find_time_unit,
     name_missing,
     parse_column_name,
 )
+from fusion.readers.tables.gravity import put_back_gravity
 from fusion.readers.tables.rows import TableClock, build_clock, read_epoch
 from fusion.readers.timebase.clock import datetime_at_us
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
@@ -57,20 +67,26 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     ------
     DamagedFile
         Parquet's own reader refuses it.
-    NoGyroscope, UnknownColumns, UnsafeArchive, NoSamples
+    NoGyroscope, NoGravity, UnknownColumns, UnsafeArchive, NoSamples
     fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     try:
         table = pq.ParquetFile(source.file)
-        choice = _choose_columns(table.schema_arrow)
+        choice, gravity = _choose_columns(table.schema_arrow)
         check_pages(table.metadata, source.size_bytes)
         check_rows(table.metadata.num_rows, source.size_bytes, source.size_bytes)
         chosen, unit = _find_time_unit(table, choice)
         columns, absent = _gather(table, chosen, source.size_bytes)
+        beside = (*chosen[:-6], *gravity, *chosen[-3:])
+        parts = _gather(table, beside, source.size_bytes)[0] if gravity else None
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         raise DamagedFile from error
     if columns.rows == 0:
         raise NoSamples
+    if parts is not None:
+        scale_g = acc_scale_g(gravity[0].unit) or 1.0
+        if put_back_gravity(columns, parts, scale_g, chosen[-6], chosen[-3]):
+            chosen = (*chosen[:-6], *(replace(one, unit="g") for one in chosen[-6:-3]), *chosen[-3:])
     unit.refuse_doubtful(columns)
     kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
     stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
@@ -93,20 +109,24 @@ def check_pages(metadata: pq.FileMetaData, size_bytes: int) -> None:
         raise UnsafeArchive(reason="ratio", limit=MAX_PAGE_RATIO)
 
 
-def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
-    """Time, if there is one, then acceleration and angular rate x, y, z."""
+def _choose_columns(schema: pa.Schema) -> tuple[tuple[Column, ...], tuple[Column, ...]]:
+    """Time, if there is one, then acceleration and angular rate x, y, z; and gravity that may be lacking."""
     columns = tuple(parse_column_name(name) for name in schema.names)
-    acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
+    (acc, gravity), gyr = choose_acceleration(columns), choose_vector(columns, "gyr")
     if acc is None or gyr is None:
         if acc is not None and not any(column.channel == "gyr" for column in columns):
             raise NoGyroscope
+        if gyr is not None and choose_vector(columns, "linear"):
+            raise NoGravity
         raise UnknownColumns(list=", ".join(schema.names)[:200], missing=name_missing(columns))
     stamps = [
         column
         for column, kind in zip(columns, schema.types, strict=True)
         if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
     ]
-    return (*stamps[:1], *(columns[place] for place in (*acc, *gyr)))
+    unit = columns[acc[0]].unit
+    beside = [replace(columns[place], unit=columns[place].unit or unit) for place in gravity or ()]
+    return (*stamps[:1], *(columns[place] for place in (*acc, *gyr))), tuple(beside)
 
 
 def _find_time_unit(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tuple[Column, ...], TimeUnit]:

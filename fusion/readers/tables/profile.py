@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 from typing import Any, BinaryIO, get_args
 
-from fusion.conventions import PoseHeld
+from fusion.conventions import PoseHeld, check_choice
 from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
 from fusion.readers.archives import unpack
 from fusion.readers.source import open_source
@@ -30,6 +30,13 @@ from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 Place = str | int
 """A column by its name in the header, or by its number, counted from 1."""
 HEADER_REACH = 4
+CHOICES: Mapping[str, Sequence[object]] = {
+    "acceleration_unit": ("", *ACC_UNITS_G),
+    "angular_rate_unit": ("", *GYR_UNITS_DPS),
+    "time_unit": ("", *TIME_UNITS_EXPONENT),
+    "date_order": (None, *get_args(DateOrder)),
+}
+"""What a profile may name, by field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +87,11 @@ class ColumnProfile:
         """Whether it says which column is what."""
         return bool(self.sensor or self.acceleration)
 
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for an unknown unit or order of the date."""
+        for name, allowed in CHOICES.items():
+            check_choice(name, getattr(self, name), allowed)
+
     def to_json(self) -> str:
         """The profile as it is saved."""
         return json.dumps(asdict(self), sort_keys=True)
@@ -125,13 +137,7 @@ def _is_place(place: object) -> bool:
 
 
 def _check_units(values: Mapping[str, Any]) -> None:
-    allowed: dict[str, Sequence[object]] = {
-        "acceleration_unit": ("", *ACC_UNITS_G),
-        "angular_rate_unit": ("", *GYR_UNITS_DPS),
-        "time_unit": ("", *TIME_UNITS_EXPONENT),
-        "date_order": (None, "ymd", "dmy", "mdy"),
-    }
-    for name, units in allowed.items():
+    for name, units in CHOICES.items():
         if values.get(name, units[0]) not in units:
             raise UnusableProfile(why="units", name=name)
     if values.get("pose_held") not in {None, *get_args(PoseHeld)}:
@@ -159,7 +165,8 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
     if profile.sensor:
         return _state_units(choose_sensor(layout, profile.sensor), profile)
     names = _find_names(layout, profile)
-    columns = [Column(name, "other") for name in names]
+    beside = (parse_column_name(name) for name in names)
+    columns = [one if one.channel == "gravity" else Column(one.name, "other") for one in beside]
     acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
     gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit or None
     vectors: tuple[tuple[Channel, tuple[Place, ...], str | None], ...] = (

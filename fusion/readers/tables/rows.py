@@ -38,6 +38,8 @@ from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     Column,
     TimeUnit,
+    Vector,
+    choose_acceleration,
     choose_vector,
     count_from_1970,
     find_time_unit,
@@ -79,6 +81,8 @@ class TablePlan:
         The stamp is the 16-bit number of a packet, not a time.
     unit
         That of a numeric stamp, and whether the header states another.
+    gravity
+        Columns of the gravity that the acceleration may lack; None where it lacks none.
     """
 
     layout: TextLayout
@@ -89,11 +93,22 @@ class TablePlan:
     gyr_scale: float = 1.0
     counts_packets: bool = False
     unit: TimeUnit = IN_MICROSECONDS
+    gravity: Vector | None = None
 
     @property
     def has_times(self) -> bool:
         """Whether a column holds times, not numbers of rows or packets."""
         return self.stamp_kind != COUNTER and not self.counts_packets
+
+    @property
+    def acceleration(self) -> Column:
+        """Its first column."""
+        return self.layout.columns[self.targets.index(1)]
+
+    @property
+    def angular_rate(self) -> Column:
+        """Its first column."""
+        return self.layout.columns[self.targets.index(4)]
 
 
 def plan_table(layout: TextLayout) -> TablePlan:
@@ -106,7 +121,8 @@ def plan_table(layout: TextLayout) -> TablePlan:
     NoGyroscope, NoGravity, SeveralSensors, UnknownColumns
     """
     layout = choose_sensor(layout)
-    acc, gyr = choose_vector(layout.columns, "acc"), choose_vector(layout.columns, "gyr")
+    acc, gravity = choose_acceleration(layout.columns)
+    gyr = choose_vector(layout.columns, "gyr")
     if acc is None or gyr is None:
         _refuse_columns(layout)
     targets = [IGNORED] * layout.n_columns
@@ -127,7 +143,22 @@ def plan_table(layout: TextLayout) -> TablePlan:
         gyr_scale_dps(layout.columns[gyr[0]].unit) or 1.0,
         counts_packets=packets is not None,
         unit=unit,
+        gravity=gravity,
     )
+
+
+def plan_gravity(plan: TablePlan) -> TablePlan | None:
+    """Plan to read the columns of gravity in the acceleration's place; None where there are none.
+
+    Without a unit of its own, gravity is in the acceleration's.
+    """
+    if plan.gravity is None:
+        return None
+    targets = [IGNORED if 1 <= target <= 3 else target for target in plan.targets]
+    for axis, place in enumerate(plan.gravity):
+        targets[place] = 1 + axis
+    scale = acc_scale_g(plan.layout.columns[plan.gravity[0]].unit) or plan.acc_scale
+    return replace(plan, targets=tuple(targets), acc_scale=scale, gravity=None)
 
 
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:

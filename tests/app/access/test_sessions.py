@@ -247,6 +247,7 @@ def test_a_session_that_was_confirmed_lasts_no_longer(
         ("POST", "/people"),
         ("POST", "/recordings/rec_x/purge"),
         ("GET", "/library/reports.zip"),
+        ("GET", "/library/recordings.zip"),
         ("GET", "/library/summary.csv"),
         ("POST", "/library/acts/reports.zip"),
         ("GET", "/api/v1/batches/ba_x/summary.csv"),
@@ -286,6 +287,16 @@ def test_a_file_of_one_recording_is_downloaded_without_the_password(
     clock.wait(11 * MINUTE_S)
 
     assert visitor.client.get(f"/api/v1/analyses/an_x/{name}").status_code == 404
+
+
+def test_an_original_is_downloaded_without_the_password(
+    add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    add_person()
+    visitor = enter()
+    clock.wait(11 * MINUTE_S)
+
+    assert visitor.client.get("/api/v1/recordings/rec_x/file").status_code == 404
 
 
 def test_a_browser_is_led_to_the_question_and_back(add_person: AddPerson, enter: Enter, clock: Clock) -> None:

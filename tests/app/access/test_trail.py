@@ -349,6 +349,32 @@ def test_a_range_alone_leaves_a_line_too(house: House, caller: TestClient) -> No
     assert len(_find_by(house, "clinician", "file.exported")) == 1
 
 
+def test_an_original_is_given_to_whoever_may_export_and_leaves_a_line(
+    house: House, caller: TestClient
+) -> None:
+    job = _store_job(house)
+
+    answer = caller.get(
+        f"/api/v1/recordings/{job.recording_id}/file", headers=dict(house.log_in("researcher"))
+    )
+
+    assert (answer.status_code, answer.content) == (200, b"recording")
+    lines = _find_by(house, "researcher", "file.exported")
+    assert [line.recording_id for line in lines] == [job.recording_id]
+
+
+@pytest.mark.parametrize(("name", "status"), [("assistant", 403), ("other", 404)])
+def test_an_original_is_not_given_to_others(house: House, caller: TestClient, name: str, status: int) -> None:
+    job = _store_job(house)
+
+    answer = caller.get(f"/api/v1/recordings/{job.recording_id}/file", headers=dict(house.log_in(name)))
+
+    assert answer.status_code == status
+    services = house.find_services("org_other") if name == "other" else house.services
+    refused = read(services.store, TrailQuestion(act="refused"))
+    assert [(line.who, line.recording_id) for line in refused] == [(house.people[name], job.recording_id)]
+
+
 def test_the_page_of_a_report_in_the_browser_is_a_reading(house: House, caller: TestClient) -> None:
     job = _finish_job(house)
     clinician = dict(house.log_in("clinician"))

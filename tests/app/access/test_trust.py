@@ -424,10 +424,11 @@ def test_an_erasure_moves_no_published_figure(
     assert groups.publish(find_study(store, "spring")) == before
 
 
+@pytest.mark.parametrize("nobody", ["", "NA", "?", "unknown"])
 def test_a_recording_without_a_subject_code_counts_nowhere(
-    store: JobStore, storage: Storage, groups: AggregateStore
+    store: JobStore, storage: Storage, groups: AggregateStore, nobody: str
 ) -> None:
-    put_reports(store, storage, "spring", dict(list(FIVE.items())[:4]) | {"": 10.0})
+    put_reports(store, storage, "spring", dict(list(FIVE.items())[:4]) | {nobody: 10.0})
 
     assert groups.publish(find_study(store, "spring")).blocks == ()
 

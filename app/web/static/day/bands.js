@@ -87,8 +87,9 @@ export class Bands {
   snapshot() {
     const windows = [...this.form.querySelectorAll(".window")].map((row) => [...row.querySelectorAll("input")].map((field) => field.value));
     const rows = [...$("periods").rows].map((row) => ["kind", "label", "start", "end"].map((name) => row.querySelector(`[name=${name}]`).value));
-    const { pose, held, slips, no_slips: noSlips, axis } = this.form.elements;
-    return JSON.stringify({ pose: pose.value, held: held?.value, slips: slips?.value, no_slips: noSlips?.value, axis: axis?.value, windows, rows });
+    const { side, subject, pose, held, slips, no_slips: noSlips, axis, reason } = this.form.elements;
+    const others = Object.entries({ side, subject, pose, held, slips, no_slips: noSlips, axis, reason }).map(([name, field]) => [name, field?.value]);
+    return JSON.stringify({ ...Object.fromEntries(others), windows, rows });
   }
 
   // Remember how it was before the change that has just been made.
@@ -102,7 +103,14 @@ export class Bands {
   undo() {
     const before = this.past.pop();
     if (!before) return false;
-    const { windows, rows, ...others } = JSON.parse(before);
+    this.restore(before);
+    this.last = before;
+    $("undo").disabled = !this.past.length;
+    return true;
+  }
+
+  restore(snapshot) {
+    const { windows, rows, ...others } = JSON.parse(snapshot);
     for (const [name, value] of Object.entries(others)) if (this.form.elements[name]) this.form.elements[name].value = value;
     $("repeats")?.replaceChildren();
     [...this.form.querySelectorAll(".window")].forEach((row, place) => {
@@ -111,8 +119,5 @@ export class Bands {
     for (const [start, end] of windows.slice(2)) this.repeat(start, end);
     $("periods").replaceChildren();
     for (const row of rows) this.add(...row);
-    this.last = before;
-    $("undo").disabled = !this.past.length;
-    return true;
   }
 }

@@ -1,6 +1,23 @@
 // Moments of the recording, between seconds and what people read and type. The server reads them again.
 
 const DAY_S = 86400;
+const SECOND = "(?<second>[0-9]{2}(?:[.,][0-9]{1,6})?)";
+// 10:20, 10h20, 10.20 and 1020, as parse_clock in fusion/diary.py reads them.
+const SPELLINGS = [
+  `(?<hour>[0-9]{1,2})\\s?:\\s?(?<minute>[0-9]{2})(?:\\s?:\\s?${SECOND})?`,
+  `(?<hour>[0-9]{1,2})\\s?h(?:\\s?(?<minute>[0-9]{2})(?:\\s?(?:m|mn|min|:)\\s?${SECOND}\\s?s?|\\s?(?:m|mn|min))?)?`,
+  `(?<hour>[0-9]{1,2})(?<dot>[.,])(?<minute>[0-9]{2})(?:\\k<dot>${SECOND})?`,
+  `(?<hour>[0-9]{2})(?<minute>[0-9]{2})(?:${SECOND})?`,
+].map((spelling) => new RegExp(`^(?:${spelling})$`, "i"));
+const DAY_FRACTION = /^(?:0?|[0-9]{5})[.,][0-9]+$/;
+
+// Seconds since midnight, or NaN for what is no clock time.
+function readClock(text) {
+  const told = DAY_FRACTION.test(text) ? null : SPELLINGS.map((spelling) => spelling.exec(text)).find(Boolean);
+  if (!told) return NaN;
+  const [hour, minute, second] = ["hour", "minute", "second"].map((name) => Number((told.groups[name] || "0").replace(",", ".")));
+  return hour < 24 && minute < 60 && second < 60 ? hour * 3600 + minute * 60 + second : NaN;
+}
 
 export class Clock {
   // start: ISO 8601 or "" where the recording has no clock; dated: whether an hour alone may mean two days.
@@ -25,16 +42,21 @@ export class Clock {
     return this.dated ? new Date(this.day + days * DAY_S * 1000).toISOString().slice(0, 10) + " " + time : time;
   }
 
-  // Seconds from the first sample, or NaN for what is no moment of this recording.
+  // Seconds from the first sample, or NaN for what is no moment of this recording, or an hour of two of its days.
   read(text) {
-    const told = text.trim().replace(",", ".");
-    if (/^\d+(\.\d+)?$/.test(told)) return this.check(Number(told));
-    const parts = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(\d{1,2})\s?[:hH]\s?(\d{2})(?::(\d{2}(?:\.\d+)?))?$/.exec(told);
-    if (!parts || !this.hasClock) return NaN;
-    const inDay = Number(parts[2]) * 3600 + Number(parts[3]) * 60 + Number(parts[4] || 0);
-    if (parts[1]) return this.check((Date.parse(parts[1] + "T00:00:00Z") - this.day) / 1000 + inDay - this.startS);
-    const second = inDay - this.startS;
-    return this.check(second < -0.01 ? second + DAY_S : second);
+    const told = text.trim();
+    if (!this.hasClock) return /^[0-9]+([.,][0-9]+)?$/.test(told) ? this.check(Number(told.replace(",", "."))) : NaN;
+    const [, date, hour] = /^(?:(\d{4}-\d{2}-\d{2})[ T])?(.*)$/.exec(told);
+    const second = readClock(hour.trim()) - this.startS;
+    if (date) return this.check((Date.parse(date + "T00:00:00Z") - this.day) / 1000 + second);
+    const places = [0, 1, 2].map((day) => this.check(second + day * DAY_S)).filter((place) => !Number.isNaN(place));
+    return places.length && !(places[1] < this.durationS) ? places[0] : NaN;
+  }
+
+  // What was typed, each moment of it as it was read; with ";" between them.
+  normalise(text) {
+    if (!this.hasClock) return text;
+    return text.split(";").map((part) => (Number.isNaN(this.read(part)) ? part.trim() : this.tell(this.read(part)))).join("; ");
   }
 
   check(second) {

@@ -76,6 +76,15 @@ export class Day {
     this.bands.remember();
     this.bands.name();
     this.measure();
+    this.unsent.keep();
+  }
+
+  // The fields were set to an earlier state.
+  restored() {
+    this.bands.chosen = null;
+    this.bands.name();
+    this.draw();
+    this.unsent.keep();
   }
 
   // How still each window is, and what each task adds up to: while a band is moved, too.

@@ -1,6 +1,8 @@
 // The form beside the curve: rows come and go, proposals are accepted, a diary is imported, all can be undone.
 
 import { $, fill, say } from "../say.js";
+import { refuse, send } from "../send.js";
+import { Unsent } from "../unsent.js";
 
 const NEW_PART = 0.1;
 const POSE_S = 10;
@@ -12,13 +14,14 @@ export function listenToForm(day) {
   if (empty) empty.remove(); // it serves those without a script
   for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
-  form.addEventListener("change", () => day.changed(true));
+  form.addEventListener("change", ({ target }) => {
+    if (target.matches(".moment, [name=slips]")) target.value = day.clock.normalise(target.value);
+    day.changed(true);
+  });
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
-  form.addEventListener("submit", (event) => send(day, event));
-  let sent = tell(form);
-  window.addEventListener("beforeunload", (event) => sent === tell(form) || event.preventDefault());
-  form.addEventListener("sent", () => (sent = tell(form)));
+  form.addEventListener("submit", (event) => sendForm(day, event));
+  day.unsent = new Unsent(form, () => bands.snapshot(), (told) => bands.restore(told));
   $("import").addEventListener("change", () => importDiary(day));
   document.addEventListener("keydown", (event) => {
     const isTyping = event.target.matches("input, textarea, select");
@@ -30,11 +33,6 @@ export function listenToForm(day) {
     button.hidden = false;
     button.addEventListener("click", () => look(day, button.dataset));
   }
-}
-
-// All that a person has said, so that none of it is lost by leaving the page.
-function tell(form) {
-  return new URLSearchParams(new FormData(form)).toString();
 }
 
 // Of a window whose one end is typed the other is sent as it is shown.
@@ -118,9 +116,7 @@ function accept(day, { accept: kind, from, to }) {
 
 function undo(day) {
   if (!day.bands.undo()) return;
-  day.bands.chosen = null;
-  day.bands.name();
-  day.draw();
+  day.restored();
   say(day.words.undone);
 }
 
@@ -130,7 +126,7 @@ async function importDiary(day) {
   field.value = "";
   $("day-lost").hidden = answer !== null;
   if (!answer) return;
-  if (!answer.ok) return refuse(await answer.text());
+  if (!answer.ok) return refuse($("refused"), await answer.text());
   const rows = await answer.json();
   $("refused").hidden = true;
   $("periods").replaceChildren();
@@ -139,31 +135,9 @@ async function importDiary(day) {
   say(fill(day.words.imported, { n: rows.length }));
 }
 
-async function send(day, event) {
+function sendForm(day, event) {
   if (event.submitter && "plain" in event.submitter.dataset) return; // a download, as the browser does it
   event.preventDefault();
   complete(day.bands.form);
-  const [button, text] = [$("again"), $("again").textContent];
-  [button.disabled, button.textContent] = [true, day.words.busy];
-  try {
-    const answer = await fetch(day.bands.form.action, { method: "POST", body: new URLSearchParams(new FormData(day.bands.form)) });
-    if (answer.ok) return day.bands.form.dispatchEvent(new Event("sent")), location.assign(answer.url);
-    refuse(await answer.text());
-    $("day-lost").hidden = true;
-  } catch {
-    $("day-lost").hidden = false;
-  }
-  [button.disabled, button.textContent] = [false, text];
-}
-
-// The server answers with a page; what it says is shown here, beside what was typed.
-function refuse(page) {
-  const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
-  const box = $("refused");
-  const parts = said ? [...document.importNode(said, true).children] : [];
-  box.replaceChildren(...parts.filter((part) => !part.matches("[data-page]")));
-  const heading = box.querySelector("h1");
-  heading?.replaceWith(Object.assign(document.createElement("p"), { className: "problem-title", textContent: heading.textContent }));
-  box.hidden = false;
-  box.scrollIntoView({ block: "nearest" });
+  send(day.bands.form, $("again"), { busy: day.words.busy, lost: $("day-lost"), refused: $("refused") });
 }

@@ -1,8 +1,4 @@
-"""How the arm hangs while its wearer walks, told from the directions in which the sensor sees gravity.
-
-The arm hangs in walking whatever the work is, so that walking shows a sensor that turned on the arm. All
-comparisons are of angles between directions: how the sensor is strapped on does not matter.
-"""
+"""The directions in which the sensor saw gravity, in windows of 2 s, at rest and in walking."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.numerics.rotations import cos_deg
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds
 
-NEAR_DEG = 10.0
-"""Directions are counted within this angle of each other."""
 MOST = 500
 """So many moments at even steps are enough to compare all with all."""
 CALM_BLOCKS = 8
@@ -23,13 +18,6 @@ CALM_WITHIN_G = 0.1
 STRIDING_SD_G = (0.15, 0.8)
 STRIDING_WINDOWS = 5
 STRIDING_WITHIN_DEG = 15.0
-LEAST_STRIDING = 15
-"""Half a minute of walking, in windows of 2 s."""
-MINUTE_STRIDING = 30
-STEADY_SHARE = 0.75
-"""Of recorded motion 93 to 100 % of walking lay within 10 deg of its commonest direction, 55 to 62 % of fast
-work that passes for walking.
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,10 +27,13 @@ class Moments:
     time_s: Float64Array
     up: Float64Array
 
+    def select(self, rows: NDArray[np.bool_]) -> "Moments":
+        """Return some of the moments."""
+        return Moments(self.time_s[rows], self.up[rows])
+
     def within(self, first_s: float, end_s: float) -> "Moments":
         """Return those from ``first_s`` on and before ``end_s``."""
-        rows = (self.time_s >= first_s) & (self.time_s < end_s)
-        return Moments(self.time_s[rows], self.up[rows])
+        return self.select((self.time_s >= first_s) & (self.time_s < end_s))
 
     def thin(self, most: int = MOST) -> "Moments":
         """Return at most so many, at even steps."""
@@ -50,15 +41,20 @@ class Moments:
         return Moments(self.time_s[::step], self.up[::step])
 
 
-def find_calm_moments(
-    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
-) -> Float64Array:
-    """Return the times (m,) at which the mean acceleration of 2 s is within 0.1 g of gravity."""
-    times = [np.zeros(0)]
-    for run in blocks:
-        time_s, acc_g, _ = _average_blocks(run)
-        times.append(time_s[_take_calm(time_s, acc_g, accelerometer)[1]])
-    return np.concatenate(times)
+def find_calm_moments(blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection) -> Moments:
+    """Return the moments at which the mean acceleration of 2 s is within 0.1 g of gravity."""
+    return _join([_find_calm(run, accelerometer) for run in blocks])
+
+
+def _find_calm(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
+    time_s, acc_g, _ = _average_blocks(run)
+    up, calm = _take_calm(time_s, acc_g, accelerometer)
+    return Moments(time_s[calm], up[calm])
+
+
+def _join(found: Sequence[Moments]) -> Moments:
+    times, ups = [one.time_s for one in found], [one.up for one in found]
+    return Moments(np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 3)), *ups]))
 
 
 def find_striding_moments(
@@ -72,9 +68,7 @@ def find_striding_moments(
     from the arm's axis (optical capture of 16 styles, 5 to 42 over all), and 2.5 to 7 from the same person's
     relaxed stance; on the two worn upper arms among the project's recordings (45 s of walking) 6 and 10.
     """
-    found = [_find_striding(run, accelerometer) for run in blocks]
-    times, ups = [one.time_s for one in found], [one.up for one in found]
-    return Moments(np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 3)), *ups]))
+    return _join([_find_striding(run, accelerometer) for run in blocks])
 
 
 def _find_striding(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
@@ -107,39 +101,3 @@ def _average_blocks(run: QuarterSeconds) -> tuple[Float64Array, Float64Array, Fl
     variance = (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
     time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
     return np.asarray(time_s), np.asarray(means[:, :3]), np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
-def cos_deg(angle_deg: float) -> float:
-    """Return the cosine of an angle in degrees."""
-    return float(np.cos(np.radians(angle_deg)))
-
-
-def find_angle_deg(first: Float64Array, second: Float64Array) -> float:
-    """Return the angle between two vectors, whatever their lengths."""
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
-
-
-def share_near(up: Float64Array, directions: Float64Array) -> Float64Array:
-    """Return the share of the moments near each direction."""
-    # Not `@`: the threads it starts for so little wait longer, at work, than the product takes.
-    cosines = np.einsum("md,nd->nm", up, directions)
-    return np.asarray((cosines >= cos_deg(NEAR_DEG)).mean(axis=1))
-
-
-def find_commonest(up: Float64Array) -> tuple[Float64Array, float]:
-    """Return the commonest direction, and the share of the moments near it."""
-    shares = share_near(up, up)
-    best = int(np.argmax(shares))
-    mean = up[up @ up[best] >= cos_deg(NEAR_DEG)].mean(axis=0)
-    return mean / np.linalg.norm(mean), float(shares[best])
-
-
-def find_walking(strides: Moments) -> Float64Array | None:
-    """Return how the arm hung in a minute of walking or more, most of it in one direction; None without.
-
-    Fast work passes for walking, but not in one direction.
-    """
-    if len(strides.up) < MINUTE_STRIDING:
-        return None
-    direction, share = find_commonest(strides.thin().up)
-    return direction if share >= STEADY_SHARE else None

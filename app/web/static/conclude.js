@@ -1,0 +1,27 @@
+// The conclusion on the page of a recording: its text is kept until it is sent.
+
+import { $ } from "./say.js";
+import { send } from "./send.js";
+import { Unsent } from "./unsent.js";
+
+const form = $("conclude");
+
+function tell() {
+  const { text, name } = form.elements;
+  return JSON.stringify({ text: text.value, name: name?.value });
+}
+
+function restore(told) {
+  const { text, name } = JSON.parse(told);
+  form.elements.text.value = text;
+  if (form.elements.name && name !== undefined) form.elements.name.value = name;
+}
+
+if (form) {
+  new Unsent(form, tell, restore);
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const [lost, refused] = ["lost", "refused"].map((name) => form.querySelector(`[data-${name}]`));
+    send(form, event.submitter, { busy: form.dataset.busy, lost, refused });
+  });
+}

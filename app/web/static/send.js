@@ -1,0 +1,27 @@
+// Forms that are sent without leaving the page: what the server refuses is shown beside what was typed.
+
+export async function send(form, button, { busy, lost, refused }) {
+  const text = button.textContent;
+  [button.disabled, button.textContent] = [true, busy];
+  try {
+    const to = button.getAttribute("formaction") || form.action;
+    const answer = await fetch(to, { method: "POST", body: new URLSearchParams(new FormData(form)) });
+    if (answer.ok) return form.dispatchEvent(new Event("sent")), location.assign(answer.url);
+    refuse(refused, await answer.text());
+    lost.hidden = true;
+  } catch {
+    lost.hidden = false;
+  }
+  [button.disabled, button.textContent] = [false, text];
+}
+
+// The server answers with a page, of which the problem is shown.
+export function refuse(box, page) {
+  const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
+  const parts = said ? [...document.importNode(said, true).children] : [];
+  box.replaceChildren(...parts.filter((part) => !part.matches("[data-page]")));
+  const heading = box.querySelector("h1");
+  heading?.replaceWith(Object.assign(document.createElement("p"), { className: "problem-title", textContent: heading.textContent }));
+  box.hidden = false;
+  box.scrollIntoView({ block: "nearest" });
+}

@@ -1,0 +1,77 @@
+// What a person entered in a form and did not send: the browser keeps it until it is sent, discarded or two
+// weeks old. Each account has its own entries, so that no other person who signs in here sees them; signing out
+// deletes them all (Clear-Site-Data).
+
+import { fill } from "./say.js";
+
+const KEY = "acromion.unsent";
+const LONGEST_MS = 14 * 24 * 3600 * 1000;
+
+export class Unsent {
+  // tell() returns what the form says, as text; restore(text) writes it back.
+  constructor(form, tell, restore) {
+    Object.assign(this, { form, tell, restore });
+    this.name = `${document.documentElement.dataset.account} ${form.dataset.keep}`;
+    this.note = form.querySelector("[data-unsent]");
+    this.asServed = tell();
+    this.isKept = true;
+    this.show();
+    form.addEventListener("input", () => this.keep());
+    form.addEventListener("sent", () => this.forget());
+    this.note.querySelector("button").addEventListener("click", () => this.discard());
+    window.addEventListener("beforeunload", (event) => this.isKept || event.preventDefault());
+  }
+
+  show() {
+    const entry = readEntries()[this.name];
+    if (!entry || entry.text === this.asServed) return;
+    try {
+      this.restore(entry.text);
+    } catch {
+      this.restore(this.asServed); // an earlier release wrote it
+      return this.forget();
+    }
+    const when = new Date(entry.at).toLocaleString(document.documentElement.lang, { dateStyle: "medium", timeStyle: "short" });
+    this.note.querySelector("span").textContent = fill(this.note.dataset.text, { when });
+    this.note.hidden = false;
+    const folded = this.form.closest("details");
+    if (folded) folded.open = true;
+  }
+
+  keep() {
+    const text = this.tell();
+    if (text === this.asServed) return this.forget();
+    this.isKept = writeEntries({ ...readEntries(), [this.name]: { at: Date.now(), text } });
+  }
+
+  forget() {
+    const { [this.name]: gone, ...others } = readEntries();
+    if (gone) writeEntries(others);
+    [this.note.hidden, this.isKept] = [true, true];
+  }
+
+  discard() {
+    this.restore(this.asServed);
+    this.forget();
+    this.form.dispatchEvent(new Event("change"));
+  }
+}
+
+function readEntries() {
+  try {
+    const all = Object.entries(JSON.parse(localStorage.getItem(KEY)) || {});
+    return Object.fromEntries(all.filter(([, { at }]) => Date.now() - at < LONGEST_MS));
+  } catch {
+    return {};
+  }
+}
+
+// False where the browser keeps nothing: then it asks before the page is left.
+function writeEntries(entries) {
+  try {
+    localStorage.setItem(KEY, JSON.stringify(entries));
+    return true;
+  } catch {
+    return false;
+  }
+}

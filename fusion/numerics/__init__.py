@@ -1,0 +1,1 @@
+"""Small pieces of mathematics that several steps share, each written once."""

@@ -1,0 +1,59 @@
+"""What a person may choose about an analysis."""
+
+import math
+from dataclasses import dataclass
+from typing import get_args
+
+from fusion.conventions import ARM_AXES, ArmAxis, MethodName, Pose, PoseHeld, check_choice
+from fusion.diary import DiaryEntry
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisSettings:
+    """What a person may choose; everything else follows from the recording.
+
+    Attributes
+    ----------
+    method
+        "smoothed", "published" or "live".
+    pose
+        How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
+    calibration_windows_s
+        (start, end) from the first sample, when the pose was held, once or again; empty: the first stillness
+        is assumed. Two for the two-point pose, hanging and then level.
+    diary
+        What the day consisted of; breaks, time not worn and outside the shift are not analysed.
+    arm_axis
+        Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder.
+    slip_times_s, no_slip_times_s
+        When the sensor slipped on the arm, or was put back in another place, as the person says, from the
+        first sample; when it did not, though the recording raises the question.
+    pose_held
+        "start": the person says that the pose was held at the start of wear. A window or an axis goes before.
+    """
+
+    method: MethodName = "smoothed"
+    pose: Pose = "n-pose"
+    calibration_windows_s: tuple[tuple[float, float], ...] = ()
+    diary: tuple[DiaryEntry, ...] = ()
+    arm_axis: ArmAxis | None = None
+    slip_times_s: tuple[float, ...] = ()
+    no_slip_times_s: tuple[float, ...] = ()
+    pose_held: PoseHeld | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError with the allowed values for a value that cannot be used."""
+        check_choice("method", self.method, get_args(MethodName))
+        check_choice("pose", self.pose, get_args(Pose))
+        check_choice("arm_axis", self.arm_axis, (None, *ARM_AXES))
+        check_choice("pose_held", self.pose_held, (None, *get_args(PoseHeld)))
+        for window in self.calibration_windows_s:
+            is_pair = isinstance(window, tuple | list) and len(window) == 2
+            if not is_pair or not -math.inf < window[0] < window[1] < math.inf:
+                raise ValueError(f"calibration_windows_s: {window}; allowed: (start, end), s, start < end")
+        for time_s in (*self.slip_times_s, *self.no_slip_times_s):
+            if not 0.0 <= time_s < math.inf:
+                raise ValueError(f"slip times: {time_s}; allowed: seconds from the first sample, >= 0")
+
+
+DEFAULT_SETTINGS = AnalysisSettings()

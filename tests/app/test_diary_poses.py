@@ -1,0 +1,57 @@
+"""A row of kind ``pose`` in a diary says when the calibration pose was held."""
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from app.request import ReportRequest
+from app.roads.analyse import find_diary_poses, make_report
+from fusion.diary import DiaryEntry, read_diary
+from fusion.errors import UnusableDiary
+
+START = datetime.fromisoformat("2026-03-02T07:00:00-05:00")
+HOUR_US = 3_600_000_000
+
+
+def find(rows: str) -> tuple[tuple[float, float], ...]:
+    return find_diary_poses(read_diary(f"start,end,kind\n{rows}".encode()), START, HOUR_US)
+
+
+def test_a_row_of_the_clock_is_a_window_in_seconds() -> None:
+    assert find("07:00:05,07:00:15,pose\n07:10,07:20,break\n07:30,07:30:10,étalonnage\n") == (
+        (5.0, 15.0),
+        (1800.0, 1810.0),
+    )
+
+
+def test_a_pose_without_an_end_lasts_until_the_next_row() -> None:
+    assert find("07:00:05,,pose\n07:00:20,,task\n") == ((5.0, 20.0),)
+
+
+def test_a_pose_outside_the_recording_is_refused() -> None:
+    with pytest.raises(UnusableDiary) as refusal:
+        find("07:00:05,07:00:15,pose\n09:00,09:01,pose\n")
+
+    assert (refusal.value.facts["line"], refusal.value.facts["why"]) == (3, "outside recording")
+
+
+@pytest.fixture(scope="module")
+def results(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
+    diary = (DiaryEntry(2.0, 12.0, "pose", line=2), DiaryEntry(60.0, 120.0, "task", "Boxes", line=3))
+    out = tmp_path_factory.mktemp("out")
+    make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",), diary=diary), out)
+    read: dict[str, dict[str, object]] = json.loads((out / "results.json").read_text("utf-8"))
+    return read
+
+
+def test_the_pose_is_given(results: dict[str, dict[str, object]]) -> None:
+    calibration = results["calibration"]
+
+    assert (calibration["state"], calibration["start_s"], calibration["duration_s"]) == ("given", 2.0, 10.0)
+
+
+def test_the_pose_takes_no_time_out(results: dict[str, dict[str, object]]) -> None:
+    assert results["time"]["excluded_s"] == 0.0
+    assert {part["kind"] for part in results["exposure"]["by_period"]} == {"task", "work"}  # type: ignore[attr-defined]

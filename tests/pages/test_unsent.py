@@ -1,0 +1,312 @@
+"""What was typed on the page of a recording and not sent is there again, for the person who typed it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Dialog, Page, expect
+
+from app.access.accounts import AccountStore
+from app.access.logins import Logins
+from app.access.passwords import hash_password
+from app.settings import Settings
+from fusion.simulation import write_recordings
+from tests.pages.conftest import finish
+from tests.pages.steps import END_MS, open_analysis, open_home, wait_for_curve
+from tests.pages.test_access import PASSWORD, SECRET, log_in
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+TYPED = "Overhead work is the load."
+RESTORED = "and did not send."
+
+
+@pytest.fixture(scope="module")
+def report_id(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A report without a conclusion."""
+    file = write_recordings(tmp_path_factory.mktemp("unsent"), "gt9x", 0.02, 71)[0]
+    return finish(server, file, subject="S071", side="right")
+
+
+def leave_and_return(page: Page, server: RunningServer, analysis_id: str) -> None:
+    open_home(page, server)
+    open_analysis(page, server, analysis_id)
+    wait_for_curve(page)
+
+
+def note_questions(page: Page) -> list[str]:
+    """Accept every question of the browser; gives a list to which each is added."""
+    asked: list[str] = []
+
+    def accept(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    page.on("dialog", accept)
+    return asked
+
+
+def test_a_conclusion_that_was_not_sent_is_there_again(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+
+    leave_and_return(page, server, report_id)
+
+    expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
+    expect(page.locator("#conclude [data-unsent]")).to_contain_text(RESTORED)
+
+
+def test_leaving_the_page_asks_nothing_when_all_is_kept(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    asked = note_questions(page)
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+
+    open_home(page, server)
+
+    assert asked == []
+
+
+def test_what_is_discarded_does_not_come_back(page: Page, server: RunningServer, report_id: str) -> None:
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    leave_and_return(page, server, report_id)
+
+    page.locator("#conclude").get_by_role("button", name="Discard it").click()
+
+    expect(page.get_by_label("What you conclude")).to_have_value("")
+    leave_and_return(page, server, report_id)
+    expect(page.get_by_label("What you conclude")).to_have_value("")
+
+
+def test_a_conclusion_that_was_sent_is_kept_no_longer(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    report_id = finish(server, write_recordings(tmp_path, "gt9x", 0.02, 72)[0], side="right")
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    page.get_by_label("Your name").fill("M. Tremblay")
+
+    page.get_by_role("button", name="Add to the report").click()
+
+    expect(page.locator(".meta").first).to_contain_text("version 2", timeout=END_MS)
+    assert page.evaluate("localStorage.getItem('acromion.unsent')") == "{}"
+
+
+def test_a_conclusion_that_the_server_refuses_stays_with_the_reason(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(" ")
+    page.get_by_label("Your name").fill("M. Tremblay")
+
+    page.get_by_role("button", name="Add to the report").click()
+
+    expect(page.locator("#conclude [data-refused]")).to_contain_text("E-PARAMETER")
+    expect(page.get_by_label("Your name")).to_have_value("M. Tremblay")
+
+
+def test_a_conclusion_that_no_server_takes_stays(page: Page, server: RunningServer, report_id: str) -> None:
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    page.get_by_label("Your name").fill("M. Tremblay")
+    page.route("**/conclude", lambda route: route.abort())
+
+    page.get_by_role("button", name="Add to the report").click()
+
+    expect(page.locator("#conclude [data-lost]")).to_be_visible()
+    leave_and_return(page, server, report_id)
+    expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
+
+
+def test_a_conclusion_that_was_not_sent_is_on_the_next_version_too(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    report_id = finish(server, write_recordings(tmp_path, "gt9x", 0.02, 73)[0], side="right")
+    open_analysis(page, server, report_id)
+    wait_for_curve(page)
+    page.get_by_label("What you conclude").fill(TYPED)
+
+    page.get_by_role("radio", name="left").check()
+    page.get_by_role("button", name="Analyse again").click()
+
+    expect(page.get_by_label("What you conclude")).to_have_value(TYPED, timeout=END_MS)
+
+
+def test_a_correction_that_was_not_sent_is_there_again(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    open_analysis(page, server, report_id)
+    wait_for_curve(page)
+    page.get_by_role("radio", name="left").check()
+    page.get_by_label("Reason").fill("the arm was wrong")
+    page.locator("#add").click()
+    page.locator("#periods [name=label]").fill("shelves")
+
+    leave_and_return(page, server, report_id)
+
+    expect(page.get_by_role("radio", name="left")).to_be_checked()
+    expect(page.get_by_label("Reason")).to_have_value("the arm was wrong")
+    expect(page.locator("#periods [name=label]")).to_have_value("shelves")
+    expect(page.locator("#correction [data-unsent]")).to_contain_text(RESTORED)
+
+
+def test_a_correction_is_discarded_down_to_the_settings_of_the_analysis(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    open_analysis(page, server, report_id)
+    wait_for_curve(page)
+    page.get_by_role("radio", name="left").check()
+    page.locator("#add").click()
+    leave_and_return(page, server, report_id)
+
+    page.locator("#correction").get_by_role("button", name="Discard it").click()
+
+    expect(page.get_by_role("radio", name="right")).to_be_checked()
+    expect(page.locator("#periods tr")).to_have_count(0)
+    assert page.evaluate("localStorage.getItem('acromion.unsent')") == "{}"
+
+
+def test_what_an_earlier_release_kept_is_left_aside(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    open_analysis(page, server, report_id)
+    page.evaluate(
+        """name => localStorage.setItem("acromion.unsent",
+        JSON.stringify({ [name]: { at: Date.now(), text: "side=left" } }))""",
+        f"machine correction:{report_id}",
+    )
+
+    leave_and_return(page, server, report_id)
+
+    expect(page.get_by_role("radio", name="right")).to_be_checked()
+    expect(page.locator("#correction [data-unsent]")).to_be_hidden()
+
+
+def test_after_two_weeks_nothing_is_kept(page: Page, server: RunningServer, report_id: str) -> None:
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    page.evaluate(
+        """() => { const kept = localStorage.getItem("acromion.unsent");
+        localStorage.setItem("acromion.unsent", kept.replace(/"at":[0-9]+/, '"at":1')); }"""
+    )
+
+    leave_and_return(page, server, report_id)
+
+    expect(page.get_by_label("What you conclude")).to_have_value("")
+
+
+def test_a_browser_that_keeps_nothing_asks_before_the_page_is_left(
+    page: Page, server: RunningServer, report_id: str
+) -> None:
+    asked = note_questions(page)
+    page.add_init_script("Storage.prototype.setItem = () => { throw new Error('denied'); }")
+    open_analysis(page, server, report_id)
+    page.get_by_label("What you conclude").press_sequentially("typed")
+
+    page.goto(server.address)
+
+    assert asked == ["beforeunload"]
+
+
+# With accounts.
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("shared") / "data"
+
+
+@pytest.fixture(scope="module")
+def shared_id(data: Path) -> str:
+    """A report from before there were accounts."""
+    running = RunningServer(data, data.parent / "before.log")
+    made = finish(running, write_recordings(data.parent, "gt9x", 0.02, 74)[0], subject="S074", side="right")
+    running.stop()
+    return made
+
+
+@pytest.fixture(scope="module")
+def clinic(data: Path, shared_id: str) -> Iterator[RunningServer]:
+    """A server on which Anna and Clara sign in, both clinicians."""
+    settings = Settings(data_dir=data)
+    logins = Logins(AccountStore(settings), settings)
+    logins.accounts.add_organisation("own", "Riverside clinic")
+    for login in ("anna", "clara"):
+        person = logins.accounts.add_person("own", login, login.title(), ["clinician"])
+        logins.credentials.set_password(person.id, hash_password(PASSWORD))
+    logins.accounts.database.close()
+    running = RunningServer(data, data.parent / "log", workers=0, ACROMION_NO_SECRET="0")
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def unused_codes(data: Path, clinic: RunningServer) -> Iterator[Logins]:
+    """The authenticators of both; none of their codes was used."""
+    settings = Settings(data_dir=data)
+    logins = Logins(AccountStore(settings), settings)
+    renew_codes(logins)
+    yield logins
+    logins.accounts.database.close()
+
+
+def renew_codes(logins: Logins) -> None:
+    for login in ("anna", "clara"):
+        person = logins.accounts.find_person(login)
+        assert person is not None
+        logins.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb-cccc-dddd-eeee-fff2"])
+
+
+def test_no_other_person_sees_what_was_typed(
+    page: Page, clinic: RunningServer, shared_id: str, unused_codes: Logins
+) -> None:
+    log_in(page, clinic, "clara")
+    open_analysis(page, clinic, shared_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    page.context.clear_cookies()  # the session of Clara has ended, and Anna comes
+
+    log_in(page, clinic, "anna")
+    open_analysis(page, clinic, shared_id)
+    wait_for_curve(page)
+    expect(page.get_by_label("What you conclude")).to_have_value("")
+
+    page.context.clear_cookies()
+    renew_codes(unused_codes)
+    log_in(page, clinic, "clara")
+    open_analysis(page, clinic, shared_id)
+    expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
+
+
+def test_signing_out_deletes_what_was_typed(
+    page: Page, clinic: RunningServer, shared_id: str, unused_codes: Logins
+) -> None:
+    log_in(page, clinic, "clara")
+    open_analysis(page, clinic, shared_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+
+    page.locator(".signed-in button").click()
+
+    expect(page.get_by_label("Login name")).to_be_visible()
+    assert page.evaluate("localStorage.getItem('acromion.unsent')") is None
+
+
+def test_a_conclusion_sent_after_the_session_ended_is_there_after_signing_in(
+    page: Page, clinic: RunningServer, shared_id: str, unused_codes: Logins
+) -> None:
+    log_in(page, clinic, "clara")
+    open_analysis(page, clinic, shared_id)
+    page.get_by_label("What you conclude").fill(TYPED)
+    page.context.clear_cookies()
+
+    page.get_by_role("button", name="Add to the report").click()
+    expect(page.locator("#conclude [data-refused]")).to_contain_text("E-SIGN-IN")
+    renew_codes(unused_codes)
+    log_in(page, clinic, "clara")
+    open_analysis(page, clinic, shared_id)
+
+    expect(page.get_by_label("What you conclude")).to_have_value(TYPED)
