@@ -31,7 +31,7 @@ from fusion.elevation import ElevationSegment
 from fusion.exposure.periods import place_diary
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
-from fusion.pose.calibrate import SAID_S
+from fusion.pose.readings import SAID_S
 from fusion.pose.poses import find_early_stills, propose_poses
 from fusion.pose.wear import divide_by_wear
 from fusion.pose.windows import find_still_stretches, reduce_recording
@@ -117,8 +117,8 @@ def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
         end_s = min(part.end_s, duration_s)
         slip_s = part.start_s - SAID_S
         wear = replace(wears[0], start_s=slip_s, end_s=end_s, worn_from_s=slip_s)
-        stills = find_early_stills(analysis.recording, wear, stretches_s).stills
-        yield [slip_s, end_s, [[still.start_s, still.end_s] for still in stills]]
+        (early,) = find_early_stills(analysis.recording, [wear], stretches_s)
+        yield [slip_s, end_s, [[still.start_s, still.end_s] for still in early.stills]]
 
 
 def _find_nearest_axis(analysis: Analysis) -> list[str | float] | None:

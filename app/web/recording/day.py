@@ -22,9 +22,9 @@ from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.forms import Form, first, read_body, read_form
-from app.web.recording.day_views import START, DayClock, name_choice, place_rows
+from app.web.recording.day_views import NO, START, YES, DayClock, name_choice, place_rows
 from app.web.rendering import find_base
-from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, Side, parse_arm_axis
+from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableCalibration
 from fusion.pose.rules import RULES, object_to_window, score_still_period
@@ -34,8 +34,6 @@ from fusion.pose.rules import RULES, object_to_window, score_still_period
 
 NO_POSE = "axis"
 """What the form says in place of a pose where none was held."""
-MOVED = {"yes": "slip_times_s", "no": "no_slip_times_s"}
-"""The answers to whether the sensor moved on the arm, and the setting that holds each."""
 Window = tuple[float, float]
 COLUMNS = ("start", "end", "kind", "label")
 SECONDS = ("start_s", "end_s", "kind", "label")
@@ -259,17 +257,18 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
     job = await run_in_threadpool(services.store.get, analysis_id)
     facts = find_day(services, job).facts
     before_s = job.request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
-    choices = {name_choice(*window): {"calibration_windows_s": (window,)} for window in facts["asked"]}
-    choices |= {
-        name_choice(*window): {"calibration_windows_s": (*before_s, tuple(window))}
-        for *_, stills in facts.get("unread", ())
-        for window in stills
+    choices_s: dict[str, tuple[Window, ...]] = {START: ()}
+    choices_s |= {name_choice(a, b): ((a, b),) for a, b in facts["asked"]}
+    choices_s |= {
+        name_choice(a, b): (*before_s, (a, b)) for *_, stills in facts.get("unread", ()) for a, b in stills
     }
-    choices |= {START: {"calibration_windows_s": (), "pose_held": "start"}}
-    chosen = choices.get(first(form, "choice"))
-    if chosen is None:
-        raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices))
-    named = replace(job.request, **chosen, arm_axis=None, reason="")
+    choice = first(form, "choice")
+    if choice not in choices_s:
+        raise BadParameter(name="choice", value=choice[:60], allowed=", ".join(choices_s))
+    held: PoseHeld | None = "start" if choice == START else job.request.pose_held
+    named = replace(
+        job.request, calibration_windows_s=choices_s[choice], pose_held=held, arm_axis=None, reason=""
+    )
     return await run_in_threadpool(_add_again, job, named, request, services)
 
 
@@ -278,20 +277,19 @@ async def answer_move(analysis_id: str, request: Request, services: UsedServices
     """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
     form = await read_form(request)
     job = await run_in_threadpool(services.store.get, analysis_id)
-    moves = find_day(services, job).facts.get("moves", ())
-    answers = {
-        f"{place}-{answer}": (name, (start_s + end_s) / 2.0)
-        for place, (_, start_s, end_s, _) in enumerate(moves)
-        for answer, name in MOVED.items()
-    }
-    answer = answers.get(first(form, "answer"))
-    if answer is None:
-        raise BadParameter(name="answer", value=first(form, "answer")[:60], allowed=", ".join(answers))
-    name, time_s = answer
-    times_s = tuple(sorted((*getattr(job.request, name), round(time_s, 2))))
-    return await run_in_threadpool(
-        _add_again, job, replace(job.request, **{name: times_s}, reason=""), request, services
-    )
+    before, middles_s = job.request, dict[str, float]()
+    for place, (_, start_s, end_s, _) in enumerate(find_day(services, job).facts.get("moves", ())):
+        middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
+    answer = first(form, "answer")
+    if answer not in middles_s:
+        raise BadParameter(name="answer", value=answer[:60], allowed=", ".join(middles_s))
+    if answer.endswith(YES):
+        slips_s = tuple(sorted((*before.slip_times_s, middles_s[answer])))
+        answered = replace(before, slip_times_s=slips_s, reason="")
+    else:
+        no_slips_s = tuple(sorted((*before.no_slip_times_s, middles_s[answer])))
+        answered = replace(before, no_slip_times_s=no_slips_s, reason="")
+    return await run_in_threadpool(_add_again, job, answered, request, services)
 
 
 @router.post("/other-pose")

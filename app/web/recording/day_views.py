@@ -244,6 +244,8 @@ def format_axis(axis: str) -> str:
 
 START = "start"
 """In place of a stretch: the pose was held at the start of wear."""
+YES, NO = "yes", "no"
+"""Whether the sensor moved on the arm."""
 
 
 def name_choice(start_s: float, end_s: float) -> str:
@@ -262,7 +264,7 @@ def _list_questions(
         yield _ask_for_move(number, kind, (start_s, end_s, apart_deg), place)
     for number, (start_s, _, stills) in enumerate(() if facts.get("asked") else facts.get("unread", ())):
         time = {"time": told.format(start_s)}
-        choices = tuple(place.offer(*still, "choice") for still in stills)
+        choices = tuple(place.offer("choice", *still) for still in stills)
         heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, choices)
 
@@ -275,13 +277,14 @@ class _Place:
     told: Clock
     words: Words
 
-    def offer(self, start_s: float, end_s: float, key: str) -> Choice:
+    def offer(self, key: str, start_s: float, end_s: float) -> Choice:
         facts = {
             "time": self.told.format(start_s, with_seconds=True),
             "length": format_duration(end_s - start_s, self.told.language),
         }
-        shown = (self.clock.format(round(at_s)) for at_s in (start_s, end_s))
-        return Choice(name_choice(start_s, end_s), fill(self.words[key], facts), f"{facts['time']}?", *shown)
+        start, end = (self.clock.format(round(at_s)) for at_s in (start_s, end_s))
+        label, name = fill(self.words[key], facts), f"{facts['time']}?"
+        return Choice(name_choice(start_s, end_s), label, name, start, end)
 
 
 def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Place) -> Question:
@@ -290,7 +293,7 @@ def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Plac
     apart = format_angle(spread_deg, place.told.language)
     lead = fill(words["which_apart"], {"apart": apart}) if facts.get("needs_pose") else words["which_lead"]
     used, *others = facts["asked"]
-    choices = [place.offer(*used, "choice_used"), *(place.offer(*other, "choice") for other in others)]
+    choices = [place.offer("choice_used", *used), *(place.offer("choice", *other) for other in others)]
     if request.pose_held is None:
         choices.insert(1, Choice(START, words["held_start"]))
     return Question("which-pose", "pose", "choice", words["which"], str(lead), tuple(choices))
@@ -303,7 +306,7 @@ def _ask_for_move(number: int, kind: str, found: tuple[float, float, float], pla
     facts = {**place.told.format_span(start_s, end_s), "apart": apart}
     heading, lead = (fill(place.words[key], facts) for key in (kind, f"{kind}_lead"))
     yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
-    choices = (Choice(f"{number}-yes", place.words[yes]), Choice(f"{number}-no", place.words[no]))
+    choices = Choice(f"{number}-{YES}", place.words[yes]), Choice(f"{number}-{NO}", place.words[no])
     shown = (place.clock.format(round(at_s)) for at_s in (start_s, end_s))
     return Question(f"move-{number}", "moved", "answer", heading, lead, choices, *shown)
 
