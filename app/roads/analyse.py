@@ -31,8 +31,8 @@ from fusion.elevation import ElevationSegment
 from fusion.exposure.periods import place_diary
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
-from fusion.pose.readings import SAID_S
 from fusion.pose.poses import find_early_stills, propose_poses
+from fusion.pose.readings import SAID_S
 from fusion.pose.wear import divide_by_wear
 from fusion.pose.windows import find_still_stretches, reduce_recording
 from fusion.quality import propose_nonwear
