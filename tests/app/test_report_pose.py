@@ -208,7 +208,7 @@ def test_a_report_that_needs_the_pose_says_so_before_every_figure() -> None:
     )
     assert page.index(report.needs_pose) < page.index('class="tiles"')
     assert '<p class="value"><small>Needs the pose</small> 32.5' in page
-    assert answer.splitlines()[0] == report.needs_pose
+    assert answer.splitlines()[0] == f"{report.needs_pose} {report.pose_state}"
     assert steps_of(asked())[0] == "Say when the calibration pose was held."
 
 
