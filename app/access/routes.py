@@ -147,6 +147,7 @@ _ROUTES: Mapping[Needed, str] = {
         POST   /analyses/{analysis_id}/withdraw
         POST   /analyses/{analysis_id}/again
         POST   /analyses/{analysis_id}/pose
+        POST   /analyses/{analysis_id}/moved
         POST   /analyses/{analysis_id}/other-pose
         POST   /analyses/{analysis_id}/diary
         POST   /analyses/{analysis_id}/diary.csv

@@ -83,11 +83,12 @@ class Section:
 class Tile:
     """A main figure: its value, how long, its range, and a scale with the published value, which is named.
 
-    ``pose`` says how far the error of the calibration pose may raise it; may be empty, as all but name and
-    value may.
+    ``needed`` comes before the value if the pose has to be named first; ``pose`` says how far the error of
+    the calibration pose may raise it; may be empty, as all but name and value may.
     """
 
     name: str
+    needed: str
     value: str
     duration: str
     range: str
@@ -167,8 +168,12 @@ class Report:
         Which version this is and why, where it replaces an earlier one; else empty.
     words
         The fixed words of the templates (headings, labels).
-    pose_note
-        Which stretch was the pose, where that is open, and what walking says of a pose that was given.
+    pose_state
+        How the calibration pose is known, in a line; empty for ready angles.
+    needs_pose
+        Which stillness was the pose, if they disagree: it comes before every figure; else empty.
+    walking_note
+        How far walking lies from the axis, if that is far; else empty.
     profile
         The first page, behind which the rest then stands; None in a report of two recordings.
     conclusion
@@ -193,7 +198,9 @@ class Report:
     made_of: datetime | None
     amendment: str
     words: Mapping[str, str]
-    pose_note: str = ""
+    pose_state: str = ""
+    needs_pose: str = ""
+    walking_note: str = ""
     profile: Profile | None = None
     conclusion: Note | None = None
 

@@ -31,13 +31,16 @@ from fusion.elevation import ElevationSegment
 from fusion.exposure.periods import place_diary
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
-from fusion.pose.poses import propose_poses
-from fusion.pose.windows import StillPeriod
+from fusion.pose.poses import find_early_stills, propose_poses
+from fusion.pose.readings import SAID_S
+from fusion.pose.wear import divide_by_wear
+from fusion.pose.windows import find_still_stretches, reduce_recording
 from fusion.quality import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Segment, Span
+from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import view_segment
-from fusion.sensor.stillness import reduce_run
+from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.settings import AnalysisSettings
 
 # The day of an analysis, for the page on which a person looks at it and corrects it.
@@ -77,14 +80,45 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
         "not_worn": [_bound(span) for span in not_worn],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
         "calibration": [list(window) for window in _find_windows(analysis)],
-        "asked": [[still.start_s, still.end_s] for still in _find_proposals(analysis)],
+        **_describe_questions(analysis),
         "nearest_axis": _find_nearest_axis(analysis),
     }
 
 
-def _find_proposals(analysis: Analysis) -> tuple[StillPeriod, ...]:
-    """Give the stretches of which nobody said which was the pose."""
-    return analysis.calibration.proposals if analysis.calibration else ()
+def _describe_questions(analysis: Analysis) -> dict[str, Any]:
+    """Describe what only a person knows: which stillness was the pose, whether the sensor moved.
+
+    ``unread``: each stretch that waits for a pose, with the stillnesses at its beginning that may be one.
+    """
+    calibration = analysis.calibration
+    if calibration is None:
+        return {"asked": []}
+    moves = [[q.kind, q.first_s, q.end_s, q.apart_deg] for q in calibration.questions]
+    return {
+        "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
+        "spread_deg": calibration.spread_deg,
+        "needs_pose": calibration.needs_pose,
+        "moves": moves,
+        "unread": list(_list_unread(analysis)),
+    }
+
+
+def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
+    duration_s = analysis.recording.duration_us / MICROSECONDS
+    left_out = [part for part in analysis.axis_parts if part.arm_axis is None and part.start_s > 0.0]
+    parts = [part for part in left_out if part.end_s - part.start_s > 2.0 * SAID_S + 1.0]
+    if not parts:
+        return
+    blocks = reduce_recording(analysis.recording)
+    correction = calibrate_accelerometer(find_still_moments(blocks))
+    stretches_s = find_still_stretches(blocks, correction)
+    wears = divide_by_wear(blocks, correction)
+    for part in parts:
+        end_s = min(part.end_s, duration_s)
+        slip_s = part.start_s - SAID_S
+        wear = replace(wears[0], start_s=slip_s, end_s=end_s, worn_from_s=slip_s)
+        (early,) = find_early_stills(analysis.recording, [wear], stretches_s)
+        yield [slip_s, end_s, [[still.start_s, still.end_s] for still in early.stills]]
 
 
 def _find_nearest_axis(analysis: Analysis) -> list[str | float] | None:

@@ -27,7 +27,7 @@ MOST_CHOSEN = 500
 LONGEST_TAG = 40
 MOST_TAGS = 10
 
-Act = Literal["side", "subject", "tag", "untag", "study", "again", "delete", "restore"]
+Act = Literal["side", "subject", "held", "tag", "untag", "study", "again", "delete", "restore"]
 
 router = APIRouter(include_in_schema=False, prefix="/library/acts")
 
@@ -171,6 +171,8 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
     """
     if act == "again":
         return {}
+    if act == "held":
+        return {"pose_held": "start"}
     value = first(form, act)
     if act == "side":
         if value not in ("", "left", "right"):
@@ -188,7 +190,7 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
     """
     asked = [(job, asked) for job, asked in (_ask_again(entry, change) for entry in entries) if asked]
     check_queue(services, len(asked))
-    for job, request in asked if change else ():
+    for job, request in asked if change.keys() & {"side", "subject"} else ():
         say_whose(services, job, request, tuple(change))
     return services.store.repeat_all(asked)
 
@@ -199,4 +201,5 @@ def _ask_again(entry: Entry, change: Mapping[str, Any]) -> tuple[Job, ReportRequ
     said = replace(newest.request, **change, reason="")
     is_same = bool(change) and all(getattr(newest.request, name) == value for name, value in change.items())
     is_waiting = not change and not newest.is_over
-    return newest, None if is_same or is_waiting or newest.request.reference else said
+    is_given = "pose_held" in change and (newest.request.calibration_windows_s or newest.request.arm_axis)
+    return newest, None if is_same or is_given or is_waiting or newest.request.reference else said

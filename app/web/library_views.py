@@ -67,6 +67,7 @@ class ShownFigures:
     verdict: str
     quality: str
     is_older: bool
+    is_pose_open: bool
     above: str
     spark: str
     spark_words: str
@@ -184,6 +185,7 @@ def _build_figures(headline: HeadlineFigures, words: Words, language: Language) 
         verdict=headline.verdict,
         quality=str(words["verdict_short"].get(headline.verdict, "")),
         is_older=0 < headline.method_version < int(METHOD_VERSION),
+        is_pose_open=headline.calibration_state == "assumed",
         above=format_percent(headline.above_60_percent, language),
         spark=spark,
         spark_words=fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",

@@ -261,8 +261,9 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
         "subject": request.subject or words["none"],
         "method": words["method_name"][request.method],
         "pose": _format_pose(job, words),
-        "windows": words["none_given"] if request.arm_axis else _format_windows(job, clock, words, language),
-        "slips": _format_slips(job, clock, language) or words["no_slip"],
+        "windows": _format_pose_time(job, clock, words, language),
+        "slips": format_times(request.slip_times_s, clock, language) or words["no_slip"],
+        "no_slips": format_times(request.no_slip_times_s, clock, language),
         "columns": format_columns(request.profile, language) if request.profile else "",
         "periods": _format_periods(job, clock, language) or words["none"],
         "added": format_time(job.created_at),
@@ -330,10 +331,18 @@ def _format_row_duration(job: Job, words: Words, language: Language, now: dateti
     return fill(words["row"][key], {"duration": format_duration(shown, language)})
 
 
-def _format_windows(job: Job, clock: DayClock | None, words: Words, language: Language) -> str:
-    windows = job.request.calibration_windows_s
-    if not windows:
-        return str(words["windows_proposed"])
+def _format_pose_time(job: Job, clock: DayClock | None, words: Words, language: Language) -> str:
+    """Write when the pose was held, as it was stated."""
+    request = job.request
+    if request.arm_axis:
+        return str(words["none_given"])
+    stated = words["windows_held" if request.pose_held else "windows_proposed"]
+    return format_windows(request.calibration_windows_s, clock, language) or str(stated)
+
+
+def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
+    """Write stretches on the clock of the recording, or else in seconds; empty for none."""
+    words = load_wording(language, "page")["analysis"]
     if clock is not None and clock.start is not None:
         return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
     pairs = (
@@ -351,8 +360,8 @@ def _format_pose(job: Job, words: Words) -> str:
     return fill(words["no_pose"], {"axis": format_axis(axis)})
 
 
-def _format_slips(job: Job, clock: DayClock | None, language: Language) -> str:
-    times_s = job.request.slip_times_s
+def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
+    """Write moments on the clock of the recording, or else in seconds; empty for none."""
     if clock is not None and clock.start is not None:
         return "; ".join(map(clock.format, times_s))
     return "; ".join(f"{format_number(time_s, 1, language)}\u202fs" for time_s in times_s)

@@ -122,6 +122,7 @@ def _fill_words(markdown: str, language: Language) -> str:
         .from_string(markdown)
         .render(
             words=load_wording(language),
+            page=load_wording(language, "page"),
             day=load_wording(language, "day"),
             h=help_words,
             r=help_words["reading"],

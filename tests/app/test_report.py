@@ -154,7 +154,7 @@ def test_every_other_grave_reason_is_named_with_its_time() -> None:
         plain(report_of(analysis=make_analysis(quality=quality), language=language).verdict.reason)
         for language in LANGUAGES
     )
-    assert english.startswith("Sensor moved on the arm. ")
+    assert english.startswith("No pose after the sensor moved. ")
     assert " Also: holes in the recording (20 min). " in english
     assert " Aussi : trous dans l'enregistrement (20 min). " in french
 
@@ -210,12 +210,12 @@ def test_the_accuracy_told_is_that_of_the_method_used(name: str, told: str) -> N
     assert paragraphs.count("Angle error") == 1
 
 
-def test_turns_that_nothing_can_see_stand_with_the_method_and_not_on_the_first_page() -> None:
+def test_slips_that_nothing_can_see_stand_with_the_method_and_among_the_limits() -> None:
     report = report_of(analysis=make_analysis())
 
     (method,) = (section for section in report.sections if section.key == "method")
-    assert "turns by about 30° or less, it can go unnoticed" in " ".join(method.paragraphs)
-    assert "turns" not in " ".join(report.limits.paragraphs)
+    assert "Any other slip shows only if the pose was held again" in " ".join(method.paragraphs)
+    assert "while nobody walks cannot be seen" in " ".join(report.limits.paragraphs)
 
 
 def test_ready_angles_have_no_accuracy_of_ours() -> None:

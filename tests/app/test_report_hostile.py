@@ -151,9 +151,9 @@ def test_the_workbook_holds_the_text_itself_and_no_formula(payload: str) -> None
     assert (cell.value, cell.data_type) == (payload, "s")
 
 
-def test_the_answer_to_paste_keeps_its_five_lines() -> None:
+def test_the_answer_to_paste_keeps_its_six_lines() -> None:
     counts = {
         format_brief(build_report(make_analysis(), make_subject(p), "en")).count(b"\n") for p in PAYLOADS[::5]
     }
 
-    assert counts == {5}
+    assert counts == {6}

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -21,9 +22,12 @@ from app.report.findings import (
     encode_findings,
 )
 from app.report.model import Report
+from app.report.render.brief import format_brief
+from app.report.render.html import render_html
 from app.request import ReportRequest
 from app.web.pairs import align_request
-from fusion.conventions import ArmAxis, PoseHeld
+from fusion.conventions import ArmAxis, CalibrationState, PoseHeld
+from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_calibration, make_subject
 from tests.app.report_reading import plain, report_of, section_of
 
@@ -48,12 +52,24 @@ def with_axis(arm_axis: ArmAxis) -> Findings:
     return with_calibration(calibration, arm_axis=arm_axis)
 
 
+def open_calibration() -> CalibrationFacts:
+    """Nobody said which of three stretches was the pose; the first is in use, another lies 34 deg away."""
+    first, *others = (still_at(start_s) for start_s in (108.0, 228.0, 408.0))
+    known = replace(make_calibration(), state="assumed", still=first, proposals=(first, *others))
+    return replace(known, spread_deg=34.2, needs_pose=True)
+
+
 def asked() -> Findings:
-    """Nobody said which of three stretches was the pose; the first is in use."""
-    proposals = (still_at(108.0), still_at(228.0), still_at(408.0))
-    return with_calibration(
-        replace(make_calibration(), state="assumed", still=proposals[0], proposals=proposals)
-    )
+    """The findings of such a recording."""
+    findings = with_calibration(open_calibration())
+    flags = (QualityFlag("W-WHICH-POSE", facts={"apart_deg": 34}),)
+    return replace(findings, quality=replace(findings.quality, flags=flags, reasons=("W-WHICH-POSE",)))
+
+
+def steps_of(findings: Findings) -> tuple[str, ...]:
+    profile = report_of(analysis=findings).profile
+    assert profile is not None
+    return tuple(step.replace("’", "'") for step in profile.next_steps)
 
 
 def told_of_method(report: Report) -> dict[str, str]:
@@ -106,33 +122,124 @@ def test_a_slip_that_a_person_reported_stands_with_its_time() -> None:
     assert told["Sensor slipped, as reported"] == "08:58:12"
 
 
-def test_the_report_asks_which_stretch_was_the_pose() -> None:
-    note = report_of(analysis=asked()).pose_note
+def test_a_time_without_a_slip_stands_with_its_time() -> None:
+    findings = with_calibration(make_calibration())
+    settings = replace(findings.settings, no_slip_times_s=(3600.0,))
 
-    assert note == (
-        "Which one was the calibration pose: the arm held still at 08:00:00, 08:02:00 or 08:05:00? "
-        "The first that walking does not contradict was used; name the pose and analyse again."
+    told = told_of_method(report_of(analysis=replace(findings, settings=settings)))
+
+    assert told["No slip of the sensor, as reported"] == "08:58:12"
+
+
+STATES = {
+    "given": "given (07:58:54, 6.2\u202fs)",
+    "held_at_start": "held at the start, as stated (07:58:54, 6.2\u202fs)",
+    "assumed": "assumed (07:58:54, 6.2\u202fs), not confirmed",
+    "none": "none found",
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_page_1_and_the_answer_say_how_the_pose_is_known(state: CalibrationState) -> None:
+    report = report_of(analysis=with_calibration(replace(make_calibration(), state=state)))
+
+    assert plain(report.pose_state) == plain(f"Calibration pose: {STATES[state]}.")
+    assert report.pose_state in format_brief(report).decode().splitlines()
+
+
+def test_poses_that_agree_are_counted_with_their_largest_angle_rounded_up() -> None:
+    repeated = replace(make_calibration(), state="repeated", repeats=(AGAIN, AGAIN), repeat_deg=3.2)
+
+    told = report_of(analysis=with_calibration(repeated)).pose_state
+
+    assert told == "Calibration pose: given 3 times, agreeing within 4°."
+
+
+def test_given_poses_that_disagree_stand_with_their_times() -> None:
+    given = replace(make_calibration(), state="given", repeats=(AGAIN,))
+
+    told = report_of(analysis=with_calibration(given)).pose_state
+
+    assert plain(told) == "Calibration pose: given (07:58:54, 6.2 s; 09:58:54, 8 s)."
+
+
+def test_an_axis_is_stated_in_place_of_the_pose() -> None:
+    assert report_of(analysis=with_axis("-y")).pose_state == "Calibration pose: sensor axis −y, as stated."
+
+
+def test_ready_angles_have_no_pose_to_tell_of() -> None:
+    report = report_of(analysis=make_analysis(calibrated=False))
+
+    assert (report.pose_state, report.needs_pose) == ("", "")
+
+
+def test_of_an_assumed_pose_the_first_step_is_to_confirm_it() -> None:
+    assert steps_of(with_calibration(replace(make_calibration(), state="assumed")))[0] == (
+        "Confirm the pose: was it held at 07:58:54?"
     )
+
+
+def test_without_a_pose_the_first_step_is_to_give_one_or_the_axis() -> None:
+    assert steps_of(with_calibration(replace(make_calibration(), state="none")))[0] == (
+        "Give a time at which the arm hung still, or the sensor's axis along the arm."
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "step"),
+    [
+        ("slip", "Say whether the sensor slipped between 10:00 and 10:02."),
+        ("put_back", "Say whether the sensor was put back in the same place at 10:02."),
+    ],
+)
+def test_whether_the_sensor_moved_is_asked_as_a_step(kind: Literal["slip", "put_back"], step: str) -> None:
+    question = QuestionFacts(kind, 7308.0, 7428.0, 23.0)
+
+    assert steps_of(with_calibration(replace(make_calibration(), questions=(question,))))[0] == step
+
+
+def test_a_report_that_needs_the_pose_says_so_before_every_figure() -> None:
+    report = report_of(analysis=asked())
+    page, answer = render_html(report).decode(), format_brief(report).decode()
+
+    assert report.needs_pose == (
+        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These lie up to 34° apart; "
+        "the ranges cover all of them."
+    )
+    assert page.index(report.needs_pose) < page.index('class="tiles"')
+    assert '<p class="value"><small>Needs the pose</small> 32.5' in page
+    assert answer.splitlines()[0] == f"{report.needs_pose} {report.pose_state}"
+    assert steps_of(asked())[0] == "Say when the calibration pose was held."
 
 
 def test_of_many_stretches_the_report_names_six() -> None:
     proposals = tuple(still_at(108.0 + 30.0 * k) for k in range(9))
-    calibration = replace(make_calibration(), state="assumed", proposals=proposals)
+    findings = with_calibration(replace(open_calibration(), proposals=proposals))
 
-    note = report_of(analysis=with_calibration(calibration)).pose_note
+    told = report_of(analysis=findings).needs_pose
 
-    assert note.count("08:0") == 6
-    assert "08:02:30 or 3 more times?" in note
+    assert told.count("08:0") == 6
+    assert "08:02:30 or 3 more times?" in told
 
 
-def test_the_report_asks_nothing_where_the_pose_is_known() -> None:
-    assert report_of().pose_note == ""
+def test_candidates_that_agree_need_no_pose() -> None:
+    agreeing = replace(open_calibration(), spread_deg=6.0, needs_pose=False)
+
+    assert report_of(analysis=with_calibration(agreeing)).needs_pose == ""
+
+
+def test_the_limits_say_that_a_slip_without_walking_cannot_be_seen() -> None:
+    sensor, ready = report_of(), report_of(analysis=make_analysis(calibrated=False))
+
+    assert "slips on the arm while nobody walks cannot be seen" in " ".join(sensor.limits.paragraphs)
+    assert "slips" not in " ".join(ready.limits.paragraphs)
 
 
 @pytest.mark.parametrize(
     ("state", "walking_deg", "note"),
     [
         ("given", 42.0, "In walking the arm hung 42° from this pose."),
+        ("assumed", 42.0, "In walking the arm hung 42° from this pose."),
         (
             "axis",
             174.5,
@@ -143,15 +250,15 @@ def test_the_report_asks_nothing_where_the_pose_is_known() -> None:
         ),
         ("given", 30.0, ""),
         ("given", None, ""),
-        ("assumed", 42.0, ""),
+        ("none", 42.0, ""),
     ],
 )
-def test_walking_beyond_30_deg_of_what_a_person_stated_is_noted(
-    state: str, walking_deg: float | None, note: str
+def test_walking_beyond_30_deg_of_the_axis_is_noted(
+    state: CalibrationState, walking_deg: float | None, note: str
 ) -> None:
-    calibration = replace(make_calibration(), state=state, walking_deg=walking_deg)  # type: ignore[arg-type]
+    calibration = replace(make_calibration(), state=state, walking_deg=walking_deg)
 
-    assert report_of(analysis=with_calibration(calibration)).pose_note == note
+    assert report_of(analysis=with_calibration(calibration)).walking_note == note
 
 
 # results.json and the stored findings.

@@ -29,6 +29,7 @@ from tests.app.analysis_factory import (
     with_diary,
 )
 from tests.app.report_reading import plain, report_of
+from tests.app.test_report_pose import open_calibration
 
 PAPERS: tuple[Paper, ...] = ("a4", "letter")
 MOST_WORDS = 200
@@ -268,11 +269,9 @@ def test_a_short_recording_is_followed_by_a_whole_shift() -> None:
 
 
 def test_an_open_pose_is_asked_for() -> None:
-    calibration = make_calibration()
-    assert calibration.still is not None
-    asked = replace(make_analysis(), calibration=replace(calibration, proposals=(calibration.still,)))
+    assumed = replace(make_analysis(), calibration=replace(make_calibration(), state="assumed"))
 
-    assert "Say which still stretch was the calibration pose." in profile_of(asked).next_steps
+    assert profile_of(assumed).next_steps[0] == "Confirm the pose: was it held at 07:58:54?"
 
 
 @pytest.mark.parametrize(
@@ -294,7 +293,7 @@ def test_the_line_of_quality_names_the_gravest_two() -> None:
     quality = Quality("caution", ("W-REMOUNT", "W-GAP", "W-DUP"), flags)
 
     assert plain(profile_of(make_analysis(quality=quality)).quality) == (
-        "Sensor moved on the arm; holes in the recording (20 min); 1 more."
+        "No pose after the sensor moved; holes in the recording (20 min); 1 more."
     )
 
 
@@ -339,6 +338,10 @@ DAYS: dict[str, Callable[[], Findings]] = {
     "crowded": crowded_day,
     "without a clock": lambda: make_analysis(start=None),
     "crowded and amended": crowded_day,
+    "pose not confirmed": lambda: replace(
+        crowded_day(), calibration=replace(make_calibration(), state="assumed")
+    ),
+    "needs the pose": lambda: replace(make_analysis(), calibration=open_calibration()),
 }
 AMENDED = replace(
     make_subject(),

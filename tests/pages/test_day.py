@@ -160,7 +160,7 @@ def test_a_correction_is_analysed_and_shown_beside_what_was(day: Page) -> None:
     heading = day.get_by_role("heading", name="What the correction changed")
     expect(heading).to_be_visible(timeout=END_MS)
     expect(day.get_by_role("row", name="Time with the arm above 60°")).to_be_visible(timeout=END_MS)
-    moved = "Calibration window found automatically 07:00:03 – 07:00:09"
+    moved = "Calibration window not stated 07:00:03 – 07:00:09"
     expect(day.get_by_role("row", name=moved)).to_be_visible()
     expect(day.get_by_role("row", name=re.compile(r"Periods not stated coffee 07:0\d:\d\d"))).to_be_visible()
     wait_for_curve(day)

@@ -141,6 +141,15 @@ def test_once_there_are_recordings_the_place_to_drop_is_a_bar_and_25_rows_fit_be
     assert first["y"] + 25 * row["height"] <= 900
 
 
+def test_the_list_shows_that_a_pose_is_not_confirmed(page: Page, server: RunningServer, right: str) -> None:
+    open_home(page, server)
+    row = find_row(page, "shift_seed1")
+
+    row.get_by_role("link", name="Confirm the pose of S012").click()
+
+    expect(page.get_by_role("region", name="When was the pose held?")).to_be_in_viewport()
+
+
 def test_one_is_opened_after_the_other(page: Page, server: RunningServer, right: str, left: str) -> None:
     page.goto(f"{server.address}?text=S012&lang=en")
     page.locator("#rows .name a").first.click()

@@ -1,33 +1,73 @@
 """Saying what the pose was: the question, the pose held again, the axis without a pose, a slip."""
 
+from pathlib import Path
 from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, Request, expect
+from playwright.sync_api import Locator, Page, Request, expect
 
-from tests.factories import hold
+from fusion.recording import Recording
+from tests.factories import hold, record
+from tests.fusion.test_poses import ASIDE, RATE_HZ, Course, take_off, tilted
 from tests.pages.conftest import finish, keep_picture, repeat
-from tests.pages.steps import open_analysis, read_bands, wait_for_curve
+from tests.pages.steps import END_MS, open_analysis, read_bands, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
 
+HEADER = "timestamp,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 WORK = [(30.0, 2.0), (80.0, 2.0)] * 18
+
+
+def send(server: RunningServer, folder: Path, name: str, made: Recording) -> str:
+    """Analyse a recording as a table; gives the id of the analysis."""
+    (segment,) = made.segments
+    rows = np.column_stack([segment.acc_g, segment.gyr_dps])
+    stamps = np.datetime64("2026-03-02T07:00:00.000") + (np.arange(len(rows)) * 1000.0 / RATE_HZ).astype(
+        "m8[ms]"
+    )
+    lines = (
+        f"{stamp},{','.join(f'{value:.5f}' for value in row)}"
+        for stamp, row in zip(stamps, rows, strict=True)
+    )
+    (folder / name).write_text("\n".join([HEADER, *lines]), "utf-8")
+    return finish(server, folder / name, subject=name.partition(".")[0], side="left")
 
 
 @pytest.fixture(scope="session")
 def unnamed(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The id of an analysis of 2 min 32 s: after 72 s of work the arm is held at 60 deg, then hanging."""
-    file = tmp_path_factory.mktemp("unnamed") / "unnamed.csv"
-    made = hold(*WORK, (60.0, 10.0), *WORK[:10], (0.0, 10.0), *WORK[:20], rate_hz=50.0)
-    (segment,) = made.recording.segments
+    made = hold(*WORK, (60.0, 10.0), *WORK[:10], (0.0, 10.0), *WORK[:20], rate_hz=RATE_HZ).recording
+    (segment,) = made.segments
     noise = np.random.default_rng(0).normal(0.0, 1.0, (len(segment), 6)) * ([0.001] * 3 + [0.05] * 3)
-    rows = np.column_stack([segment.acc_g, segment.gyr_dps]) + noise
-    seconds = np.arange(len(rows)) / 50.0
-    names = "time_s,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
-    np.savetxt(file, np.column_stack([seconds, rows]), "%.5f", ",", header=names, comments="")
-    return finish(server, file, subject="S060", side="left")
+    acc_g, gyr_dps = segment.acc_g + noise[:, :3], segment.gyr_dps + noise[:, 3:]
+    recording = record(acc_g, gyr_dps, RATE_HZ)
+    return send(server, tmp_path_factory.mktemp("unnamed"), "unnamed.csv", recording)
+
+
+@pytest.fixture(scope="session")
+def put_back(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of an analysis: ten minutes of work, 12 minutes on a desk, the pose again and ten minutes."""
+    return send(server, tmp_path_factory.mktemp("put_back"), "putback.csv", take_off(ASIDE).record())
+
+
+@pytest.fixture(scope="session")
+def slipped(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of an analysis: walking, work, and walking with the sensor turned by 25 deg."""
+    course = Course().hold(10.0).walk(120.0).move(300.0).walk(120.0, tilted(25.0)).move(60.0)
+    return send(server, tmp_path_factory.mktemp("slipped"), "slipped.csv", course.record())
+
+
+def questions(page: Page) -> Locator:
+    return page.locator(".question h2")
+
+
+def click_answer(page: Page, name: str) -> None:
+    """Answer a question, and wait for the next version of the report."""
+    page.get_by_role("button", name=name, exact=True).click()
+    page.wait_for_url("**before=*")
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
 
 
 @pytest.fixture
@@ -42,22 +82,84 @@ def read_form(request: Request) -> dict[str, list[str]]:
     return parse_qs(request.post_data or "", keep_blank_values=False)
 
 
-def test_the_page_asks_which_stretch_was_the_pose_and_one_click_answers(
+def test_an_assumed_pose_is_asked_about_and_one_click_confirms_it(
     page: Page, server: RunningServer, unnamed: str
 ) -> None:
     open_analysis(page, server, unnamed)
-    question = page.get_by_role("region", name="Which one was the calibration pose?")
-    choices = question.get_by_role("button", name="–").filter(has_not_text="Show")
-    expect(choices).to_have_count(2)
+    question = page.get_by_role("region", name="When was the pose held?")
+    expect(question).to_contain_text("Needs the pose: the arm was still several times")
+    expect(question.get_by_role("button").first).to_have_text("07:01:12, 9.4\u202fs – yes, this is the pose")
     keep_picture(page, "which-pose")
 
-    choices.nth(1).click()
-    page.wait_for_url("**before=*")
+    click_answer(page, "07:01:12, 9.4\u202fs – yes, this is the pose")
 
-    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible()
-    expect(page.get_by_role("region", name="Which one was the calibration pose?")).to_have_count(0)
+    expect(questions(page)).to_have_count(0)
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:12, 9.4\u202fs).")
     changed = page.get_by_role("region", name="What the correction changed").first
-    expect(changed).to_contain_text("found automatically")
+    expect(changed).to_contain_text("not stated")
+    expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
+        "the calibration window (07:01:12"
+    )
+
+
+def test_another_stillness_is_named_as_the_pose(page: Page, server: RunningServer, unnamed: str) -> None:
+    open_analysis(page, server, unnamed)
+
+    click_answer(page, "07:01:42, 9.1\u202fs")
+
+    expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:42, 9.1\u202fs).")
+
+
+def test_candidates_are_drawn_on_the_curve(page: Page, server: RunningServer, unnamed: str) -> None:
+    open_analysis(page, server, unnamed)
+    wait_for_curve(page)
+
+    expect(page.locator("#curve .annotation-text", has_text="07:01:42?")).to_be_visible()
+
+
+def test_a_pose_stated_as_held_at_the_start_that_was_not_stays_assumed(
+    page: Page, server: RunningServer, unnamed: str
+) -> None:
+    open_analysis(page, server, unnamed)
+
+    click_answer(page, "It was held at the start of wear")
+
+    expect(page.locator(".verdict").first).to_contain_text("assumed (07:01:12, 9.4\u202fs), not confirmed")
+    expect(page.get_by_role("button", name="It was held at the start of wear")).to_have_count(0)
+
+
+def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
+    page: Page, server: RunningServer, put_back: str
+) -> None:
+    open_analysis(page, server, put_back)
+    click_answer(page, "It was held at the start of wear")
+    expect(questions(page)).to_have_text(["Was the sensor put back in the same place at 07:22?"])
+    keep_picture(page, "put-back")
+
+    click_answer(page, "Moved")
+
+    expect(questions(page)).to_have_text(["When was the pose held after 07:16?"])
+    page.locator(".choices button[type=submit]").first.click()
+    expect(page.locator(".question")).to_have_count(0, timeout=END_MS)
+    expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
+        "when the sensor slipped (07:16:"
+    )
+
+
+def test_that_the_sensor_did_not_slip_is_kept_in_the_versions(
+    page: Page, server: RunningServer, slipped: str
+) -> None:
+    open_analysis(page, server, slipped)
+    expect(questions(page).last).to_contain_text("Did the sensor slip")
+    keep_picture(page, "slip")
+
+    click_answer(page, "No slip")
+
+    expect(page.get_by_role("heading", name="Did the sensor slip")).to_have_count(0)
+    expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
+        "that the sensor did not slip (07:"
+    )
+    expect(page.get_by_role("region", name="Settings and origin")).to_contain_text("Sensor did not slip at")
 
 
 def test_the_pose_held_again_is_a_band_of_its_own_that_is_sent_and_undone(day: Page) -> None:

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.browser
 
 FILES = (
     "Everything (ZIP)",
-    "Answer in five lines",
+    "Answer in six lines",
     "Main figures (Excel)",
     "Main figures (CSV)",
     "for a French Excel",
@@ -111,7 +111,7 @@ def test_the_pdf_says_what_the_page_says(shown: Page) -> None:
     assert " ".join(sentence.split()[:4]) in " ".join("".join(appendix).split())
 
 
-def test_the_answer_is_copied_in_five_lines(page: Page, server: RunningServer, right: str) -> None:
+def test_the_answer_is_copied_in_six_lines(page: Page, server: RunningServer, right: str) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     open_analysis(page, server, right)
 
@@ -119,7 +119,7 @@ def test_the_answer_is_copied_in_five_lines(page: Page, server: RunningServer, r
 
     expect(page.locator("#status")).to_have_text("Copied")
     copied = page.evaluate("navigator.clipboard.readText()")
-    assert len(copied.strip().splitlines()) == 5
+    assert len(copied.strip().splitlines()) == 6
     assert "S012" in copied
 
 

@@ -16,7 +16,7 @@ from sqlalchemy import (
 
 from app.jobs.database.sealed_text import KeyedDigest, SealedText
 
-REVISION = "0011"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0012"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 GONE_REQUEST = '{"file_name": ""}'
 """What is read of a request or a description whose key was destroyed."""
@@ -191,6 +191,7 @@ answers = Table(
     Column("method", String(16)),
     Column("method_version", Integer),
     Column("day", Text),
+    Column("calibration_state", String(16)),
 )
 
 # A filter and order of the list under a name.

@@ -68,7 +68,8 @@ class HeadlineFigures:
     """The verdict and first figures of a report; ``start`` is the device's clock at the first sample.
 
     ``method`` and ``method_version`` made its angles, "" and 0 where they came ready. ``day`` is the day in
-    short (:func:`summarise_day`), "" where it is not known.
+    short (:func:`summarise_day`), "" where it is not known. ``calibration_state``: of
+    :data:`fusion.conventions.CalibrationState`, "" where there is none.
     """
 
     verdict: str
@@ -78,6 +79,7 @@ class HeadlineFigures:
     method: str = ""
     method_version: int = 0
     day: str = ""
+    calibration_state: str = ""
 
 
 def read_headline(results: Path, findings: Path | None = None) -> HeadlineFigures | None:
@@ -97,6 +99,7 @@ def read_headline(results: Path, findings: Path | None = None) -> HeadlineFigure
             method=method["name"],
             method_version=int(method["version"]),
             day=_read_day(findings) if findings else "",
+            calibration_state=(found.get("calibration") or {}).get("state") or "",
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None

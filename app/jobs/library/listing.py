@@ -370,7 +370,8 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
 
 def _read_headline(row: Any) -> HeadlineFigures:
     figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
-    return HeadlineFigures(*figures, row.method or "", row.method_version or 0, row.day or "")
+    made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
+    return HeadlineFigures(*figures, *made)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import accumulate
@@ -31,6 +32,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, join_clauses
+from fusion.caveats import Caveat
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.conventions import UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, Exposure, Interval, PartExposure
@@ -94,9 +96,10 @@ LEAST_SHARE = 0.01
 """Of the recording: less that was not analysed, and less than a minute, is left to the table."""
 
 
-STATED = {"given": "walking_note", "axis": "walking_note_axis"}
-"""What a person stated is final; where walking lies far from it, a note says so."""
 NOTED_WALKING_DEG = 30.0
+"""Walking decides nothing; a note says if it lies further than this from the axis."""
+PLACED = frozenset({Caveat.POSE_ASSUMED, Caveat.WHICH_POSE, Caveat.SLIP, Caveat.LEAN})
+"""Caveats whose seconds say where to look, not how much of the recording they concern."""
 MOST_TIMES = 6
 MOST_REASONS = 2
 """That the first page names; the table of data quality holds all."""
@@ -122,23 +125,52 @@ def format_pose_caution(findings: Findings, words: Words) -> str:
     return str(words["pose_caution"].get(calibration.pose, ""))
 
 
-def format_pose_note(findings: Findings, clock: Clock, words: Words) -> str:
-    """Ask which stretch was the pose, where that is open, and say how far walking lies from a given one."""
-    calibration, entry = findings.calibration, words["calibration"]
-    told = []
-    if calibration is not None and calibration.proposals:
-        every = [clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
-        further = len(every) - MOST_TIMES
-        more = [fill(entry["more"], {"n": str(further)})] if further > 0 else []
-        times = [*every[:MOST_TIMES], *more]
-        told.append(fill(entry["which"], {"times": _list_choices(times, words)}))
-    if calibration is not None and calibration.state in STATED and _differs(calibration.walking_deg):
-        told.append(fill(entry[STATED[calibration.state]], {"deg": f"{calibration.walking_deg:.0f}"}))
-    return " ".join(told)
+def format_pose_state(findings: Findings, clock: Clock, words: Words) -> str:
+    """Return how the pose is known, in a line; empty for ready angles, and for what older versions found."""
+    calibration, entry = findings.calibration, words["pose_state"]
+    if calibration is None or calibration.state is None:
+        return ""
+    stills = [still for still in (calibration.still, calibration.second, *calibration.repeats) if still]
+    times = [
+        {
+            "time": clock.format(still.start_s, with_seconds=True),
+            "length": format_duration(still.duration_s, clock.language),
+        }
+        for still in stills
+    ]
+    facts = {
+        "times": join_clauses((fill(entry["still"], time) for time in times), clock.language),
+        "n": str(len(stills)),
+        "apart": format_angle(math.ceil(calibration.repeat_deg or 0.0), clock.language),
+        "axis": _format_axis(findings),
+    }
+    return fill(entry["line"], {"told": fill(entry[calibration.state], facts)})
 
 
-def _differs(walking_deg: float | None) -> bool:
-    return walking_deg is not None and walking_deg > NOTED_WALKING_DEG
+def format_needs_pose(findings: Findings, clock: Clock, words: Words) -> str:
+    """Ask which stillness was the pose if they disagree; else empty."""
+    calibration = findings.calibration
+    if calibration is None or not calibration.needs_pose:
+        return ""
+    every = [clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
+    further = len(every) - MOST_TIMES
+    more = [fill(words["calibration"]["more"], {"n": str(further)})] if further > 0 else []
+    facts = {
+        "times": _list_choices([*every[:MOST_TIMES], *more], words),
+        "apart": format_angle(calibration.spread_deg, clock.language),
+    }
+    return fill(words["pose_state"]["needs"], facts)
+
+
+def format_walking_note(findings: Findings, words: Words) -> str:
+    """Return how far walking lies from the axis, if that is far; else empty."""
+    calibration = findings.calibration
+    if calibration is None or calibration.state in {"none", None}:
+        return ""
+    if calibration.walking_deg is None or calibration.walking_deg <= NOTED_WALKING_DEG:
+        return ""
+    key = "walking_note_axis" if calibration.state == "axis" else "walking_note"
+    return fill(words["calibration"][key], {"deg": f"{calibration.walking_deg:.0f}"})
 
 
 def _list_choices(times: list[str], words: Words) -> str:
@@ -188,7 +220,7 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
     title = _start_small(describe_flag(flag, language).title, language)
-    lasted = format_duration(flag.seconds, language) if flag.seconds else ""
+    lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
     return f"{title} ({lasted})" if lasted and lasted not in title else title
 
 
@@ -500,7 +532,10 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
         return ()
     settings, bias = findings.settings, _format_vector(calibration.bias_dps, clock.language)
     repeats = (_format_repeat(still, clock, words) for still in calibration.repeats)
-    slips = (clock.format(time_s, with_seconds=True) for time_s in settings.slip_times_s)
+    slips, no_slips = (
+        ", ".join(clock.format(time_s, with_seconds=True) for time_s in times_s)
+        for times_s in (settings.slip_times_s, settings.no_slip_times_s)
+    )
     pairs = (
         (entry["found"], format_found(findings, words)),
         (entry["sigma"], _format_angle_of(calibration.sigma_deg, clock.language)),
@@ -509,7 +544,8 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
         (entry["second"], _format_still(calibration.second, clock, words)),
         (entry["repeats"], join_clauses(repeats, clock.language)),
         (entry["repeat"], _format_angle_of(calibration.repeat_deg, clock.language)),
-        (entry["slips"], ", ".join(slips)),
+        (entry["slips"], slips),
+        (entry["no_slips"], no_slips),
         (entry["walking"], _format_walking(calibration, clock.language)),
         (entry["score"], _format_score(calibration.still, clock.language)),
         (entry["bias"], fill(entry["bias_value"], {"values": bias})),
@@ -524,8 +560,11 @@ def format_found(findings: Findings, words: Words) -> str:
         return ""
     if calibration.state is None:
         return str(entry["asked" if settings.calibration_windows_s else "proposed"])
-    axis = (settings.arm_axis or "").removeprefix("+").replace("-", "\u2212")
-    return fill(entry["found_as"][calibration.state], {"axis": axis})
+    return fill(entry["found_as"][calibration.state], {"axis": _format_axis(findings)})
+
+
+def _format_axis(findings: Findings) -> str:
+    return (findings.settings.arm_axis or "").removeprefix("+").replace("-", "\u2212")
 
 
 def _format_angle_of(angle_deg: float | None, language: Language) -> str:

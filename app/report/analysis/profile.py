@@ -10,7 +10,7 @@ from app.report.analysis.charts import build_day
 from app.report.analysis.day import WORST_WINDOW_S, Block
 from app.report.analysis.norms import LIMITS, extend_scale, find_reason
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
-from app.report.findings import Findings
+from app.report.findings import Findings, QuestionFacts
 from app.report.model import Drawing, Profile, Table, Tile
 from app.report.words.numbers import (
     NONE,
@@ -29,6 +29,7 @@ from fusion.conventions import MAIN_THRESHOLD_DEG, UNHELD
 from fusion.exposure.types import Interval, PartExposure, PeakWindow
 
 SHOWN_TASKS = 3
+MOST_STEPS = 5
 LONGEST_NAME = 32
 TASK_KINDS = frozenset({"task", "seated", "supported"})
 """Kinds of a period that name what was done; work counts where the diary gives it a name."""
@@ -151,7 +152,9 @@ def _build_rises(page: _Page) -> Tile:
 def _build_tile(scale: TileScale, facts: Mapping[str, str], page: _Page) -> Tile:
     """Build a tile from its written facts: value, duration, range, pose, published."""
     entry, name = page.entry, scale.words[0]
+    calibration = page.findings.calibration
     told = {
+        "needed": page.words["pose_state"]["needed"] if calibration and calibration.needs_pose else "",
         **facts,
         "range": fill(entry["range"][choose_ranges(page.findings)], facts) if facts["range"] else "",
         "pose": fill(entry["with_pose"], {"high": facts["pose"]}) if facts["pose"] else "",
@@ -323,17 +326,38 @@ def _is_whole_day(findings: Findings) -> bool:
 def _list_next_steps(blocks: Sequence[Block], subject: ReportSubject, page: _Page) -> tuple[str, ...]:
     """Give what to do next, each by its rule in docs/profile.md; a rule that does not hold gives nothing."""
     findings, entry = page.findings, page.entry["next"]
-    calibration = findings.calibration
+    is_known = findings.calibration is None or not findings.calibration.needs_pose
     steps = (
+        _format_pose_step(page),
+        *(_format_move_step(question, page) for question in _list_questions(findings)),
         entry["poor"] if findings.quality.verdict == "poor" and _is_whole_day(findings) else "",
         "" if _is_whole_day(findings) else entry["short"],
-        entry["which_pose"] if calibration is not None and calibration.proposals else "",
-        _format_look_at(blocks, page),
-        entry["lean"] if format_pose_caution(findings, page.words) else "",
-        _format_days(page),
+        _format_look_at(blocks, page) if is_known else "",
+        entry["lean"] if is_known and format_pose_caution(findings, page.words) else "",
+        _format_days(page) if is_known else "",
         entry["other_arm"].get(subject.side or "unknown", ""),
     )
-    return tuple(step for step in steps if step)
+    return tuple(step for step in steps if step)[:MOST_STEPS]
+
+
+def _format_pose_step(page: _Page) -> str:
+    """Ask for what is missing of the pose; nothing if a person confirmed it or named the axis."""
+    calibration, entry = page.findings.calibration, page.entry["next"]
+    if calibration is None or calibration.state not in {"assumed", "none"}:
+        return ""
+    if calibration.state == "none" or calibration.still is None:
+        return str(entry["no_pose"])
+    time = page.clock.format(calibration.still.start_s, with_seconds=True)
+    return str(entry["which_pose"]) if calibration.needs_pose else fill(entry["confirm_pose"], {"time": time})
+
+
+def _list_questions(findings: Findings) -> tuple[QuestionFacts, ...]:
+    return findings.calibration.questions if findings.calibration else ()
+
+
+def _format_move_step(question: QuestionFacts, page: _Page) -> str:
+    times = page.clock.format_span(question.start_s, question.end_s)
+    return fill(page.entry["next"][question.kind], times)
 
 
 def _format_look_at(blocks: Sequence[Block], page: _Page) -> str:

@@ -11,8 +11,10 @@ from app.report.analysis.chapters import (
     build_verdict,
     choose_ranges,
     format_accuracy,
+    format_needs_pose,
     format_pose_caution,
-    format_pose_note,
+    format_pose_state,
+    format_walking_note,
 )
 from app.report.analysis.charts import build_bar
 from app.report.analysis.day import WORST_WINDOW_S
@@ -163,7 +165,9 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
         amendment=_format_amendment(subject, words),
         words=words["label"],
-        pose_note=format_pose_note(findings, clock, words),
+        pose_state=format_pose_state(findings, clock, words),
+        needs_pose=format_needs_pose(findings, clock, words),
+        walking_note=format_walking_note(findings, words),
         profile=build_profile(findings, subject, clock, words),
         conclusion=_build_conclusion(subject, language, words),
     )
@@ -196,8 +200,9 @@ def _format_date(findings: Findings, clock: Clock, words: Words) -> str:
 
 
 def _build_limits(findings: Findings, words: Words) -> Note:
-    paragraphs = (*words["limits"]["paragraphs"], format_accuracy(findings, words))
-    return Note(words["limits"]["title"], paragraphs)
+    entry = words["limits"]
+    slips = (entry["slips"],) if findings.calibration else ()
+    return Note(entry["title"], (*entry["paragraphs"], *slips, format_accuracy(findings, words)))
 
 
 def _build_conclusion(subject: ReportSubject, language: Language, words: Words) -> Note | None:

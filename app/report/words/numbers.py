@@ -170,6 +170,11 @@ class Clock:
             return format_elapsed(elapsed_s)
         return format_clock(moment, self.language, with_seconds=with_seconds)
 
+    def format_span(self, start_s: float, end_s: float) -> dict[str, str]:
+        """Write from when (``start``) to when (``end``); about when (``time``) if both read the same."""
+        start, end = self.format(start_s), self.format(end_s)
+        return {"time": start, "end": end} if start == end else {"start": start, "end": end}
+
     def format_tick(self, elapsed_s: float) -> str:
         """Write the time under an axis."""
         moment = self.at(elapsed_s)

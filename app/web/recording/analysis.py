@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -50,6 +50,8 @@ from app.web.views import (
     describe_old,
     format_size,
     format_time,
+    format_times,
+    format_windows,
     now_utc,
     read_results,
 )
@@ -109,7 +111,7 @@ class History:
 
 
 def build_versions(
-    history: History, shown: Job, names: Mapping[str, str], language: Language
+    history: History, shown: Job, names: Mapping[str, str], clock: DayClock | None, language: Language
 ) -> tuple[VersionRow, ...]:
     """Build the rows of the versions, the newest first; none where only ``shown`` exists.
 
@@ -120,8 +122,16 @@ def build_versions(
     for job in first:
         found.setdefault(job.request.version, job)
     rows = tuple(
-        replace(_build_version_row(found[number], shown, language), who=names.get(found[number].asked_by, ""))
-        for number in sorted(found, reverse=True)
+        VersionRow(
+            job.id,
+            format_version(job.request.version, language),
+            format_time(job.created_at),
+            format_changes(job, clock, language),
+            job.request.reason,
+            job.id == shown.id,
+            names.get(job.asked_by, ""),
+        )
+        for _, job in sorted(found.items(), reverse=True)
     )
     return () if all(row.is_this for row in rows) else rows
 
@@ -139,17 +149,16 @@ def format_version(number: int, language: Language) -> str:
     return fill(load_wording(language, "page")["row"]["version"], {"n": str(number)})
 
 
-def format_changes(job: Job, language: Language) -> str:
-    """Write what differs from the version before, as the first page of the report does."""
-    names = load_wording(language)["changed"]
-    return ", ".join(str(names.get(name, name)) for name in job.request.changes)
-
-
-def _build_version_row(job: Job, shown: Job, language: Language) -> VersionRow:
-    name, changed = format_version(job.request.version, language), format_changes(job, language)
-    return VersionRow(
-        job.id, name, format_time(job.created_at), changed, job.request.reason, job.id == shown.id
-    )
+def format_changes(job: Job, clock: DayClock | None, language: Language) -> str:
+    """Write what differs from the version before, with the times that a person gave."""
+    names, request = load_wording(language)["changed"], job.request
+    times = {
+        "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
+        "slip_times_s": format_times(request.slip_times_s, clock, language),
+        "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
+    }
+    told = ((str(names.get(name, name)), times.get(name, "")) for name in request.changes)
+    return ", ".join(f"{name} ({time})" if time else name for name, time in told)
 
 
 # Damaged or missing files: the problem, and what a person can do about it.
@@ -384,12 +393,13 @@ def analysis(
         return RedirectResponse(f"{find_base(request)}/analyses/{job.replaced_by}", status_code=303)
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
+    clock = find_clock(services, history)
     asked = attempt.request if attempt else job.request
     report = history.find_report()
     took = find_took(services, [Entry(job, None)])
     values = {
         "row": build_row(job, language, now_utc(), took),
-        "settings": build_settings(job, find_clock(services, history), language),
+        "settings": build_settings(job, clock, language),
         "job_request": asked,
         "reason": asked.reason if attempt else "",
         "attempt_id": attempt.id if attempt else "",
@@ -403,7 +413,7 @@ def analysis(
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
-        **_build_names(request, services, job, history, language),
+        **_build_names(request, services, job, history, clock, language),
         "recording_id": job.recording_id,
         "source": describe_source(services, job, language),
         "failed": build_failed_row(history, job, language),
@@ -415,8 +425,13 @@ def analysis(
     return render_page(request, "analysis.html", language, values)
 
 
-def _build_names(
-    request: Request, services: Services, job: Job, history: History, language: Language
+def _build_names(  # noqa: PLR0913, PLR0917
+    request: Request,
+    services: Services,
+    job: Job,
+    history: History,
+    clock: DayClock | None,
+    language: Language,
 ) -> dict[str, Any]:
     """Give what names people: who asked for each version, who concluded, who released the report."""
     subject = find_subject(request)
@@ -430,7 +445,7 @@ def _build_names(
             is_current=job.id == getattr(history.find_report(), "id", None),
         ),
         "release": build_release(request, services, subject, job.id, language),
-        "versions": build_versions(history, job, names, language),
+        "versions": build_versions(history, job, names, clock, language),
         "tr": load_wording(language, "trail"),
     }
 

@@ -22,9 +22,9 @@ from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.forms import Form, first, read_body, read_form
-from app.web.recording.day_views import DayClock, place_rows
+from app.web.recording.day_views import NO, START, YES, DayClock, name_choice, place_rows
 from app.web.rendering import find_base
-from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, Side, parse_arm_axis
+from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableCalibration
 from fusion.pose.rules import RULES, object_to_window, score_still_period
@@ -62,7 +62,9 @@ def correct_request(
         known,
         subject=_read_subject(first(form, "subject")),
         side=_choose_side(first(form, "side")),
-        slip_times_s=_read_slips(first(form, "slips"), clock),
+        pose_held="start" if first(form, "held") == "start" else None,
+        slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
+        no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
     )
@@ -121,9 +123,9 @@ def _read_window(start: str, end: str, clock: DayClock) -> Window | None:
     return _check_order(clock.read(start, "calibration"), clock.read(end, "calibration"))
 
 
-def _read_slips(text: str, clock: DayClock) -> tuple[float, ...]:
-    """Read the moments at which the sensor slipped, with ";" between them."""
-    return tuple(clock.read(moment.strip(), "slip_at") for moment in text.split(";") if moment.strip())
+def _read_times(text: str, name: str, clock: DayClock) -> tuple[float, ...]:
+    """Read moments at which the sensor slipped, or did not, with ";" between them."""
+    return tuple(clock.read(moment.strip(), name) for moment in text.split(";") if moment.strip())
 
 
 def _choose_axis(text: str) -> ArmAxis:
@@ -246,16 +248,48 @@ async def analyse_again(analysis_id: str, request: Request, services: UsedServic
 
 @router.post("/pose")
 async def name_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Analyse the recording once more, with one of the proposed stretches as the pose."""
+    """Analyse the recording once more, with one of the proposed stretches as the pose.
+
+    A stretch after the sensor moved is a pose beside those before it; ``start`` states that the pose was held
+    at the start of wear.
+    """
     form = await read_form(request)
     job = await run_in_threadpool(services.store.get, analysis_id)
     facts = find_day(services, job).facts
-    choices_s = {str(place): (start_s, end_s) for place, (start_s, end_s) in enumerate(facts["asked"])}
-    window_s = choices_s.get(first(form, "choice"))
-    if window_s is None:
-        raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices_s))
-    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="")
+    before_s = job.request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
+    choices_s: dict[str, tuple[Window, ...]] = {START: ()}
+    choices_s |= {name_choice(a, b): ((a, b),) for a, b in facts["asked"]}
+    choices_s |= {
+        name_choice(a, b): (*before_s, (a, b)) for *_, stills in facts.get("unread", ()) for a, b in stills
+    }
+    choice = first(form, "choice")
+    if choice not in choices_s:
+        raise BadParameter(name="choice", value=choice[:60], allowed=", ".join(choices_s))
+    held: PoseHeld | None = "start" if choice == START else job.request.pose_held
+    named = replace(
+        job.request, calibration_windows_s=choices_s[choice], pose_held=held, arm_axis=None, reason=""
+    )
     return await run_in_threadpool(_add_again, job, named, request, services)
+
+
+@router.post("/moved")
+async def answer_move(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
+    form = await read_form(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    before, middles_s = job.request, dict[str, float]()
+    for place, (_, start_s, end_s, _) in enumerate(find_day(services, job).facts.get("moves", ())):
+        middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
+    answer = first(form, "answer")
+    if answer not in middles_s:
+        raise BadParameter(name="answer", value=answer[:60], allowed=", ".join(middles_s))
+    if answer.endswith(YES):
+        slips_s = tuple(sorted((*before.slip_times_s, middles_s[answer])))
+        answered = replace(before, slip_times_s=slips_s, reason="")
+    else:
+        no_slips_s = tuple(sorted((*before.no_slip_times_s, middles_s[answer])))
+        answered = replace(before, no_slip_times_s=no_slips_s, reason="")
+    return await run_in_threadpool(_add_again, job, answered, request, services)
 
 
 @router.post("/other-pose")

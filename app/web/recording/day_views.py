@@ -1,12 +1,12 @@
 """Views of a day: rows of the form, proposals, hours as a table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
 from app.errors import BadParameter
-from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
+from app.report.words.numbers import Clock, format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.request import ReportRequest
 from app.storage.day_file import DayFile
@@ -121,12 +121,33 @@ class Proposal:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A stretch that may have been the pose; ``label`` says when it was, and whether it is the one in use."""
+    """An answer: ``value`` as it is sent, ``label`` as it reads.
+
+    Of a stretch also ``start`` and ``end``, and its ``name`` on the curve.
+    """
 
     value: str
     label: str
-    start: str
-    end: str
+    name: str = ""
+    start: str = ""
+    end: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What only a person knows.
+
+    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time that it is about.
+    """
+
+    key: str
+    action: str
+    field: str
+    heading: str
+    lead: str
+    choices: tuple[Choice, ...]
+    start: str = ""
+    end: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +175,11 @@ class DayView:
     rows: list[dict[str, Any]]
     windows: tuple[Window, ...]
     level: Window
+    held: str
     slips: str
+    no_slips: str
     axis: AxisView
-    question: tuple[Choice, ...]
+    questions: tuple[Question, ...]
     proposals: tuple[Proposal, ...]
     kinds: tuple[tuple[str, str], ...]
     has_samples: bool
@@ -173,9 +196,11 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayVi
         rows=place_rows(request.select_diary(), clock),
         windows=_build_windows(day, request, clock),
         level=_build_window(1, day, request, clock) if request.pose == "two-point" else NO_WINDOW,
+        held=request.pose_held or "",
         slips="; ".join(map(clock.format, request.slip_times_s)),
+        no_slips="; ".join(map(clock.format, request.no_slip_times_s)),
         axis=_build_axis(day.facts, request, words, language),
-        question=_build_question(day.facts, clock, words),
+        questions=tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
         proposals=_build_proposals(day.facts, clock, words, language),
         kinds=tuple((kind, str(names[kind])) for kind in KINDS),
         has_samples=bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
@@ -214,21 +239,76 @@ def format_axis(axis: str) -> str:
     return axis.removeprefix("+").replace("-", "\u2212")
 
 
-def _build_question(facts: Mapping[str, Any], clock: DayClock, words: Words) -> tuple[Choice, ...]:
-    choices = []
-    for place, (start_s, end_s) in enumerate(facts.get("asked", ())):
-        told = {
-            "start": clock.format(round(start_s)),
-            "end": clock.format(round(end_s)),
-            "unit": "" if clock.start else "s",
-            "used": words["in_use"] if _is_used(facts, start_s) else "",
+# The questions of the page: when the pose was held, whether the sensor moved, which pose came after that.
+
+
+START = "start"
+"""In place of a stretch: the pose was held at the start of wear."""
+YES, NO = "yes", "no"
+"""Whether the sensor moved on the arm."""
+
+
+def name_choice(start_s: float, end_s: float) -> str:
+    """Name a stretch in a form."""
+    return f"{start_s:.2f}-{end_s:.2f}"
+
+
+def _list_questions(
+    facts: Mapping[str, Any], request: ReportRequest, words: Words, told: Clock
+) -> Iterator[Question]:
+    """Yield what is open; a pose after a move is asked for once the one before it is confirmed."""
+    place = _Place(DayClock.of(facts), told, words)
+    if facts.get("asked"):
+        yield _ask_for_pose(facts, request, place)
+    for number, (kind, start_s, end_s, apart_deg) in enumerate(facts.get("moves", ())):
+        yield _ask_for_move(number, kind, (start_s, end_s, apart_deg), place)
+    for number, (start_s, _, stills) in enumerate(() if facts.get("asked") else facts.get("unread", ())):
+        time = {"time": told.format(start_s)}
+        choices = tuple(place.offer("choice", *still) for still in stills)
+        heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
+        yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, choices)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Writes stretches: ``clock`` as the form reads moments, ``told`` as people do."""
+
+    clock: DayClock
+    told: Clock
+    words: Words
+
+    def offer(self, key: str, start_s: float, end_s: float) -> Choice:
+        facts = {
+            "time": self.told.format(start_s, with_seconds=True),
+            "length": format_duration(end_s - start_s, self.told.language),
         }
-        choices.append(Choice(str(place), fill(words["choice"], told), told["start"], told["end"]))
-    return tuple(choices)
+        start, end = (self.clock.format(round(at_s)) for at_s in (start_s, end_s))
+        label, name = fill(self.words[key], facts), f"{facts['time']}?"
+        return Choice(name_choice(start_s, end_s), label, name, start, end)
 
 
-def _is_used(facts: Mapping[str, Any], start_s: float) -> bool:
-    return any(window[0] == start_s for window in facts["calibration"])
+def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Place) -> Question:
+    """Ask when the pose was held; the first stretch is the one in use."""
+    words, spread_deg = place.words, facts.get("spread_deg", 0.0)
+    apart = format_angle(spread_deg, place.told.language)
+    lead = fill(words["which_apart"], {"apart": apart}) if facts.get("needs_pose") else words["which_lead"]
+    used, *others = facts["asked"]
+    choices = [place.offer("choice_used", *used), *(place.offer("choice", *other) for other in others)]
+    if request.pose_held is None:
+        choices.insert(1, Choice(START, words["held_start"]))
+    return Question("which-pose", "pose", "choice", words["which"], str(lead), tuple(choices))
+
+
+def _ask_for_move(number: int, kind: str, found: tuple[float, float, float], place: _Place) -> Question:
+    """Ask whether the sensor slipped between two times, or was put back in another place."""
+    start_s, end_s, apart_deg = found
+    apart = format_angle(apart_deg, place.told.language)
+    facts = {**place.told.format_span(start_s, end_s), "apart": apart}
+    heading, lead = (fill(place.words[key], facts) for key in (kind, f"{kind}_lead"))
+    yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
+    choices = Choice(f"{number}-{YES}", place.words[yes]), Choice(f"{number}-{NO}", place.words[no])
+    shown = (place.clock.format(round(at_s)) for at_s in (start_s, end_s))
+    return Question(f"move-{number}", "moved", "answer", heading, lead, choices, *shown)
 
 
 NO_WINDOW = Window("", "", "", "")

@@ -46,7 +46,7 @@ function leaveInterrupted() {
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
   const study = chosen.get("study").trim() || (folder || "").slice(0, 100);
-  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study });
+  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study, held: chosen.get("held") });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }
 

@@ -87,8 +87,8 @@ export class Bands {
   snapshot() {
     const windows = [...this.form.querySelectorAll(".window")].map((row) => [...row.querySelectorAll("input")].map((field) => field.value));
     const rows = [...$("periods").rows].map((row) => ["kind", "label", "start", "end"].map((name) => row.querySelector(`[name=${name}]`).value));
-    const { side, subject, pose, slips, axis, reason } = this.form.elements;
-    const others = Object.entries({ side, subject, pose, slips, axis, reason }).map(([name, field]) => [name, field?.value]);
+    const { side, subject, pose, held, slips, no_slips: noSlips, axis, reason } = this.form.elements;
+    const others = Object.entries({ side, subject, pose, held, slips, no_slips: noSlips, axis, reason }).map(([name, field]) => [name, field?.value]);
     return JSON.stringify({ ...Object.fromEntries(others), windows, rows });
   }
 

@@ -131,7 +131,7 @@ function trace(runs) {
   return { band, median };
 }
 
-const FILLS = { calibration: "--band-calibration", break: "--band-out", not_worn: "--band-out", outside: "--band-out" };
+const FILLS = { calibration: "--band-calibration", candidate: "--band-calibration", break: "--band-out", not_worn: "--band-out", outside: "--band-out" };
 
 function area(band, isChosen) {
   const colour = ink(FILLS[band.kind] || "--band-work");

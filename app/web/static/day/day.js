@@ -26,6 +26,9 @@ export class Day {
     this.overview = new Overview($("overview"), curve, this.view, minutes);
     this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
     this.marks = [...document.querySelectorAll("[data-mark]")].map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+    this.candidates = [...document.querySelectorAll(".choices [data-look]")].map(({ dataset }) => ({
+      kind: "candidate", name: dataset.name, startS: this.clock.read(dataset.from), endS: this.clock.read(dataset.to),
+    }));
     this.tasks = new Tasks($("tasks-now"), this.bands);
     this.steps = [];
   }
@@ -57,7 +60,7 @@ export class Day {
   }
 
   draw() {
-    this.curve.draw(this.bands.list(), this.bands.chosen, this.marks);
+    this.curve.draw([...this.candidates, ...this.bands.list()], this.bands.chosen, this.marks);
     this.overview.draw();
     this.handles.draw();
     const { fromS, toS } = this.view;

@@ -24,6 +24,7 @@ export class Queue {
       const kept = recall()[fingerprint(file)] || {}; // said before a reload
       const said = { subject: wishes.subject || kept.subject || "", side: wishes.side || kept.side || "" };
       entry.study = wishes.study || kept.study || "";
+      entry.held = wishes.held || kept.held || ""; // "start": the pose was held at the start of wear
       entry.row = new Row(file, said, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
@@ -53,7 +54,7 @@ export class Queue {
     this.going.add(entry);
     row.show("uploading");
     row.part(".asked").addEventListener("change", () => this.tell(entry));
-    entry.upload = new TusUpload(file, row.wishes(), entry.study, this.api + "/uploads", {
+    entry.upload = new TusUpload(file, row.wishes(), { study: entry.study, held: entry.held }, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.look(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
@@ -155,7 +156,7 @@ export class Queue {
     if (!isAsSaid) {
       await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
     }
-    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang }, study: entry.study });
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
     this.added(entry);
   }
 
@@ -198,7 +199,7 @@ export class Queue {
   async repeat(entry, recordingId) {
     const { row } = entry;
     const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest is as it was
-    const settings = { lang: document.documentElement.lang, ...Object.fromEntries(said) };
+    const settings = { ...this.settings(entry), ...Object.fromEntries(said) };
     try {
       await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true, study: entry.study });
       this.added(entry);
@@ -206,6 +207,10 @@ export class Queue {
       const problem = error instanceof Refusal ? error.problem : { title: row.words.network, fix: row.words.networkFix };
       row.note(`${problem.title}. ${problem.fix}`);
     }
+  }
+
+  settings({ held }) {
+    return { lang: document.documentElement.lang, ...(held && { pose_held: held }) };
   }
 
   added(entry) {

@@ -28,8 +28,8 @@ class Lost extends Error {}
 
 export class TusUpload {
   // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
-  constructor(file, words, study, root, on) {
-    Object.assign(this, { file, words, study, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
+  constructor(file, words, wishes, root, on) {
+    Object.assign(this, { file, words, wishes, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
     Object.assign(this, { tail: null, isTailDone: true });
   }
 
@@ -71,10 +71,10 @@ export class TusUpload {
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.study) }) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.wishes) }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, { address: this.address, study: this.study, ...this.words });
+    remember(this.file, { address: this.address, ...this.wishes, ...this.words });
     this.offset = 0;
     return { recording: null };
   }
@@ -174,8 +174,8 @@ function describe(file, words) {
 }
 
 // The analysis begins with the last byte, in the language of this page.
-function declareAnalysis(study) {
-  return JSON.stringify({ lang: document.documentElement.lang, study });
+function declareAnalysis({ study, held }) {
+  return JSON.stringify({ lang: document.documentElement.lang, study, ...(held && { pose_held: held }) });
 }
 
 function toBase64(text) {
