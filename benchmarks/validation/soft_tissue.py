@@ -26,7 +26,7 @@ from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg
 from fusion.elevation import measure_elevation
 from fusion.pipeline import Analysis, AnalysisSettings, analyse
-from fusion.pose.poses import HELD_SIGMA_DEG
+from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "skin_motion"
