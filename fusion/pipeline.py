@@ -46,6 +46,8 @@ from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
+SOFT_TISSUE_SIGMA_DEG = 4.0
+"""How far a sensor on the skin departs from the humerus: 2 to 5 deg on four people (docs/validation.md)."""
 UNKNOWN_SIGMA_DEG = 0.0
 """Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
 
@@ -198,7 +200,7 @@ def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "
             recording.start,
             recording,
             calibration.gyro_bias_dps,
-            math.hypot(calibration.sigma_deg, elevation.bias_sigma_deg or 0.0),
+            math.hypot(calibration.sigma_deg, elevation.bias_sigma_deg or 0.0, SOFT_TISSUE_SIGMA_DEG),
             division=day.division,
             is_npose=is_npose(calibration.pose, calibration.state),
         )
