@@ -2,10 +2,10 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: recorded_people, simulated_people, pose_error, soft_tissue, gait, tasks, broad, stress, shifts,
-speed, invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details``
-writes the tables that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs
-the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: stated, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed, invariance,
+good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes the tables
+that the document leaves out. The days of `stated` are kept in ``--logs`` and not run twice. Needs the `bench`
+extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
 """
 
 import argparse
@@ -27,20 +27,18 @@ from benchmarks.validation.gait import compare_gaits
 from benchmarks.validation.good_sensors import compare_good_sensors
 from benchmarks.validation.invariance import compare_changes
 from benchmarks.validation.pose_error import compare_pose_error
-from benchmarks.validation.real_motion import compare_on_recorded
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
-from benchmarks.validation.simulated_days import compare_on_simulated
 from benchmarks.validation.soft_tissue import compare_soft_tissue
 from benchmarks.validation.speed import compare_speed
+from benchmarks.validation.stated import compare_on_stated
 from benchmarks.validation.tasks import compare_on_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
 SECTIONS = (
-    "recorded_people",
-    "simulated_people",
+    "stated",
     "pose_error",
     "soft_tissue",
     "gait",
@@ -60,7 +58,6 @@ recorded human motion with a simulated sensor, a simulated person, or optical mo
 sensor worn by a real person with a reference for the upper arm is among the data. `smoothed` is the default
 for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and
 Campeau-Lecours, `live` the causal one for feedback. What is left out here, `--details FILE` writes."""
-POSE_SHIFTS, POSE_DAYS = 12, 6
 LIMITS = Path(__file__).with_name("limits.md")
 """What the figures cannot show, and what became of every goal that was missed: written by hand."""
 
@@ -88,9 +85,10 @@ def _read_arguments() -> argparse.Namespace:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "validation.md")
     parser.add_argument("--details", type=Path)
-    parser.add_argument("--logs", type=Path, help="folder for the days of people; none: they are not kept")
-    parser.add_argument("--days", type=int, default=40, help="how many simulated days a scenario")
-    parser.add_argument("--recorded", type=int, default=12, help="how many shifts of recorded motion")
+    parser.add_argument("--logs", type=Path, help="folder for the days of `stated`; none: they are not kept")
+    parser.add_argument(
+        "--seeds-stated", type=int, default=4, help="how many days a scenario, kind and device"
+    )
     parser.add_argument("--seeds", type=int, default=10, help="how many simulated shifts for each device")
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--long-hours", type=float, default=8.0)
@@ -100,11 +98,9 @@ def _read_arguments() -> argparse.Namespace:
 def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Section]]:
     seeds = tuple(range(1, arguments.seeds + 1))
     logs, data = arguments.logs, arguments.data
-    recorded, simulated = (logs and logs / f"{name}.jsonl" for name in ("recorded", "simulated"))
     return {
-        "recorded_people": partial(compare_on_recorded, data / "real_motion", arguments.recorded, recorded),
-        "simulated_people": partial(compare_on_simulated, arguments.days, simulated),
-        "pose_error": partial(compare_pose_error, data / "real_motion", POSE_SHIFTS, POSE_DAYS),
+        "stated": partial(compare_on_stated, data, arguments.seeds_stated, logs and logs / "stated.jsonl"),
+        "pose_error": partial(compare_pose_error, data, arguments.seeds_stated),
         "soft_tissue": partial(compare_soft_tissue, data / "skin_motion"),
         "gait": partial(compare_gaits, data / "real_motion"),
         "tasks": compare_on_tasks,

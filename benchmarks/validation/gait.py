@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, feel, load_library
-from benchmarks.validation.real_motion import DATA
+from benchmarks.validation.stated import DATA
 from fusion.numerics.rotations import find_angle_deg
 from fusion.recording import Float64Array
 from fusion.simulation.activities import Choreography, stand, walk
@@ -120,7 +120,7 @@ def compare_gaits(folder: Path) -> Section:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.validation.gait")
-    parser.add_argument("--data", type=Path, nargs="+", default=[DATA])
+    parser.add_argument("--data", type=Path, nargs="+", default=[DATA / "real_motion"])
     given = parser.parse_args()
     people = {folder.parent.name + "/" + folder.name: measure_recorded(folder) for folder in given.data}
     for gaits in people.values():

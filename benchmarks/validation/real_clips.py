@@ -38,6 +38,7 @@ TURN_DPS, TURN_MPS2 = 100.0, 3.0
 """A turn takes as long as it needs at this speed and acceleration."""
 SHORTEST_STRIDE_S = 0.9
 CANDIDATES = 4
+PAUSE_S, PAUSE_SD_DEG = (6.0, 20.0), 5.0
 Z_UP = Rotation.from_rotvec([np.pi / 2.0, 0.0, 0.0])
 
 
@@ -203,6 +204,11 @@ class Track:
         sway = Rotation.from_rotvec(np.radians(sway_deg) / np.sqrt(3.0) * waves)
         self.go_on(Clip(turn * sway, np.zeros((count, 3))), least_s=HOLD_TURN_S)
         return self.length_s - seconds, self.length_s
+
+    def pause(self) -> None:
+        """Hold about the posture of now, each time another one."""
+        spread = np.radians(PAUSE_SD_DEG) * self.chance.standard_normal(2)
+        self.hold(Rotation.from_rotvec([*spread, 0.0]) * self.now, float(self.chance.uniform(*PAUSE_S)))
 
     def join(self) -> Clip:
         """All of it in one."""

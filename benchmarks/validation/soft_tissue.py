@@ -18,20 +18,27 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.peers import QUICK
-from benchmarks.validation.people import Made, Scenario, WornDay, name_devices, wear
 from benchmarks.validation.pose_error import KINDS, Ranged, holds, read_turned
 from benchmarks.validation.real_clips import CLIP_HZ, Clip, Track, feel
-from benchmarks.validation.real_motion import RATE_HZ, pause
 from benchmarks.validation.skin_clips import Strap, load_skin_library
-from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg
+from benchmarks.validation.worn import (
+    DEVICES,
+    NAMES,
+    WornDay,
+    find_rmse_deg,
+    name_devices,
+    record_motion,
+)
 from fusion.elevation import measure_elevation
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
 from fusion.settings import AnalysisSettings
+from fusion.simulation.body import ArmState
+from fusion.simulation.sensor import Device
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "skin_motion"
-DAY_S, POSE_S, PAUSE_SHARE, SEEDS = 1800.0, 10.0, 0.5, 3
+RATE_HZ, DAY_S, POSE_S, PAUSE_SHARE, SEEDS = 100.0, 1800.0, 10.0, 0.5, 3
 RAISED_DEG, LEVEL_DEG, LEAST_ROWS = 60.0, 90.0, 6000
 BANDS_DEG = ((0, 30), (30, 60), (60, 90), (90, 180))
 EXTRA_SIGMAS_DEG = (0.0, 3.0, 4.0, 5.0)
@@ -72,17 +79,20 @@ class Read:
     truth_deg: Float64Array
 
 
+Poses = tuple[tuple[float, float], ...]
+
+
 def make_day(
     clips: Sequence[Clip], seed: int, day_s: float = DAY_S, pause_share: float = PAUSE_SHARE
-) -> Made:
+) -> tuple[ArmState, Poses]:
     """Hold the arm hanging, then level, and do the person's tasks with pauses between."""
     track = Track(np.random.default_rng([seed, zlib.crc32(b"skin")]), Strap(clips))
     poses_s = (track.hold(Rotation.identity(), POSE_S), track.hold(_raise_level(clips), POSE_S))
     while track.length_s < day_s:
         track.go_on_with_nearest(clips)
         if track.chance.random() < pause_share:
-            pause(track)
-    return Made(RATE_HZ, feel(track.join(), RATE_HZ), poses_s)
+            track.pause()
+    return feel(track.join(), RATE_HZ), poses_s
 
 
 def _raise_level(clips: Sequence[Clip]) -> Rotation:
@@ -96,14 +106,19 @@ def wear_days(folder: Path, carrier: str, seeds: int) -> Iterator[tuple[str, int
     """Yield person, seed and day on each device."""
     for person, clips in load_skin_library(folder, is_rigid=CARRIERS[carrier]).items():
         for seed in range(1, seeds + 1):
-            made = make_day(clips, seed)
+            day = make_day(clips, seed)
             for device in DEVICES:
-                yield person, seed, wear(made, device, seed, Scenario(carrier))
+                yield person, seed, wear(*day, device, seed)
+
+
+def wear(state: ArmState, poses_s: Poses, device: Device, seed: int) -> WornDay:
+    """Read a day with a specimen of the device."""
+    return record_motion(state, RATE_HZ, device, np.random.default_rng([seed, 2]), poses_s)
 
 
 def read_day(person: str, carrier: str, worn: WornDay) -> tuple[list[Read], Analysis]:
     """Return the errors of each reading, and the analysis with the hanging pose."""
-    windows_s = tuple((start_s + 1.0, end_s - 1.0) for start_s, end_s in worn.made.poses_s)
+    windows_s = tuple((start_s + 1.0, end_s - 1.0) for start_s, end_s in worn.poses_s)
     hanging = analyse(worn.recording, AnalysisSettings(calibration_windows_s=windows_s[:1]))
     both = analyse(worn.recording, AnalysisSettings(pose="two-point", calibration_windows_s=windows_s))
     (one,), (two,) = hanging.elevation.segments, both.elevation.segments
@@ -111,7 +126,7 @@ def read_day(person: str, carrier: str, worn: WornDay) -> tuple[list[Read], Anal
     is_level = (time_s > windows_s[1][0]) & (time_s < windows_s[1][1])
     scale = LEVEL_DEG / one.elevation_deg[is_level].mean()
     readings = {HANGING: one.elevation_deg, TWO_POINT: two.elevation_deg, SCALED: scale * one.elevation_deg}
-    rows = one.valid & two.valid & (time_s > worn.made.poses_s[1][1])
+    rows = one.valid & two.valid & (time_s > worn.poses_s[1][1])
     truth_deg = worn.truth_deg[rows]
     return [
         Read(person, carrier, reading, read_deg[rows] - truth_deg, truth_deg)
@@ -168,9 +183,9 @@ def draw_live(folder: Path, seeds: int) -> str:
     for carrier, is_rigid in CARRIERS.items():
         for clips in load_skin_library(folder, is_rigid=is_rigid).values():
             for seed, device in product(range(1, seeds + 1), DEVICES):
-                worn = wear(make_day(clips, seed, LIVE_S, 0.0), device, seed, Scenario(carrier))
+                worn = wear(*make_day(clips, seed, LIVE_S, 0.0), device, seed)
                 (samples,) = worn.recording.segments
-                held, work = (round(end_s * RATE_HZ) for _, end_s in worn.made.poses_s)
+                held, work = (round(end_s * RATE_HZ) for _, end_s in worn.poses_s)
                 axis = samples.acc_g[held // 5 : held - held // 5].mean(axis=0)
                 errors = []
                 for begin, estimate in product((0, work), LIVE_ESTIMATORS.values()):

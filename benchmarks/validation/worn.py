@@ -1,14 +1,17 @@
 """From a simulated wearing of the sensor to a recording, its truth, and what is compared in both."""
 
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Recording, Segment
 from fusion.simulation import SimulatedShift
-from fusion.simulation.sensor import Device
+from fusion.simulation.body import ArmState
+from fusion.simulation.sensor import PARTS, Device, Part, draw_errors, quantise, sense
+from fusion.simulation.shift import START
 from fusion.simulation.tasks import LOWERING_S
 from fusion.source_paper import TaskFigures
 
@@ -29,17 +32,50 @@ def wear(shift: SimulatedShift) -> Worn:
     """Play it and put the samples, as the device rounds and clips them, into a recording."""
     arrays = shift.in_arrays()
     segment = Segment(0, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps)
-    recording = Recording(
-        shift.device,
-        "0" * 64,
-        arrays.start,
-        None,
-        round(len(segment) / arrays.rate_hz * MICROSECONDS),
-        (segment,),
-        acc_range_g=shift.part.acc_range_g,
-        gyr_range_dps=shift.part.gyr_range_dps,
-    )
-    return Worn(shift, recording, arrays.elevation_deg)
+    return Worn(shift, _record(shift.part, shift.device, arrays.start, segment), arrays.elevation_deg)
+
+
+def _record(part: Part, device: Device, start: datetime, segment: Segment) -> Recording:
+    duration_us = round(len(segment) / segment.rate_hz * MICROSECONDS)
+    return Recording(
+        device, "0" * 64, start, None, duration_us, (segment,),
+        acc_range_g=part.acc_range_g, gyr_range_dps=part.gyr_range_dps,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WornDay:
+    """A recording, the truth and where it was worn, both (n,), the pose windows, and the first axis (3,)."""
+
+    recording: Recording
+    truth_deg: Float64Array
+    worn: BoolArray
+    poses_s: tuple[tuple[float, float], ...]
+    arm_axis: Float64Array
+
+
+def record_motion(
+    state: ArmState,
+    rate_hz: float,
+    device: Device,
+    chance: np.random.Generator,
+    poses_s: tuple[tuple[float, float], ...],
+    *,
+    worn: BoolArray | None = None,
+    first: int = 0,
+) -> WornDay:
+    """Return what a specimen of the device records from row ``first`` on; without ``worn``, it always is."""
+    part, time_s = PARTS[device], np.arange(len(state.elevation_deg)) / rate_hz
+    errors = draw_errors(part, rate_hz, time_s[-1], chance)
+    readings = sense(state, errors, time_s, chance)
+    acc = quantise(readings.acc_g, part.acc_g_per_lsb, part.acc_range_g) * np.float32(part.acc_g_per_lsb)
+    gyr = quantise(readings.gyr_dps, part.gyr_dps_per_lsb, part.gyr_range_dps)
+    gyr_dps = gyr * np.float32(part.gyr_dps_per_lsb)
+    segment = Segment(0, rate_hz, acc[first:].astype(np.float32), gyr_dps[first:].astype(np.float32))
+    recording = _record(part, device, START, segment)
+    worn = np.ones(len(time_s), np.bool_) if worn is None else worn
+    axis = errors.mounting @ np.array([0.0, 0.0, 1.0])
+    return WornDay(recording, state.elevation_deg[first:], worn[first:], poses_s, axis)
 
 
 def at_rows(values: NDArray[Any], count: int) -> NDArray[np.float64]:
@@ -48,6 +84,11 @@ def at_rows(values: NDArray[Any], count: int) -> NDArray[np.float64]:
         return np.asarray(values, np.float64)
     places = np.arange(count) * (len(values) / count)
     return np.asarray(np.interp(places, np.arange(len(values)), values), np.float64)
+
+
+def name_devices() -> str:
+    """Return the devices in the order of the cells."""
+    return " / ".join(NAMES[device] for device in DEVICES)
 
 
 def find_rmse_deg(error_deg: NDArray[np.float64]) -> float:
