@@ -506,9 +506,9 @@ def judge_days(scores: Sequence[Scored]) -> Iterator[Goal]:
         widths = [float(np.median([day.widths[ABOVE_60] for day in row])) for row in rows]
         cut_s = [day.cut_s for day in days if "W-REMOUNT" in day.codes]
         other = sum(day.key == "pose" and not day.is_held for day in days)
-        yield judge(f"{name}: days whose held pose is not the assumed one", other, 0, "", 0)
+        yield judge(f"{name}: the held pose is not the assumed one", other, 0, "days", 0)
         yield judge(
-            f"{name}: `good` days that are further off than allowed", sum(map(is_wrong, days)), 0, "", 0
+            f"{name}: `good` days that are further off than allowed", sum(map(is_wrong, days)), 0, "days", 0
         )
         yield judge(f"{name}: truth outside the ranges, worst scenario", max(outside), 10.0, "%", 1)
         yield judge(
