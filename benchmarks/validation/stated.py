@@ -58,12 +58,12 @@ LARGEST_DEG: Mapping[Kind, float] = {"skin": 6.0, "seated": 3.0, "walking": 3.0,
 
 
 PROSE = """\
-Eight-hour days of recorded motion, seeds 0 to {last}, {devices} at 25 Hz. A day is an opening and one hour of
-work that is repeated; slips and lunch are at noon. Seated days are daily tasks of four people without walking
-(UE_ADLdatabase, MIT License); on the skin the sensor moves as a plate on the upper arm did. The other days
-are the work of two people with the steps of one of two walkers (CMU Graphics Lab, subjects 01 to 03, left
-arms; mocap.cs.cmu.edu, free for any use). Where loads are carried, the arm is raised by 50 deg in every walk
-after noon. The pose is held plumb.
+Eight-hour days of recorded motion, seeds 0 to {last}, {devices} at 25 Hz. A day is an opening, one
+hour of work four times, noon (a slip, or lunch), and another hour four times. Seated days are daily tasks of
+four people without walking (UE_ADLdatabase, MIT License); on the skin the sensor moves as a plate on the
+upper arm did. The other days are the work of two people and the steps of one of two walkers (CMU Graphics
+Lab, subjects 01 to 03, left arms; mocap.cs.cmu.edu, free for any use). On days with loads, the arm is raised
+by 50 deg in every walk after noon. The pose is held plumb.
 
 *State*: how the pose is known. *Held pose used*: days whose pose lies in the first one that was held. *Good
 but wrong*: `good` with a root mean square error above 6 deg on the skin, 3 deg on a rigid arm. Errors are
