@@ -98,8 +98,10 @@ class Tracer:
             recording["subject"],
             f"{start.day} {start:%B %Y}, {self.clock(0)} to {self.clock(time['recorded_s'])}",
             f"{tell_time(time['analysed_s'])} of {tell_time(time['recorded_s'])} recorded",
-            f"▲  Data quality: use with care. Holes in the recording ({tell_time(hole['seconds'])}). "
-            "Calibration pose: held at the start, as stated",
+            (
+                f"▲  Data quality: use with care. Holes in the recording ({tell_time(hole['seconds'])}). "
+                "Calibration pose: held at the start, as stated"
+            ),
             f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s).",
         }
 
