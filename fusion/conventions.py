@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 
 MethodName = Literal["smoothed", "published", "live"]
-METHOD_VERSION = "5"
+METHOD_VERSION = "6"
 """Of every method; it goes up with each change that moves a figure."""
 Pose = Literal["n-pose", "side-lean", "two-point"]
 NPOSE_ERROR_DEG = 15

@@ -28,6 +28,7 @@ from fusion.quality import (
     find_exclusions,
     flag_accelerometer_drift,
     flag_gyro_drift,
+    flag_pose,
     flag_published,
     flag_spans,
     flag_untrusted,
@@ -45,6 +46,8 @@ from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
+SOFT_TISSUE_SIGMA_DEG = 4.0
+"""How far a sensor on the skin departs from the humerus: 2 to 5 deg on four people (docs/validation.md)."""
 UNKNOWN_SIGMA_DEG = 0.0
 """Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
 
@@ -98,13 +101,14 @@ class Analysis:
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedRecording:
     """A recording's angle before anything is counted: ``fused`` with, ``elevation`` without what the signal
-    itself excludes.
+    itself excludes; ``flags``: the caveats of calibrating.
     """
 
     samples: CalibratedSamples
     fused: Elevation
     elevation: Elevation
     exclusions: tuple[Span, ...]
+    flags: tuple[QualityFlag, ...]
 
 
 def announce_nothing(_step: Step) -> None:
@@ -154,9 +158,9 @@ def analyse(
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
     exposure = withhold_short(_summarise_readings(samples, elevation, day))
-    time = _divide_time(recording, day, exposure, samples.flags)
+    time = _divide_time(recording, day, exposure, found.flags)
     flags = (
-        *samples.flags,
+        *found.flags,
         *placed.flags,
         *_flag_signal(recording, found.fused, day.exclusions),
         *_flag_calibration(samples, found.fused, settings.method),
@@ -196,7 +200,7 @@ def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "
             recording.start,
             recording,
             calibration.gyro_bias_dps,
-            math.hypot(calibration.sigma_deg, elevation.bias_sigma_deg or 0.0),
+            math.hypot(calibration.sigma_deg, elevation.bias_sigma_deg or 0.0, SOFT_TISSUE_SIGMA_DEG),
             division=day.division,
             is_npose=is_npose(calibration.pose, calibration.state),
         )
@@ -233,12 +237,12 @@ def fuse_recording(
     on_step("calibrating")
     samples = calibrate(recording, settings, blocks=blocks)
     drift = flag_accelerometer_drift(find_still_moments(blocks), samples.accelerometer)
-    samples = replace(samples, flags=(*samples.flags, *drift))
+    flags = (*flag_pose(samples, settings), *drift)
     del blocks  # while the angle needs room
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
     samples = replace(samples, runs=())  # while the figures need room
-    return FusedRecording(samples, fused, leave_out(fused, exclusions), exclusions)
+    return FusedRecording(samples, fused, leave_out(fused, exclusions), exclusions, flags)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

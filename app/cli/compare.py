@@ -51,6 +51,7 @@ def pair(
         float | None, typer.Option(help="When the trunk's recording began, seconds after the left arm's.")
     ] = None,
     subject: SubjectOption = "",
+    pose_held: PoseHeldOption = None,
     same_subject: SameSubjectOption = False,
     mixed_methods: MixedMethodsOption = False,
     lang: LanguageOption = "en",
@@ -59,7 +60,7 @@ def pair(
 ) -> None:
     """Set both arms of one shift side by side."""
     kinds, code = parse_kinds(report), parse_subject(subject)
-    asked = ReportRequest("", code, languages=(lang,), paper=paper)
+    asked = ReportRequest("", code, languages=(lang,), paper=paper, pose_held=pose_held)
     if not same_subject:
         _refuse_nobody(CannotPair(why="person"), (left, right, trunk), asked)
     first = _finish_first(left, out / "left", replace(asked, side="left"))
@@ -76,6 +77,7 @@ def compare(
     out: Out,
     side: Annotated[Side | None, typer.Option(help="Which arm, for recordings.")] = None,
     subject: SubjectOption = "",
+    pose_held: PoseHeldOption = None,
     same_subject: SameSubjectOption = False,
     mixed_methods: MixedMethodsOption = False,
     lang: LanguageOption = "en",
@@ -84,7 +86,8 @@ def compare(
 ) -> None:
     """Compare two days, and say whether the change exceeds the usual day-to-day variation."""
     kinds = parse_kinds(report)
-    asked = ReportRequest("", parse_subject(subject), side, languages=(lang,), paper=paper)
+    code = parse_subject(subject)
+    asked = ReportRequest("", code, side, languages=(lang,), paper=paper, pose_held=pose_held)
     if not same_subject:
         _refuse_nobody(CannotCompare(why="person"), (before, after), asked)
     first = _finish_first(before, out / "before", asked)

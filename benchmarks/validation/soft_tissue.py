@@ -25,9 +25,10 @@ from benchmarks.validation.real_motion import RATE_HZ, pause
 from benchmarks.validation.skin_clips import Strap, load_skin_library
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg
 from fusion.elevation import measure_elevation
-from fusion.pipeline import Analysis, AnalysisSettings, analyse
-from fusion.pose.poses import HELD_SIGMA_DEG
+from fusion.pipeline import Analysis, analyse
+from fusion.pose.axes import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
+from fusion.settings import AnalysisSettings
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "skin_motion"
 DAY_S, POSE_S, PAUSE_SHARE, SEEDS = 1800.0, 10.0, 0.5, 3

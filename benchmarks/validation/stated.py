@@ -50,7 +50,7 @@ Stated = Literal["nothing", "held", "window"]
 
 RATE_HZ, HOUR_S, HOURS = 25.0, 3600.0, 8
 POSE_S, NEW_POSE_S, STRAP_ON_S, OFF_S, SEAM_S = 10.0, 20.0, 12.0, 1200.0, 0.6
-TILT_DEG, CARRIED_DEG = 2.0, 50.0
+CARRIED_DEG = 50.0
 PAUSE_S, PAUSE_SHARE, PAUSE_SD_DEG = (6.0, 20.0), 0.15, 5.0
 WALK_S, WALK_SHARE = (30.0, 90.0), 0.35
 SLIP_S, TURNED_DEG = 0.5, (50.0, 120.0)
@@ -159,15 +159,22 @@ class Choreography:
         self.track = Track(chance, strap=person.strap)
         self.poses_s: list[tuple[float, float]] = []
 
-    def hang(self, seconds: float, tilt_deg: float = 0.0, sway_deg: float = 0.3) -> tuple[float, float]:
-        about = self.chance.uniform(0.0, 2.0 * np.pi)
-        tilt = Rotation.from_rotvec(np.radians(tilt_deg) * np.array([np.cos(about), np.sin(about), 0.0]))
-        return self.track.hold(tilt, seconds, sway_deg)
+    def hang(self, seconds: float) -> tuple[float, float]:
+        """Hold the arm plumb."""
+        return self.track.hold(Rotation.identity(), seconds)
 
     def pose(self, seconds: float = POSE_S) -> None:
-        self.poses_s.append(self.hang(seconds, TILT_DEG))
+        """Hold the pose."""
+        self.poses_s.append(self.hang(seconds))
+
+    def strap_on(self) -> None:
+        """Move without a pause while the sensor is strapped on."""
+        until_s = self.track.length_s + STRAP_ON_S
+        while self.track.length_s < until_s:
+            self.track.go_on_with_nearest(self.person.work)
 
     def work(self, until_s: float, *, is_carrying: bool = False) -> None:
+        """Work, walk and pause."""
         while self.track.length_s < until_s:
             if self.person.strides and self.chance.random() < WALK_SHARE:
                 self._walk(min(until_s, self.track.length_s + self.chance.uniform(*WALK_S)), is_carrying)
@@ -185,6 +192,7 @@ class Choreography:
             self.track.go_on(steps[int(self.chance.integers(len(steps)))], STRIDE_TURN_S)
 
     def finish(self, worn_from_s: float = 0.0) -> Piece:
+        """End with the arm hanging, and feel what a sensor does."""
         self.hang(SEAM_S)
         return Piece(feel(self.track.join(), RATE_HZ), tuple(self.poses_s), worn_from_s)
 
@@ -205,8 +213,8 @@ def open_day(scenario: Scenario, kind: Kind, seed: int) -> Piece:
     worn_from_s = 0.0
     if scenario.table_s:
         choreography.track.hold(Rotation.from_rotvec([np.radians(90.0), 0.0, 0.0]), scenario.table_s, 0.0)
-        worn_from_s = choreography.track.length_s + STRAP_ON_S
-        choreography.work(worn_from_s)
+        choreography.strap_on()
+        worn_from_s = choreography.track.length_s
     if scenario.work_s:
         choreography.hang(SEAM_S)
         choreography.work(scenario.work_s)
@@ -220,7 +228,7 @@ def put_back(kind: Kind, seed: int) -> tuple[Piece, Piece]:
     off.track.hold(Rotation.from_rotvec([np.radians(90.0), 0.0, 0.0]), OFF_S, 0.0)
     again = Choreography(load_person(kind, seed), np.random.default_rng([seed, 4]))
     again.hang(SEAM_S)
-    again.work(STRAP_ON_S)
+    again.strap_on()
     again.pose(NEW_POSE_S)
     return off.finish(), again.finish()
 
@@ -280,7 +288,7 @@ def _turn_sensor(
     return replace(state, acc_g=turning.apply(state.acc_g), gyr_dps=turning.apply(state.gyr_dps) - slip_dps)
 
 
-def _read(
+def _read(  # noqa: PLR0917
     state: ArmState,
     time_s: Float64Array,
     first: int,

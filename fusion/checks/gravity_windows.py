@@ -90,8 +90,8 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
 def measure_rest_part(segments: Sequence[Segment]) -> float | None:
     """Length of the acceleration while the gyroscope rests, over the longest of the recording.
 
-    Gravity is there at rest, too: the part is 0.3 and more, whatever the unit. An acceleration from which it
-    was taken out reads next to nothing then. None where the gyroscope never rests.
+    Gravity is also there at rest, whatever the unit. An acceleration from which it was taken out reads almost
+    nothing then. None if the gyroscope never rests.
     """
     looks = [_look(*some) for some in _place_stretches(segments, REST_S, 8)]
     lengths = measure_lengths(segments)

@@ -217,8 +217,9 @@ REST_TOLERANCE, MOST_DOUBTED = 0.10, 0.25
 """So far from 1 g at rest an accelerometer is believed, and used with a caveat."""
 MOVING_TOLERANCE, MOVING_TIMES = 0.20, 5.0
 """Without rest, the median of the movement decides between ranges, a factor of 2 apart, and between units."""
-LEAST_REST_PART = 0.25
-"""The acceleration at rest, over the longest: 0.70 and more in recordings in hand, 0.03 without gravity."""
+LEAST_REST_PART = 0.1
+"""The acceleration at rest, over the longest: 0.20 (shaken by hand) and more in the recordings in hand, 0.03
+without gravity."""
 LEAST_USUAL_G = 0.05
 """Less in a stated unit is no gravity: one that is read in the wrong unit, g for m/s2, is twice as long."""
 SENSITIVITIES_G = (0.000061, 0.000122, 0.000244, 0.000732)
@@ -513,7 +514,7 @@ def _settle_moving(recording: Recording, unit: str) -> Recording:
         raise NoGravity
     is_likely = 1.0 / MOVING_TIMES < usual < MOVING_TIMES
     if is_header_known(recording) or (unit != "registers" and is_likely):
-        is_lively = part is None and _measure_spread(lengths) > LIVELY_RATIO
+        is_lively = _measure_spread(lengths) > LIVELY_RATIO
         return flag_doubt(recording, "accelerometer", moving_g=round(usual, 3)) if is_lively else recording
     if unit == "registers":
         fitting = [one for one in SENSITIVITIES_G if abs(usual * one - 1.0) <= MOVING_TOLERANCE]

@@ -1,9 +1,7 @@
 """What ties the sensor to the arm: a pose that a person confirmed, the first stillness, or an axis."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from fusion.caveats import Caveat
 from fusion.conventions import CalibrationState, Pose
 from fusion.numerics.intervals import join_overlapping
 from fusion.numerics.rotations import find_angle_deg
@@ -16,27 +14,25 @@ from fusion.pose.axes import (
     point_along,
 )
 from fusion.pose.poses import (
-    TABLE_SWAY_DPS,
     FoundPose,
+    assume_pose,
     describe_pose,
+    do_without_pose,
     find_early_stills,
-    find_pose,
 )
-from fusion.pose.readings import ask, list_readings, read_recording
-from fusion.pose.rules import RULES
+from fusion.pose.readings import ask, assume_put_back, list_readings, read_recording
 from fusion.pose.slips import Question, find_walking
 from fusion.pose.wear import Wear, divide_by_wear, find_wear
 from fusion.pose.windows import (
     Blocks,
     StillPeriod,
     find_still_stretches,
-    flag_window,
     measure_asked,
     measure_pair,
     reduce_recording,
     share_between,
 )
-from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment, flag_stretches
+from fusion.recording import Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
 from fusion.sensor.model import GyroBias, view_segment
@@ -79,8 +75,8 @@ class Calibration:
         Largest angle between the proposals; above 10 the pose is needed before the figures mean much.
     apart_deg
         Angle of each pose held again from the first; empty for one, and for `two-point`.
-    questions
-        When the sensor may have moved on the arm, as nobody has confirmed or denied.
+    questions, differ
+        When the sensor may have moved on the arm, as nobody has confirmed or denied; poses that disagree.
     """
 
     pose: Pose
@@ -95,6 +91,7 @@ class Calibration:
     spread_deg: float = 0.0
     apart_deg: tuple[float, ...] = ()
     questions: tuple[Question, ...] = ()
+    differ: tuple[Question, ...] = ()
 
     @property
     def needs_pose(self) -> bool:
@@ -104,11 +101,10 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedSamples:
-    """A recording together with its calibration: a type of its own, so that raw samples cannot be fused by
-    mistake.
+    """A recording together with its calibration, so that raw samples cannot be fused by mistake.
 
     The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
-    segments, as are ``accelerometer`` and ``gyro_scale``; ``flags`` holds the caveats of calibrating.
+    segments, as are ``accelerometer`` and ``gyro_scale``.
     ``runs`` are the segments as the estimators take them, so that no sample is reduced twice; ``axis_parts``
     the stretches with another axis, or none; ``readings`` the other ways to read the recording that no person
     has ruled out.
@@ -118,7 +114,6 @@ class CalibratedSamples:
     calibration: Calibration
     bias: GyroBias
     accelerometer: AccelerometerCorrection
-    flags: tuple[QualityFlag, ...] = ()
     gyro_scale: GyroScale = field(default_factory=leave_gyro_scale)
     runs: tuple[CalibratedRun, ...] = ()
     axis_parts: tuple[AxisPart, ...] = ()
@@ -157,11 +152,14 @@ def calibrate(
     wears = divide_by_wear(blocks, correction)
     early = find_early_stills(recording, wears, find_still_stretches(blocks, correction))
     found, windows = _find_stated(recording, wears[0], correction, settings)
-    poses = found or (find_pose(recording, blocks, wears[0], early[0], correction, settings.pose_held),)
-    first, read = poses[0], read_recording(wears, poses, settings.slip_times_s)
+    assumed = assume_pose(early[0], correction, settings.pose_held)
+    poses = found or (assumed or do_without_pose(recording, blocks, wears[0], correction),)
     questions = tuple(ask(wears, poses, (*settings.slip_times_s, *settings.no_slip_times_s)))
+    put_back = assume_put_back(wears, early, questions, correction)
+    first, read = poses[0], read_recording(wears, (*poses, *put_back), settings.slip_times_s)
     windows = windows or ((first.still,) if first.still else ())
-    candidates = [still.correct(correction) for still in first.candidates]
+    axes = [[still.correct(correction) for still in one.stills] for one in early]
+    candidates = axes[0] if first.candidates else []
     walking = find_walking(find_wear(wears, first.time_s).strides)
     calibration = Calibration(
         settings.pose,
@@ -176,18 +174,11 @@ def calibrate(
         find_spread_deg(candidates),
         tuple(find_angle_deg(again.axis, first.axis) for again in poses[1:]),
         questions,
+        read.differ,
     )
-    put_back = [
-        (wear, [still.correct(correction) for still in one.stills])
-        for wear, one in zip(wears, early, strict=True)
-    ]
-    readings = tuple(list_readings(read, candidates, questions, put_back))
-    flags = (
-        *_flag_pose(calibration, settings),
-        *_flag_moves(read.parts, (*questions, *read.differ), recording),
-    )
+    readings = tuple(list_readings(read, candidates, questions, list(zip(wears, axes, strict=True))))
     return CalibratedSamples(
-        recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, read.parts, readings
+        recording, calibration, sensor.bias, correction, sensor.gyro_scale, runs, read.parts, readings
     )
 
 
@@ -202,10 +193,8 @@ def _find_stated(
         pose = replace(describe_pose("given", shorter, accelerometer), time_s=hanging.start_s, axis=axis)
         return (pose,), (hanging, level)
     if settings.calibration_windows_s:
-        windows = tuple(
-            measure_asked(recording, window_s)
-            for window_s in join_overlapping(settings.calibration_windows_s)
-        )
+        spans_s = join_overlapping(settings.calibration_windows_s)
+        windows = tuple(measure_asked(recording, span_s) for span_s in spans_s)
         spread_deg = find_spread_deg([still.correct(accelerometer) for still in windows])
         state: CalibrationState = "repeated" if len(windows) > 1 and spread_deg <= ALIKE_DEG else "given"
         return tuple(describe_pose(state, still, accelerometer) for still in windows), windows
@@ -213,40 +202,3 @@ def _find_stated(
         along, worn_s = point_along(settings.arm_axis), wear.worn_from_s
         return (FoundPose("axis", worn_s, worn_s, along, AXIS_SIGMA_DEG),), ()
     return (), ()
-
-
-def _flag_pose(calibration: Calibration, settings: AnalysisSettings) -> Iterator[QualityFlag]:
-    """Flag what is not known of the pose."""
-    state, facts = calibration.state, {"deg": round(calibration.sigma_deg, 1)}
-    if state in {"axis", "none"}:
-        yield QualityFlag(Caveat.AXIS if state == "axis" else Caveat.NO_STILL, facts=facts)
-    if state == "assumed":
-        spans_s = [(still.start_s, still.end_s) for still in calibration.proposals]
-        told = {"apart_deg": round(calibration.spread_deg)} if calibration.needs_pose else {}
-        yield flag_stretches(Caveat.WHICH_POSE if told else Caveat.POSE_ASSUMED, spans_s, told)
-        if calibration.pose == "side-lean":  # no sensor on the arm knows whether the trunk was leaning
-            yield flag_window(Caveat.LEAN, calibration.windows[0])
-    if state in {"assumed", "none"} and settings.pose_held:
-        yield QualityFlag(Caveat.NOT_HELD)
-    for still in calibration.windows if state != "none" else ():
-        if settings.calibration_windows_s and still.duration_s < RULES.length_s - 1e-6:
-            yield flag_window(Caveat.POSE_SHORT, still)
-        if still.is_moving or still.sway_dps < TABLE_SWAY_DPS:
-            yield flag_window(Caveat.POSE_UNSTEADY, still, {"what": "moving" if still.is_moving else "table"})
-
-
-def _flag_moves(
-    parts: Sequence[AxisPart], questions: Sequence[Question], recording: Recording
-) -> Iterator[QualityFlag]:
-    """Flag when the sensor may have moved, poses that disagree, and what a slip that was named left out."""
-    codes = {"slip": Caveat.SLIP, "put_back": Caveat.PUT_BACK, "poses": Caveat.POSES_DIFFER}
-    for kind, code in codes.items():
-        asked = [question for question in questions if question.kind == kind]
-        apart_deg = round(max((question.apart_deg for question in asked), default=0.0))
-        if asked:
-            spans_s = [(question.first_s, question.end_s) for question in asked]
-            yield flag_stretches(code, spans_s, {"apart_deg": apart_deg} if apart_deg else {})
-    end_s = recording.duration_us / MICROSECONDS
-    left_out = [(max(part.start_s, 0.0), min(part.end_s, end_s)) for part in parts if part.arm_axis is None]
-    if left_out:
-        yield flag_stretches(Caveat.REMOUNT, left_out)

@@ -11,12 +11,7 @@ from typing import Literal
 
 from fusion.conventions import CalibrationState, PoseHeld
 from fusion.numerics.rotations import find_angle_deg
-from fusion.pose.axes import (
-    ALIKE_DEG,
-    MOMENT_SIGMA_DEG,
-    WALKING_SIGMA_DEG,
-    estimate_held_sigma,
-)
+from fusion.pose.axes import ALIKE_DEG, MOMENT_SIGMA_DEG, WALKING_SIGMA_DEG, estimate_held_sigma
 from fusion.pose.slips import find_walking
 from fusion.pose.wear import Wear, divide_by_wear
 from fusion.pose.windows import (
@@ -33,9 +28,9 @@ from fusion.sensor.accelerometer import AccelerometerCorrection, calibrate_accel
 from fusion.sensor.stillness import find_still_moments
 
 EARLY_S, HELD_S, LONGEST_POSE_S = 600.0, 60.0, 60.0
-TABLE_SWAY_DPS = 0.2
-"""Below it a stillness is a table. On desks and floors 50 recorded stillnesses read 0.01 to 0.09 deg/s, on
-the trunk, arms and legs of standing people 0.5 to 4.
+TABLE_SWAY_DPS = 0.08
+"""Below it a stillness is a table. Recorded: 57 stillnesses on desks read 0.015 to 0.046 deg/s, three of worn
+upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
 """
 MOST_REPEATS = 3
 
@@ -95,28 +90,15 @@ def _find_in_wear(
     return EarlyStills(worn_from_s, tuple(found))
 
 
-def find_pose(
-    recording: Recording,
-    blocks: Blocks,
-    wear: Wear,
-    early: EarlyStills,
-    accelerometer: AccelerometerCorrection,
-    pose_held: PoseHeld | None,
-) -> FoundPose:
-    """Return the first stillness of wear as the pose; without any, how the arm hung in walking.
-
-    Raises
-    ------
-    UnusableCalibration
-        Nothing was ever still.
-    """
+def assume_pose(
+    early: EarlyStills, accelerometer: AccelerometerCorrection, pose_held: PoseHeld | None
+) -> FoundPose | None:
+    """Return the first stillness of wear as the pose; None if there is none."""
     if not early.stills:
-        return _do_without(recording, blocks, wear, accelerometer)
-    still = early.stills[0]
-    is_held = pose_held == "start" and still.start_s <= early.worn_from_s + HELD_S
+        return None
+    is_held = pose_held == "start" and early.stills[0].start_s <= early.worn_from_s + HELD_S
     state: CalibrationState = "held_at_start" if is_held else "assumed"
-    candidates = () if is_held else early.stills
-    return describe_pose(state, still, accelerometer, candidates)
+    return describe_pose(state, early.stills[0], accelerometer, () if is_held else early.stills)
 
 
 def describe_pose(
@@ -131,10 +113,16 @@ def describe_pose(
     return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
 
 
-def _do_without(
+def do_without_pose(
     recording: Recording, blocks: Blocks, wear: Wear, accelerometer: AccelerometerCorrection
 ) -> FoundPose:
-    """Return how the arm hung in a minute of walking; without that, in the stillest moment."""
+    """Return how the arm hung in a minute of walking; without that, in the stillest moment.
+
+    Raises
+    ------
+    UnusableCalibration
+        Nothing was ever still.
+    """
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)
     if walking is not None:

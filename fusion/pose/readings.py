@@ -21,11 +21,12 @@ from fusion.pose.axes import (
     estimate_repeated_sigma,
     find_spread_deg,
 )
-from fusion.pose.poses import FoundPose
-from fusion.pose.slips import Question, ask_for_slip
+from fusion.pose.poses import EarlyStills, FoundPose, describe_pose
+from fusion.pose.slips import MOVED_SHARE, Question, ask_for_slip, compare_postures
 from fusion.pose.wear import Wear, find_wear
 from fusion.pose.windows import Window
 from fusion.recording import Float64Array
+from fusion.sensor.accelerometer import AccelerometerCorrection
 
 SAID_S = 60.0
 """How exactly a person knows when the sensor slipped: so much on both sides is left out."""
@@ -57,6 +58,7 @@ def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times
         Question("poses", before.end_s, one.time_s, find_angle_deg(before.axis, one.axis))
         for known in own
         for before, one in pairwise(known)
+        if find_wear(wears, one.time_s).start_s <= before.end_s
     ]
     return Read(first, tuple(sorted(parts, key=lambda part: part.start_s)), tuple(differ))
 
@@ -66,7 +68,9 @@ def _place(
 ) -> Iterator[AxisPart]:
     """Yield the stretches of a section that the first axis does not read."""
     start_s, end_s = section
-    turns_s = [max(find_wear(wears, one.time_s).start_s, before.end_s) for before, one in pairwise(known)]
+    worn_s = [find_wear(wears, one.time_s).start_s for one in known[1:]]
+    pairs = zip(worn_s, pairwise(known), strict=True)
+    turns_s = [from_s if from_s > before.end_s else one.time_s for from_s, (before, one) in pairs]
     for one, from_s, to_s in zip(known, [start_s, *turns_s], [*turns_s, end_s], strict=True):
         if one is not first:
             wider_deg = float(np.sqrt(max(0.0, one.sigma_deg**2 - first.sigma_deg**2)))
@@ -115,6 +119,20 @@ def _is_refuted(question: Question, poses: Sequence[FoundPose]) -> bool:
     after = [pose.axis for pose in poses if pose.time_s > question.end_s]
     is_given = poses[0].state in CONFIRMED
     return is_given and bool(before and after) and find_angle_deg(before[-1], after[0]) <= ALIKE_DEG
+
+
+def assume_put_back(
+    wears: Sequence[Wear],
+    early: Sequence[EarlyStills],
+    questions: Sequence[Question],
+    accelerometer: AccelerometerCorrection,
+) -> Iterator[FoundPose]:
+    """Yield the first stillness after the sensor was off, if the postures are other ones than before."""
+    asked_s = [question.end_s for question in questions if question.kind == "put_back"]
+    for (before, wear), one in zip(pairwise(wears), early[1:], strict=True):
+        moments = before.calm.thin().up, wear.calm.thin().up
+        if one.stills and wear.worn_from_s in asked_s and compare_postures(*moments) < MOVED_SHARE:
+            yield describe_pose("assumed", one.stills[0], accelerometer)
 
 
 def list_readings(

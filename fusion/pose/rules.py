@@ -10,11 +10,10 @@ from fusion.still_limits import POSE
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRules:
-    """What counts as still, and as too much motion to calibrate on.
+    """What counts as still (:data:`fusion.still_limits.POSE`), and as too much motion to calibrate on.
 
-    Still (:data:`fusion.still_limits.POSE`): ``length_s`` or more, the acceleration within ``one_g_within``
-    of 1 g, before or after the accelerometer's correction. Of a longer stillness the first ``measured_s`` are
-    measured. The last lines refuse windows.
+    The acceleration is within ``one_g_within`` of 1 g, before or after the accelerometer's correction. Of a
+    longer stillness the first ``measured_s`` are measured. The last lines refuse windows.
     """
 
     length_s: float = POSE.window_s
@@ -31,8 +30,6 @@ class CalibrationRules:
 
 
 RULES = CalibrationRules()
-
-
 WINDOW_FAULTS = ("short", "hole", "moving", "gravity")
 """Why a window that a person chose is refused, within the recording."""
 

@@ -1,8 +1,7 @@
 """How the arm hangs in walking, and when the sensor may have moved on it: a question, never an answer.
 
-The sensor may have been put back in another place after it was off, and it may have slipped while it was
-worn. A slip shows if somebody walked before and after it, half a minute each, with the arm hanging steadily
-in two directions. Without walking a slip cannot be told from other work.
+A slip shows if somebody walked before and after it, half a minute each, with the arm hanging steadily in two
+directions. Without walking a slip cannot be told from other work.
 """
 
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ work that passes for walking.
 MOVED_DEG = 12.0
 OWN_SHARE, OTHER_SHARE = 0.6, 0.2
 PLACES, MOST_STRIDES, LEAST_REST = 60, 150, 60
-ALIKE_SHARE = 0.8
+ALIKE_SHARE, MOVED_SHARE = 0.8, 0.5
 """Of recorded motion 0.85 to 1.05 without a slip, 0.69 at most after one of 20 deg, 0.38 after 45 deg."""
 ANSWER_S = 600.0
 """A person who answers knows the time this exactly."""
@@ -38,8 +37,8 @@ class Question:
     """The sensor may have moved between two times.
 
     ``kind``: "slip" while it was worn, "put_back" after it was off, "poses" between two that disagree;
-    ``apart_deg``: by how much, if known. ``turn`` (3, 3) turns an axis from before into the one after it, until ``until_s``; None if not
-    known.
+    ``apart_deg``: by how much, if known. ``turn`` (3, 3): of the axis before it into the one after it, which
+    holds until ``until_s``; None if not known.
     """
 
     kind: Literal["slip", "put_back", "poses"]
@@ -103,15 +102,15 @@ def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
     first_s, end_s = float(few.time_s[edge - 1]), float(few.time_s[edge])
     rest = calm.select(~np.isin(calm.time_s, strides.time_s))
     earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up
-    if min(len(earlier), len(later)) >= LEAST_REST and _are_alike(earlier, later):
+    if min(len(earlier), len(later)) >= LEAST_REST and compare_postures(earlier, later) > ALIKE_SHARE:
         return None
     return Question("slip", first_s, end_s, apart_deg, find_turn(before, after))
 
 
-def _are_alike(earlier: Float64Array, later: Float64Array) -> bool:
-    """Return whether two stretches hold each other's postures about as often as each holds its own."""
+def compare_postures(earlier: Float64Array, later: Float64Array) -> float:
+    """Return how often two stretches hold each other's postures, as a share of how often each its own."""
     own = np.mean([share_near(*np.array_split(side, 2)).mean() for side in (earlier, later)])
-    return float(share_near(earlier, later).mean()) > ALIKE_SHARE * float(own)
+    return float(share_near(earlier, later).mean() / max(own, 1e-9))
 
 
 def _describe(up: Float64Array) -> tuple[Float64Array, float]:

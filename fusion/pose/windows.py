@@ -1,15 +1,14 @@
 """Stretches in which the arm did not move, and what a window of one says."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.caveats import Caveat
 from fusion.errors import UnusableCalibration
 from fusion.numerics.rotations import find_angle_deg, scale_to_unit
 from fusion.pose.rules import RULES, object_to_window, score_still_period
-from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import BLOCK_S, QuarterSeconds, QuietTable, reduce_run, summarise_windows
@@ -103,9 +102,9 @@ def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
     UnusableCalibration
     """
     start_s, end_s = window_s
-    why = _object_to(recording, start_s, end_s)
-    if why:
-        raise UnusableCalibration(why=why, start_s=start_s, end_s=end_s)
+    is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
+    if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
+        raise UnusableCalibration(why="outside" if is_outside else "short", start_s=start_s, end_s=end_s)
     still = _measure(recording, start_s, end_s)
     _refuse_motion(recording, still)
     return still
@@ -155,21 +154,6 @@ def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Arra
     across = scale_to_unit(second - (first @ second) * first)
     turn = np.radians(find_angle_deg(first, second) - 90.0) / 2.0
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
-
-
-def flag_window(
-    caveat: Caveat, still: StillPeriod, facts: Mapping[str, str | float] | None = None
-) -> QualityFlag:
-    """One flag for a calibration window, with its place."""
-    return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
-
-
-def _object_to(recording: Recording, start_s: float, end_s: float) -> str:
-    if start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1 or not np.isfinite(end_s - start_s):
-        return "outside"
-    if end_s - start_s < RULES.shortest_window_s - 1e-9:
-        return "short"
-    return "" if _segment_around(recording, start_s, end_s) else "hole"
 
 
 def _refuse_motion(recording: Recording, still: StillPeriod) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fusion.quality.types import Quality, TimeAccount, TimePart, Verdict
 
 if TYPE_CHECKING:
+    from fusion.quality.pose_flags import flag_pose as flag_pose
     from fusion.quality.time_account import account_time as account_time
     from fusion.quality.time_account import count_holes_us as count_holes_us
     from fusion.quality.time_account import divide_time as divide_time
@@ -34,6 +35,7 @@ _HOMES = {
     "find_exclusions": "fusion.quality.time_account",
     "flag_accelerometer_drift": "fusion.quality.verdict",
     "flag_gyro_drift": "fusion.quality.verdict",
+    "flag_pose": "fusion.quality.pose_flags",
     "flag_published": "fusion.quality.verdict",
     "flag_spans": "fusion.recording",
     "flag_untrusted": "fusion.quality.time_account",
@@ -58,6 +60,7 @@ __all__ = [
     "find_exclusions",
     "flag_accelerometer_drift",
     "flag_gyro_drift",
+    "flag_pose",
     "flag_published",
     "flag_spans",
     "flag_untrusted",

@@ -24,7 +24,8 @@ from fusion.exposure.rows import (
 from fusion.numba_kernels import kernel
 from fusion.orientation.angle_rows import AngleRows, lay_rows
 from fusion.pose.calibrate import Calibration
-from fusion.pose.windows import Blocks, flag_window, reduce_recording
+from fusion.pose.windows import Blocks, reduce_recording
+from fusion.quality.pose_flags import flag_window
 from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,

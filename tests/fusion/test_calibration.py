@@ -11,6 +11,7 @@ from fusion.errors import UnusableCalibration
 from fusion.pose.calibrate import calibrate
 from fusion.pose.rules import score_still_period
 from fusion.pose.windows import share_between
+from fusion.quality import flag_pose
 from fusion.recording import Recording, Segment
 from fusion.settings import AnalysisSettings
 from tests.factories import hold, record
@@ -75,7 +76,7 @@ def test_without_five_quiet_seconds_the_best_two_are_taken_and_flagged() -> None
     samples = calibrate(rest((10.0, None), (3.0, tilted(0.0)), (10.0, None)))
 
     assert samples.calibration.windows[0].duration_s == pytest.approx(2.0, abs=0.1)
-    assert [flag.code for flag in samples.flags] == ["W-NO-STILL"]
+    assert [flag.code for flag in flag_pose(samples, AnalysisSettings())] == ["W-NO-STILL"]
 
 
 def test_a_recording_in_constant_motion_is_refused() -> None:
@@ -187,7 +188,7 @@ def test_two_points_share_that_error_between_hanging_and_level() -> None:
 def test_a_lean_that_nobody_pointed_at_is_flagged() -> None:
     samples = calibrate(rest((30.0, tilted(0.0))), AnalysisSettings(pose="side-lean"))
 
-    assert "W-LEAN" in [flag.code for flag in samples.flags]
+    assert "W-LEAN" in [flag.code for flag in flag_pose(samples, AnalysisSettings())]
 
 
 def test_a_lean_whose_window_was_given_is_not_flagged() -> None:
@@ -195,4 +196,4 @@ def test_a_lean_whose_window_was_given_is_not_flagged() -> None:
         rest((30.0, tilted(0.0))), AnalysisSettings(pose="side-lean", calibration_windows_s=((5.0, 15.0),))
     )
 
-    assert "W-LEAN" not in [flag.code for flag in samples.flags]
+    assert "W-LEAN" not in [flag.code for flag in flag_pose(samples, AnalysisSettings())]

@@ -365,3 +365,16 @@ def test_a_rate_that_no_part_can_read_is_refused_with_its_place() -> None:
         refuse_impossible_rates(recording_of(acc, gyr, **STATED))
 
     assert refusal.value.facts == {"dps": 5000, "clock": "+10.00 s"}
+
+
+def test_an_acceleration_that_is_lively_and_never_at_rest_is_doubted() -> None:
+    chance = np.random.default_rng(1)
+    acc, gyr = 0.8 * chance.standard_normal((2, 24_000, 3)) * [[[1.0]], [[100.0]]]
+    smooth = np.ones(25) / 5.0
+    acc, gyr = (np.stack([np.convolve(a, smooth, "same") for a in of.T], axis=1) for of in (acc, gyr))
+
+    waxing = 1.0 + 0.8 * np.sin(np.arange(24_000) / 500.0)[:, None]
+
+    checked = check_physics(recording_of(waxing * acc, gyr, units_from="header", **STATED))
+
+    assert "W-SCALE-DOUBT" in [flag.code for flag in checked.flags]

@@ -16,7 +16,7 @@ def paired(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("pair")
     made = write_recordings(out / "other", "gt9x", 0.05, 5)
     other = next(path for path in made if path.suffix == ".gt3x")
-    asked = ("-o", out, "--report", "html", "--offset-s", "0", "--same-subject")
+    asked = ("-o", out, "--report", "html", "--offset-s", "0", "--same-subject", "--pose-held=start")
     result = run("pair", shift_gt3x, other, *asked)
     assert result.exit_code == 0, result.output
     return out
@@ -26,6 +26,16 @@ def test_recordings_are_analysed_first_each_as_its_arm(paired: Path) -> None:
     document = json.loads((paired / "both-arms" / "pair.json").read_text("utf-8"))
 
     assert (document["left"]["side"], document["right"]["side"]) == ("left", "right")
+
+
+def test_that_the_pose_was_held_at_the_start_is_said_of_both(paired: Path) -> None:
+    read = [
+        json.loads(path.read_text("utf-8"))
+        for side in ("left", "right")
+        for path in (paired / side).glob("*/results.json")
+    ]
+
+    assert [results["calibration"]["state"] for results in read] == ["held_at_start", "held_at_start"]
 
 
 def test_the_offset_given_is_told_as_given(paired: Path) -> None:
