@@ -25,9 +25,8 @@ ASSUMED_SIGMA_DEG, AXIS_SIGMA_DEG = 7.0, 8.0
 WALKING_SIGMA_DEG = 10.0
 """In ordinary gait the mean of gravity lies 14 to 18 deg from the arm's axis."""
 MOMENT_SIGMA_DEG = 35.0
-SAME_DEG = 3.0
+SAME_DEG, MOST_READINGS = 3.0, 5
 """Readings nearer to each other than this are not told apart."""
-MOST_READINGS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
