@@ -21,13 +21,12 @@ TENDENCY_SIGMA_DEG, REPEAT_SIGMA_DEG = 4.0, 3.0
 what changes from one pose to the next; 5 deg together.
 """
 HELD_SIGMA_DEG = float(np.hypot(TENDENCY_SIGMA_DEG, REPEAT_SIGMA_DEG))
-AXIS_SIGMA_DEG = 8.0
+ASSUMED_SIGMA_DEG, AXIS_SIGMA_DEG = 7.0, 8.0
 WALKING_SIGMA_DEG = 10.0
 """In ordinary gait the mean of gravity lies 14 to 18 deg from the arm's axis."""
 MOMENT_SIGMA_DEG = 35.0
-SAME_DEG = 3.0
+SAME_DEG, MOST_READINGS = 3.0, 5
 """Readings nearer to each other than this are not told apart."""
-MOST_READINGS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)

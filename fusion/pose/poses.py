@@ -11,7 +11,13 @@ from typing import Literal
 
 from fusion.conventions import CalibrationState, PoseHeld
 from fusion.numerics.rotations import find_angle_deg
-from fusion.pose.axes import ALIKE_DEG, MOMENT_SIGMA_DEG, WALKING_SIGMA_DEG, estimate_held_sigma
+from fusion.pose.axes import (
+    ALIKE_DEG,
+    ASSUMED_SIGMA_DEG,
+    MOMENT_SIGMA_DEG,
+    WALKING_SIGMA_DEG,
+    estimate_held_sigma,
+)
 from fusion.pose.slips import find_walking
 from fusion.pose.wear import Wear, divide_by_wear
 from fusion.pose.windows import (
@@ -97,8 +103,10 @@ def assume_pose(
     if not early.stills:
         return None
     is_held = pose_held == "start" and early.stills[0].start_s <= early.worn_from_s + HELD_S
-    state: CalibrationState = "held_at_start" if is_held else "assumed"
-    return describe_pose(state, early.stills[0], accelerometer, () if is_held else early.stills)
+    if is_held:
+        return describe_pose("held_at_start", early.stills[0], accelerometer)
+    pose = describe_pose("assumed", early.stills[0], accelerometer, early.stills)
+    return replace(pose, sigma_deg=max(pose.sigma_deg, ASSUMED_SIGMA_DEG))
 
 
 def describe_pose(

@@ -24,7 +24,7 @@ STEADY_SHARE = 0.75
 work that passes for walking.
 """
 MOVED_DEG = 12.0
-OWN_SHARE, OTHER_SHARE = 0.6, 0.2
+OWN_SHARE, OTHER_SHARE, TOLD_SHARE = 0.6, 0.2, 0.97
 PLACES, MOST_STRIDES, LEAST_REST = 60, 150, 60
 ALIKE_SHARE, MOVED_SHARE = 0.8, 0.5
 """Of recorded motion 0.85 to 1.05 without a slip, 0.69 at most after one of 20 deg, 0.38 after 45 deg."""
@@ -90,16 +90,14 @@ def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
         return None
     edges = np.unique(np.linspace(LEAST_STRIDING, count - LEAST_STRIDING, PLACES).astype(np.intp))
     sides = [(_describe(few.up[:edge]), _describe(few.up[edge:])) for edge in edges]
-    explained = [
-        edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)
-    ]
-    best = int(np.argmax(explained))
-    edge, ((before, before_share), (after, after_share)) = int(edges[best]), sides[best]
+    told = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
+    edge, ((before, before_share), (after, after_share)) = edges[np.argmax(told)], sides[int(np.argmax(told))]
     apart_deg = find_angle_deg(before, after)
     knows = max(share_near(few.up[:edge], after[None])[0], share_near(few.up[edge:], before[None])[0])
     if apart_deg < MOVED_DEG or min(before_share, after_share) < OWN_SHARE or knows > OTHER_SHARE:
         return None
-    first_s, end_s = float(few.time_s[edge - 1]), float(few.time_s[edge])
+    likely = edges[np.array(told) >= TOLD_SHARE * max(told)]
+    first_s, end_s = float(few.time_s[likely[0] - 1]), float(few.time_s[likely[-1]])
     rest = calm.select(~np.isin(calm.time_s, strides.time_s))
     earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up
     if min(len(earlier), len(later)) >= LEAST_REST and compare_postures(earlier, later) > ALIKE_SHARE:

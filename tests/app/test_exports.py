@@ -188,14 +188,15 @@ def test_the_same_recording_is_the_same_record() -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_answer_to_paste_has_five_lines(language: Language) -> None:
-    assert len(brief_of(language)) == 5
+def test_the_answer_to_paste_has_six_lines(language: Language) -> None:
+    assert len(brief_of(language)) == 6
 
 
 def test_the_answer_to_paste_carries_what_limits_it_and_where_it_comes_from() -> None:
-    *_, quality, origin = brief_of("en")
+    *_, quality, pose, origin = brief_of("en")
 
     assert quality.startswith("Data quality: use with care.")
+    assert pose.startswith("Calibration pose: held at the start, as stated")
     assert "15° low" in quality
     assert "S012, arm: right" in origin
     assert origin.endswith("Not a diagnosis.")

@@ -92,11 +92,17 @@ class Tracer:
         time, recording = self.results["time"], self.results["recording"]
         start = datetime.fromisoformat(recording["start"])
         hole = next(w for w in self.results["quality"]["warnings"] if w["code"] == "W-GAP")
+        pose = self.results["calibration"]
+        held = start + timedelta(seconds=pose["start_s"])
         return {
             recording["subject"],
             f"{start.day} {start:%B %Y}, {self.clock(0)} to {self.clock(time['recorded_s'])}",
             f"{tell_time(time['analysed_s'])} of {tell_time(time['recorded_s'])} recorded",
-            f"▲  Data quality: use with care. Holes in the recording ({tell_time(hole['seconds'])}).",
+            (
+                f"▲  Data quality: use with care. Holes in the recording ({tell_time(hole['seconds'])}). "
+                "Calibration pose: held at the start, as stated"
+            ),
+            f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s).",
         }
 
     def tiles(self) -> set[str]:

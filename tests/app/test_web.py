@@ -79,13 +79,13 @@ def test_a_choice_of_language_is_remembered(client: TestClient) -> None:
     ],
 )
 def test_without_a_choice_the_browsers_language_is_taken(client: TestClient, asked: str, given: str) -> None:
-    assert f'<html lang="{given}">' in client.get("/", headers={"accept-language": asked}).text
+    assert f'<html lang="{given}"' in client.get("/", headers={"accept-language": asked}).text
 
 
 def test_the_french_of_quebec_can_be_asked_for_by_name(client: TestClient) -> None:
     page = client.get("/?lang=fr-CA").text
 
-    assert '<html lang="fr-CA">' in page
+    assert '<html lang="fr-CA"' in page
     assert 'href="?lang=en"' in page
 
 

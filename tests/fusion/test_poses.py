@@ -101,7 +101,7 @@ def test_the_first_stillness_is_assumed_however_often_another_posture_is_held() 
     samples = course.calibrate()
 
     assert start_s(samples) == pytest.approx(20.0, abs=0.5)
-    assert (samples.calibration.state, samples.calibration.sigma_deg) == ("assumed", 5.0)
+    assert (samples.calibration.state, samples.calibration.sigma_deg) == ("assumed", 7.0)
 
 
 def test_an_assumed_pose_is_never_without_a_caveat() -> None:

@@ -105,6 +105,7 @@ def test_stillness_is_told_while_a_window_moves(day: Page) -> None:
     told = day.locator(".window [data-stillness]").first
     expect(told).to_contain_text("stillness")
     day.locator(".window").first.get_by_role("button", name="Show").click()
+    day.locator("#curve-box").scroll_into_view_if_needed()
     box = day.locator("#handle-end").bounding_box() or pytest.fail("not shown")
 
     day.mouse.move(box["x"] + 12, box["y"] + 50)
