@@ -13,7 +13,7 @@ from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
-from fusion.exposure.periods import Placed, divide_day, find_left_out, place_diary
+from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
 from fusion.exposure.readings import widen_over
 from fusion.pose.axes import AxisPart
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
@@ -181,7 +181,13 @@ def analyse(
 
 
 def adopt_stated(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
-    """Take what the file states of the pose or the axis, if the person gives neither."""
+    """Take the poses of the diary, or what the file states of pose or axis, if the person gives neither."""
+    poses_s = find_diary_poses(settings.diary, recording.start, recording.duration_us)
+    if poses_s:
+        diary = tuple(entry for entry in settings.diary if entry.kind != "pose")
+        is_known = settings.calibration_windows_s or settings.arm_axis
+        windows_s = settings.calibration_windows_s if is_known else poses_s
+        settings = replace(settings, diary=diary, calibration_windows_s=windows_s)
     if settings.calibration_windows_s or settings.arm_axis or settings.pose == "two-point":
         return settings
     if recording.arm_axis is not None:

@@ -1,11 +1,9 @@
 """The one road from a stored file to a report, taken by page, API and command line alike."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +24,8 @@ from app.storage.known import NOTHING_KNOWN, KnownLogs
 from app.storage.store import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
-from fusion.diary import DiaryEntry
 from fusion.elevation import ElevationSegment
-from fusion.exposure.periods import place_diary
+from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses
@@ -252,25 +249,6 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
     )
 
 
-def find_diary_poses(
-    diary: Sequence[DiaryEntry], start: datetime | None, duration_us: int
-) -> tuple[tuple[float, float], ...]:
-    """Return when the pose was held by the diary, seconds from the first sample.
-
-    Raises
-    ------
-    fusion.errors.UnusableDiary
-        A pose does not lie in the recording.
-    """
-    poses = (
-        replace(entry, end=after.start if entry.end is None and after else entry.end)
-        for entry, after in pairwise([*diary, None])
-        if entry is not None and entry.kind == "pose"
-    )
-    placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
-    return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
-
-
 def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
     request, told = logs.request, logs.request.select_diary()
     diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
@@ -284,13 +262,11 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
         windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
     recording = logs.read()
-    if not windows_s and request.arm_axis is None:
-        windows_s = find_diary_poses(told, recording.start, recording.duration_us)
     settings = AnalysisSettings(
         request.method,
         request.pose,
         windows_s,
-        diary,
+        told,
         request.arm_axis,
         request.slip_times_s,
         request.no_slip_times_s,

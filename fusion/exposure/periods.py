@@ -85,6 +85,25 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     return Placed(cut, (*left_aside, *_flag_overlaps(cut)))
 
 
+def find_diary_poses(
+    diary: Sequence[DiaryEntry], start: datetime | None, duration_us: int
+) -> tuple[tuple[float, float], ...]:
+    """Return when the pose was held by the diary, seconds from the first sample.
+
+    Raises
+    ------
+    fusion.errors.UnusableDiary
+        A pose does not lie in the recording.
+    """
+    poses = (
+        replace(entry, end=after.start if entry.end is None and after else entry.end)
+        for entry, after in pairwise([*diary, None])
+        if entry is not None and entry.kind == "pose"
+    )
+    placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
+    return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
+
+
 def _bound_all(
     entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int
 ) -> list[tuple[int, int]]:

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from app.request import ReportRequest
-from app.roads.analyse import find_diary_poses, make_report
+from app.roads.analyse import make_report
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableDiary
+from fusion.exposure.periods import find_diary_poses
 
 START = datetime.fromisoformat("2026-03-02T07:00:00-05:00")
 HOUR_US = 3_600_000_000
