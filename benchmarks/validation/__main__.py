@@ -2,8 +2,8 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: stated, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed, invariance,
-good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes the tables
+Sections: stated, sway, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed,
+invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes the tables
 that the document leaves out. The days of `stated` are kept in ``--logs`` and not run twice. Needs the `bench`
 extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
 """
@@ -32,6 +32,7 @@ from benchmarks.validation.shifts import compare_on_shifts
 from benchmarks.validation.soft_tissue import compare_soft_tissue
 from benchmarks.validation.speed import compare_speed
 from benchmarks.validation.stated import compare_on_stated
+from benchmarks.validation.sway import compare_sway
 from benchmarks.validation.tasks import compare_on_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +40,7 @@ DATA = ROOT.parent / "shared" / "data"
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
 SECTIONS = (
     "stated",
+    "sway",
     "pose_error",
     "soft_tissue",
     "gait",
@@ -100,6 +102,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
     logs, data = arguments.logs, arguments.data
     return {
         "stated": partial(compare_on_stated, data, arguments.seeds_stated, logs and logs / "stated.jsonl"),
+        "sway": partial(compare_sway, data),
         "pose_error": partial(compare_pose_error, data, arguments.seeds_stated),
         "soft_tissue": partial(compare_soft_tissue, data / "skin_motion"),
         "gait": partial(compare_gaits, data / "real_motion"),
