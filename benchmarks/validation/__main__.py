@@ -4,8 +4,8 @@
 
 Sections: stated, sway, pose_error, soft_tissue, gait, tasks, broad, stress, shifts, speed,
 invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes
-the tables that the document leaves out. The days of `stated` are kept in ``--logs`` and not run twice. Needs the `bench`
-extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+the tables that the document leaves out. The days of `stated` are kept in ``--logs`` and not run twice. Needs
+the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
 """
 
 import argparse
