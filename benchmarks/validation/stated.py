@@ -75,8 +75,8 @@ caveat about the pose or a slip.
 The slip question (12 deg, shares of 0.8 and 0.5) and the sway of a table (0.08 deg/s) were set on the same
 motion and on recordings of real sensors. These days are not a blind test of them."""
 UNSEEN_PROSE = """\
-A slip has no sign if nobody walks before and after it, or if it is too small beside the walk: no question is
-asked (no `W-SLIP`). The goals leave these days out."""
+A slip has no sign if no question is asked (no `W-SLIP`): nothing in the motion before and after it passes for
+walking. On seated days it is fast work that passes for it. The goals leave slips without a sign out."""
 
 
 @dataclass(frozen=True, slots=True)
