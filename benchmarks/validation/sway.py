@@ -11,8 +11,13 @@ from benchmarks.validation.invariance import STANDARD_GRAVITY
 from benchmarks.validation.real_clips import Clip, feel, load_clip
 from benchmarks.validation.skin_clips import load_skin_library
 from fusion.errors import FusionError
-from fusion.pose.poses import TABLE_SWAY_DPS
-from fusion.pose.windows import find_still_stretches, measure_asked, measure_stretch, reduce_recording
+from fusion.pose.windows import (
+    TABLE_SWAY_DPS,
+    find_still_stretches,
+    measure_asked,
+    measure_stretch,
+    reduce_recording,
+)
 from fusion.readers import read_recording
 from fusion.recording import Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import calibrate_accelerometer

@@ -27,6 +27,7 @@ from fusion.pose.windows import (
     Blocks,
     StillPeriod,
     find_still_stretches,
+    find_tables,
     measure_asked,
     measure_pair,
     reduce_recording,
@@ -149,8 +150,9 @@ def calibrate(
     views = [view_segment(segment) for segment in recording.segments]
     sensor, runs = calibrate_sensor(views, blocks, stills, recording.acc_range_g, recording.gyr_range_dps)
     correction = sensor.accelerometer
-    wears = divide_by_wear(blocks, correction)
-    early = find_early_stills(recording, wears, find_still_stretches(blocks, correction))
+    stretches_s = find_still_stretches(blocks, correction)
+    wears = divide_by_wear(blocks, correction, find_tables(recording, stretches_s))
+    early = find_early_stills(recording, wears, stretches_s)
     found, windows = _find_stated(recording, wears[0], correction, settings)
     assumed = assume_pose(early[0], correction, settings.pose_held)
     poses = found or (assumed or do_without_pose(recording, blocks, wears[0], correction),)
@@ -159,7 +161,7 @@ def calibrate(
     first, read = poses[0], read_recording(wears, (*poses, *put_back), settings.slip_times_s)
     windows = windows or ((first.still,) if first.still else ())
     axes = [[still.correct(correction) for still in one.stills] for one in early]
-    candidates = axes[0] if first.candidates else []
+    candidates = [still.correct(correction) for still in first.candidates]
     walking = find_walking(find_wear(wears, first.time_s).strides)
     calibration = Calibration(
         settings.pose,

@@ -1,7 +1,7 @@
 """Which stillness may be the pose.
 
 A person says when the pose was held, or that it was held at the start of wear. If nobody says, the first
-stillness of 5 to 60 s within ten minutes of the start of wear is assumed, and every other of that time is a
+stillness of 5 s or more within ten minutes of the start of wear is assumed, and every other of that time is a
 candidate. A stillness that does not sway is a table: the sensor is worn from its end on.
 """
 
@@ -17,14 +17,17 @@ from fusion.pose.axes import (
     MOMENT_SIGMA_DEG,
     WALKING_SIGMA_DEG,
     estimate_held_sigma,
+    find_spread_deg,
 )
 from fusion.pose.slips import find_walking
 from fusion.pose.wear import Wear, divide_by_wear
 from fusion.pose.windows import (
+    TABLE_SWAY_DPS,
     Blocks,
     StillPeriod,
     Window,
     find_still_stretches,
+    find_tables,
     measure_stillest,
     measure_stretch,
     reduce_recording,
@@ -34,10 +37,6 @@ from fusion.sensor.accelerometer import AccelerometerCorrection, calibrate_accel
 from fusion.sensor.stillness import find_still_moments
 
 EARLY_S, HELD_S, LONGEST_POSE_S = 600.0, 60.0, 60.0
-TABLE_SWAY_DPS = 0.08
-"""Below it a stillness is a table. Recorded: 57 stillnesses on desks read 0.015 to 0.046 deg/s, three of worn
-upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
-"""
 MOST_REPEATS = 3
 
 
@@ -71,16 +70,16 @@ class EarlyStills:
 def find_early_stills(
     recording: Recording, wears: Sequence[Wear], stretches_s: Sequence[Window]
 ) -> list[EarlyStills]:
-    """Return the stillnesses of 5 to 60 s that sway, in the first ten minutes of each stretch of wear.
+    """Return the stillnesses that sway, in the first ten minutes of each stretch of wear.
 
-    If none in the whole recording sways, it was made without an arm, and those that do not sway are taken.
+    If none in the whole recording sways, it was made without an arm, and those of up to 60 s are taken.
     """
     sways = any(measure_stretch(recording, span_s).sway_dps >= TABLE_SWAY_DPS for span_s in stretches_s)
-    return [_find_in_wear(recording, wear, stretches_s, TABLE_SWAY_DPS if sways else 0.0) for wear in wears]
+    return [_find_in_wear(recording, wear, stretches_s, sways=sways) for wear in wears]
 
 
 def _find_in_wear(
-    recording: Recording, wear: Wear, stretches_s: Sequence[Window], least_sway_dps: float
+    recording: Recording, wear: Wear, stretches_s: Sequence[Window], *, sways: bool
 ) -> EarlyStills:
     worn_from_s, found = wear.worn_from_s, list[StillPeriod]()
     for start_s, end_s in stretches_s:
@@ -89,7 +88,7 @@ def _find_in_wear(
         if start_s > worn_from_s + EARLY_S:
             break
         still = measure_stretch(recording, (start_s, end_s))
-        if end_s - start_s <= LONGEST_POSE_S and still.sway_dps >= least_sway_dps:
+        if still.sway_dps >= TABLE_SWAY_DPS if sways else end_s - start_s <= LONGEST_POSE_S:
             found.append(still)
         elif not found:
             worn_from_s = end_s
@@ -99,12 +98,16 @@ def _find_in_wear(
 def assume_pose(
     early: EarlyStills, accelerometer: AccelerometerCorrection, pose_held: PoseHeld | None
 ) -> FoundPose | None:
-    """Return the first stillness of wear as the pose; None if there is none."""
+    """Return the first stillness of wear as the pose; None if there is none.
+
+    Stated as held at the start, stillnesses of the first minute that disagree are candidates all the same.
+    """
+    at_start = tuple(still for still in early.stills if still.start_s <= early.worn_from_s + HELD_S)
+    if pose_held == "start" and at_start:
+        differ = find_spread_deg([still.correct(accelerometer) for still in at_start]) > ALIKE_DEG
+        return describe_pose("held_at_start", at_start[0], accelerometer, at_start if differ else ())
     if not early.stills:
         return None
-    is_held = pose_held == "start" and early.stills[0].start_s <= early.worn_from_s + HELD_S
-    if is_held:
-        return describe_pose("held_at_start", early.stills[0], accelerometer)
     pose = describe_pose("assumed", early.stills[0], accelerometer, early.stills)
     return replace(pose, sigma_deg=max(pose.sigma_deg, ASSUMED_SIGMA_DEG))
 
@@ -155,7 +158,8 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
     blocks = reduce_recording(recording)
     accelerometer = calibrate_accelerometer(find_still_moments(blocks))
     stretches_s = find_still_stretches(blocks, accelerometer)
-    early = find_early_stills(recording, divide_by_wear(blocks, accelerometer), stretches_s)
+    wears = divide_by_wear(blocks, accelerometer, find_tables(recording, stretches_s))
+    early = find_early_stills(recording, wears, stretches_s)
     proposed = [ProposedPose(still, "pose") for one in early for still in one.stills]
     late_s = recording.duration_us / MICROSECONDS - EARLY_S
     if not early[0].stills or late_s < early[0].worn_from_s + EARLY_S:

@@ -1,8 +1,7 @@
 """The stretches of a recording in which the sensor was worn without being taken off.
 
-A recording is cut where the sensor may have been off the arm: ten minutes or more in which, over 10 s, no
-axis of the accelerometer has a standard deviation of 0.013 g (as in ``fusion.quality.time_account``), or a
-hole of five minutes.
+A recording is cut where the sensor may have been off the arm: a table of five minutes or more
+(:func:`fusion.pose.windows.find_tables`), or a hole as long.
 """
 
 from collections.abc import Sequence
@@ -13,10 +12,9 @@ import numpy as np
 
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.moments import Moments, find_calm_moments, find_striding_moments
-from fusion.sensor.stillness import QuarterSeconds, summarise_windows
-from fusion.still_limits import OFF_THE_ARM
+from fusion.sensor.stillness import QuarterSeconds
 
-OFF_S, HOLE_S = 600.0, 300.0
+HOLE_S = 300.0
 LEAST_SHARE = 0.15
 """Of the calm moments of the longest stretch: one with fewer is a sensor in a bag or in a hand."""
 Cut = tuple[float, float]
@@ -39,10 +37,12 @@ class Wear:
 
 
 def divide_by_wear(
-    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
+    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection, tables_s: Sequence[Cut]
 ) -> tuple[Wear, ...]:
     """Return the stretches of wear worth the name, one at least, which cover the whole recording."""
-    cuts = _find_cuts(blocks)
+    ends_s = [(run.start_s, run.start_s + len(run.acc) * run.block_s) for run in blocks]
+    holes_s = [(before[1], after[0]) for before, after in pairwise(ends_s) if after[0] - before[1] >= HOLE_S]
+    cuts = sorted([*tables_s, *holes_s])
     calm, strides = find_calm_moments(blocks, accelerometer), find_striding_moments(blocks, accelerometer)
     for off_s, on_s in cuts:
         calm = calm.select((calm.time_s <= off_s) | (calm.time_s >= on_s))
@@ -67,23 +67,3 @@ def divide_by_wear(
 def find_wear(wears: Sequence[Wear], time_s: float) -> Wear:
     """Return the stretch of wear that a time lies in."""
     return next(wear for wear in reversed(wears) if wear.start_s <= time_s)
-
-
-def _find_cuts(blocks: Sequence[QuarterSeconds]) -> list[Cut]:
-    cuts = [cut for run in blocks for cut in _find_off(run)]
-    for run, following in pairwise(blocks):
-        end_s = run.start_s + len(run.acc) * run.block_s
-        if following.start_s - end_s >= HOLE_S:
-            cuts.append((end_s, following.start_s))
-    return sorted(cuts)
-
-
-def _find_off(run: QuarterSeconds) -> list[Cut]:
-    """Return the stretches of one run in which every window is still."""
-    table = summarise_windows([run], OFF_THE_ARM.window_s)
-    still = np.concatenate([[False], table.acc_sd_g < OFF_THE_ARM.acc_sd_g, [False]])
-    starts, stops = np.flatnonzero(still[1:] & ~still[:-1]), np.flatnonzero(~still[1:] & still[:-1])
-    long_enough = (stops - starts) * run.block_s + OFF_THE_ARM.window_s >= OFF_S
-    first_s = run.start_s + starts[long_enough] * run.block_s
-    stop_s = run.start_s + (stops[long_enough] - 1) * run.block_s + OFF_THE_ARM.window_s
-    return list(zip(first_s.tolist(), stop_s.tolist(), strict=True))

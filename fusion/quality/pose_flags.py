@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping
 
 from fusion.caveats import Caveat
 from fusion.pose.calibrate import CalibratedSamples, Calibration
-from fusion.pose.poses import TABLE_SWAY_DPS
 from fusion.pose.rules import RULES
-from fusion.pose.windows import StillPeriod
+from fusion.pose.windows import TABLE_SWAY_DPS, StillPeriod
 from fusion.recording import MICROSECONDS, QualityFlag, flag_stretches
 from fusion.settings import AnalysisSettings
 
@@ -28,12 +27,13 @@ def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterato
     state, facts = calibration.state, {"deg": round(calibration.sigma_deg, 1)}
     if state in {"axis", "none"}:
         yield QualityFlag(Caveat.AXIS if state == "axis" else Caveat.NO_STILL, facts=facts)
-    if state == "assumed":
-        spans_s = [(still.start_s, still.end_s) for still in calibration.proposals]
-        told = {"apart_deg": round(calibration.spread_deg)} if calibration.needs_pose else {}
-        yield flag_stretches(Caveat.WHICH_POSE if told else Caveat.POSE_ASSUMED, spans_s, told)
-        if calibration.pose == "side-lean":  # no sensor on the arm knows whether the trunk was leaning
-            yield flag_window(Caveat.LEAN, calibration.windows[0])
+    spans_s = [(still.start_s, still.end_s) for still in calibration.proposals]
+    if calibration.needs_pose:
+        yield flag_stretches(Caveat.WHICH_POSE, spans_s, {"apart_deg": round(calibration.spread_deg)})
+    elif state == "assumed":
+        yield flag_stretches(Caveat.POSE_ASSUMED, spans_s)
+    if state == "assumed" and calibration.pose == "side-lean":  # nobody said that the trunk was leaning
+        yield flag_window(Caveat.LEAN, calibration.windows[0])
     if state in {"assumed", "none"} and settings.pose_held:
         yield QualityFlag(Caveat.NOT_HELD)
     for still in calibration.windows if state != "none" else ():

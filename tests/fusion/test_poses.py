@@ -132,10 +132,10 @@ def test_a_table_does_not_sway_and_the_sensor_is_worn_from_its_end_on(seconds: f
     assert samples.calibration.state == "held_at_start"
 
 
-def test_a_stillness_of_more_than_a_minute_is_no_pose_even_if_it_sways() -> None:
-    samples = Course().hold(300.0, ASIDE).move(30.0).hold(10.0).move(300.0).calibrate(held="start")
+def test_a_pose_may_be_held_for_more_than_a_minute_if_it_sways() -> None:
+    samples = Course().hold(75.0).move(10.0).hold(10.0, ASIDE).move(100.0).calibrate()
 
-    assert start_s(samples) == pytest.approx(330.0, abs=0.5)
+    assert start_s(samples) == pytest.approx(0.0, abs=0.5)
 
 
 def test_a_recording_in_which_nothing_sways_was_made_without_an_arm_and_is_read_all_the_same() -> None:
@@ -186,6 +186,15 @@ def test_a_stillness_that_begins_within_a_minute_confirms_a_pose_held_at_the_sta
     assert samples.calibration.proposals == ()
     assert codes(samples) == []
     assert samples.readings == ()
+
+
+def test_two_stillnesses_of_the_first_minute_that_disagree_are_asked_about_all_the_same() -> None:
+    samples = Course().hold(8.0, ASIDE).move(10.0).hold(10.0).move(60.0).calibrate(held="start")
+
+    assert samples.calibration.state == "held_at_start"
+    assert [round(still.start_s) for still in samples.calibration.proposals] == [0, 18]
+    assert codes(samples) == ["W-WHICH-POSE"]
+    assert len(samples.readings) == 1
 
 
 def test_without_a_stillness_within_a_minute_the_statement_does_not_hold() -> None:
@@ -383,7 +392,7 @@ def test_poses_that_agree_on_both_sides_show_that_nothing_slipped() -> None:
     assert course.calibrate((1.0, 9.0), (end_s - 9.0, end_s - 1.0)).calibration.questions == ()
 
 
-def take_off(after: Direction, minutes: float = 12.0) -> Course:
+def take_off(after: Direction, minutes: float = 8.0) -> Course:
     """A pose and work, a while on a desk, and work again."""
     return Course().hold(10.0).move(600.0).lie(60.0 * minutes).move(20.0).hold(20.0, after).move(600.0)
 
@@ -393,7 +402,7 @@ def test_a_sensor_that_was_off_asks_for_the_pose_after_it_and_cuts_nothing() -> 
 
     (question,) = samples.calibration.questions
     assert question.kind == "put_back"
-    assert (question.first_s, question.end_s) == pytest.approx((610.0, 1330.0), abs=10.0)
+    assert (question.first_s, question.end_s) == pytest.approx((610.0, 1090.0), abs=10.0)
     assert samples.axis_parts == ()
     assert codes(samples) == ["W-PUT-BACK"]
 
@@ -405,17 +414,17 @@ def test_another_reading_after_it_was_off_is_by_the_stillness_held_then() -> Non
 
 
 def test_a_pose_given_after_it_was_off_reads_from_there_on() -> None:
-    samples = take_off(ASIDE).calibrate((1.0, 9.0), (1352.0, 1368.0))
+    samples = take_off(ASIDE).calibrate((1.0, 9.0), (1112.0, 1128.0))
 
     (part,) = samples.axis_parts
     assert part.arm_axis == pytest.approx(ASIDE, abs=0.01)
-    assert 610.0 < part.start_s < 1330.0
+    assert 610.0 < part.start_s < 1090.0
     assert samples.calibration.questions == ()
 
 
 def test_a_sensor_put_back_in_the_same_place_is_asked_about_until_a_person_says_so() -> None:
     assert codes(take_off(UP).calibrate((1.0, 9.0))) == ["W-PUT-BACK"]
-    assert codes(take_off(UP).calibrate((1.0, 9.0), no_slip_s=(1330.0,))) == []
+    assert codes(take_off(UP).calibrate((1.0, 9.0), no_slip_s=(1090.0,))) == []
 
 
 def test_a_hole_of_five_minutes_may_be_a_sensor_that_was_off() -> None:
