@@ -36,7 +36,7 @@ from fusion.recording import MICROSECONDS, Float64Array, Recording
 from fusion.sensor.accelerometer import AccelerometerCorrection, calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments
 
-EARLY_S, HELD_S, LONGEST_POSE_S = 600.0, 60.0, 60.0
+EARLY_S, HELD_S, AT_ONCE_S, LONGEST_POSE_S = 600.0, 60.0, 10.0, 60.0
 MOST_REPEATS = 3
 
 
@@ -100,11 +100,13 @@ def assume_pose(
 ) -> FoundPose | None:
     """Return the first stillness of wear as the pose; None if there is none.
 
-    Stated as held at the start, stillnesses of the first minute that disagree are candidates all the same.
+    Stated as held at the start, it is confirmed if it begins within 10 s of wear. If it begins later in the
+    first minute, other stillnesses of that minute that disagree with it remain candidates.
     """
     at_start = tuple(still for still in early.stills if still.start_s <= early.worn_from_s + HELD_S)
     if pose_held == "start" and at_start:
-        differ = find_spread_deg([still.correct(accelerometer) for still in at_start]) > ALIKE_DEG
+        is_late = at_start[0].start_s > early.worn_from_s + AT_ONCE_S
+        differ = is_late and find_spread_deg([each.correct(accelerometer) for each in at_start]) > ALIKE_DEG
         return describe_pose("held_at_start", at_start[0], accelerometer, at_start if differ else ())
     if not early.stills:
         return None

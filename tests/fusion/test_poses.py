@@ -188,11 +188,18 @@ def test_a_stillness_that_begins_within_a_minute_confirms_a_pose_held_at_the_sta
     assert samples.readings == ()
 
 
-def test_two_stillnesses_of_the_first_minute_that_disagree_are_asked_about_all_the_same() -> None:
-    samples = Course().hold(8.0, ASIDE).move(10.0).hold(10.0).move(60.0).calibrate(held="start")
+def test_a_stillness_that_begins_at_once_is_the_pose_whatever_is_held_after_it() -> None:
+    samples = Course().move(5.0).hold(10.0).move(10.0).hold(10.0, ASIDE).move(60.0).calibrate(held="start")
 
     assert samples.calibration.state == "held_at_start"
-    assert [round(still.start_s) for still in samples.calibration.proposals] == [0, 18]
+    assert codes(samples) == []
+
+
+def test_stillnesses_later_in_the_first_minute_that_disagree_are_asked_about_all_the_same() -> None:
+    samples = Course().move(15.0).hold(8.0, ASIDE).move(10.0).hold(10.0).move(60.0).calibrate(held="start")
+
+    assert samples.calibration.state == "held_at_start"
+    assert [round(still.start_s) for still in samples.calibration.proposals] == [15, 33]
     assert codes(samples) == ["W-WHICH-POSE"]
     assert len(samples.readings) == 1
 
