@@ -32,6 +32,7 @@ class AnalysisSettings:
         first sample; when it did not, though the recording raises the question.
     pose_held
         "start": the person says that the pose was held at the start of wear. A window or an axis goes before.
+        "no": nobody states it, and what the file or its column profile states does not hold.
     """
 
     method: MethodName = "smoothed"
@@ -66,13 +67,14 @@ def _is_row(value: object) -> bool:
 
 
 def _is_window(value: object) -> bool:
-    is_pair = isinstance(value, tuple | list) and len(value) == 2 and all(map(_is_moment, value))
-    return is_pair and value[0] < value[1]
+    if not isinstance(value, tuple | list) or len(value) != 2 or not all(map(_is_moment, value)):
+        return False
+    return bool(value[0] < value[1])
 
 
 def _is_moment(value: object) -> bool:
     """Return whether a value is a number of seconds from the first sample; of numpy, too."""
-    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 <= value < math.inf
+    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 <= float(value) < math.inf
 
 
 DEFAULT_SETTINGS = AnalysisSettings()

@@ -39,8 +39,8 @@ SIDES: Mapping[str, Side] = {
     "left": "left", "l": "left", "gauche": "left", "g": "left",
     "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
 }  # fmt: skip
-HELD: Mapping[str, PoseHeld | None] = {
-    "start": "start", "debut": "start", "no": None, "non": None,
+HELD: Mapping[str, PoseHeld] = {
+    "start": "start", "debut": "start", "no": "no", "non": "no",
 }  # fmt: skip
 _WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
 
@@ -244,7 +244,7 @@ def _read_pose(text: str) -> str:
     return pose
 
 
-def _read_held(text: str) -> PoseHeld | None:
+def _read_held(text: str) -> PoseHeld:
     word = plain_word(text)
     if word not in HELD:
         raise ValueError
