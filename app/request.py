@@ -164,12 +164,12 @@ class ReportRequest:
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
     of the same shift, which only the command line can name. ``calibration_windows_s``: when the pose was
-    held, once or again; ``pose_held``: "start" if it was held at the start of wear; ``arm_axis``: the
-    sensor's axis along the arm, where none was; ``slip_times_s``: when the sensor slipped, as the person
-    says, ``no_slip_times_s``: when it did not. ``version`` counts the reports of one recording
-    and ``changes`` names what is different from the one before (a setting, "input" or "engine");
-    ``reason`` is the person's own. ``conclusion`` holds for these figures alone; after a correction it
-    goes on as a ``draft``.
+    held, once or again; ``pose_held``: "start" if it was held at the start of wear, "no" if what the file
+    states of it does not hold; ``arm_axis``: the sensor's axis along the arm, where none was;
+    ``slip_times_s``: when the sensor slipped, as the person says, ``no_slip_times_s``: when it did not.
+    ``version`` counts the reports of one recording and ``changes`` names what is different from the one
+    before (a setting, "input" or "engine"); ``reason`` is the person's own. ``conclusion`` holds for
+    these figures alone; after a correction it goes on as a ``draft``.
     With a ``reference``, a comparison is asked for instead of a report.
     """
 

@@ -93,6 +93,7 @@ class Caveat(StrEnum):
     DUP_FILE = "W-DUP-FILE", NOTE
     ENCODING = "W-ENCODING", NOTE
     LOCALE = "W-LOCALE", NOTE
+    HEADER = "W-HEADER", CAUTION, name_facts(text="lines, as they stand in the file")
     HEADER_REPEAT = "W-HEADER-REPEAT", NOTE
     PRECISION = "W-PRECISION", NOTE
     READER = "W-READER", NOTE, name_facts(reader="name", version="of its package", cause="in English")

@@ -32,8 +32,11 @@ CalibrationState = Literal["given", "held_at_start", "repeated", "assumed", "axi
 CONFIRMED: frozenset[CalibrationState] = frozenset({"given", "held_at_start", "repeated"})
 UNHELD: frozenset[CalibrationState] = frozenset({"axis", "none"})
 """Without a pose."""
-PoseHeld = Literal["start"]
-"""When the pose was held, as a person states for all recordings alike: at the start of wear."""
+PoseHeld = Literal["start", "no"]
+"""When the pose was held, as a person states for all recordings alike: at the start of wear.
+
+"no": not stated, though a file's header, a column profile or the settings of a run state it.
+"""
 
 
 def is_npose(pose: Pose, state: CalibrationState) -> bool:

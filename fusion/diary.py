@@ -21,7 +21,7 @@ from datetime import date, datetime, time, timedelta
 from functools import partial
 from typing import Literal, get_args
 
-from fusion.conventions import check_choice
+from fusion.conventions import PoseHeld, check_choice
 from fusion.errors import UnusableDiary, join_facts
 
 # Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
@@ -54,6 +54,22 @@ def plain_word(word: str) -> str:
     """Give a word without case, accents, underscores and hyphens."""
     letters = unicodedata.normalize("NFKD", word.casefold())
     return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
+
+
+HELD: Mapping[str, PoseHeld] = {"start": "start", "debut": "start", "no": "no", "non": "no"}
+
+
+def parse_pose_held(text: str) -> PoseHeld:
+    """Read ``start`` or ``no``, or the French ``début`` or ``non``.
+
+    Raises
+    ------
+    ValueError
+    """
+    held = HELD.get(plain_word(text))
+    if held is None:
+        raise ValueError(", ".join(HELD))
+    return held
 
 
 Kind = Literal["shift", "work", "pose", "task", "seated", "supported", "break", "outside", "not_worn"]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import get_args
 
 from fusion.conventions import ARM_AXES, ArmAxis, MethodName, Pose, PoseHeld, check_choice
@@ -24,12 +25,14 @@ class AnalysisSettings:
     diary
         What the day consisted of; breaks, time not worn and outside the shift are not analysed.
     arm_axis
-        Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder.
+        Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder, with
+        its sign: "+x", "-x", "+y", "-y", "+z" or "-z" (:func:`fusion.conventions.parse_arm_axis` reads "y").
     slip_times_s, no_slip_times_s
         When the sensor slipped on the arm, or was put back in another place, as the person says, from the
         first sample; when it did not, though the recording raises the question.
     pose_held
         "start": the person says that the pose was held at the start of wear. A window or an axis goes before.
+        "no": nobody states it, and what the file or its column profile states does not hold.
     """
 
     method: MethodName = "smoothed"
@@ -47,13 +50,31 @@ class AnalysisSettings:
         check_choice("pose", self.pose, get_args(Pose))
         check_choice("arm_axis", self.arm_axis, (None, *ARM_AXES))
         check_choice("pose_held", self.pose_held, (None, *get_args(PoseHeld)))
-        for window in self.calibration_windows_s:
-            is_pair = isinstance(window, tuple | list) and len(window) == 2
-            if not is_pair or not -math.inf < window[0] < window[1] < math.inf:
-                raise ValueError(f"calibration_windows_s: {window}; allowed: (start, end), s, start < end")
-        for time_s in (*self.slip_times_s, *self.no_slip_times_s):
-            if not 0.0 <= time_s < math.inf:
-                raise ValueError(f"slip times: {time_s}; allowed: seconds from the first sample, >= 0")
+        windows, times_s = self.calibration_windows_s, (self.slip_times_s, self.no_slip_times_s)
+        if not _is_row(windows) or not all(map(_is_window, windows)):
+            raise ValueError(
+                f"calibration_windows_s: {windows!r}; allowed: (start, end), s, 0 <= start < end"
+            )
+        for row in times_s:
+            if not _is_row(row) or not all(map(_is_moment, row)):
+                raise ValueError(f"slip times: {row!r}; allowed: seconds from the first sample, >= 0")
+        if not _is_row(self.diary) or not all(isinstance(entry, DiaryEntry) for entry in self.diary):
+            raise ValueError(f"diary: {self.diary!r}; allowed: DiaryEntry, ...")
+
+
+def _is_row(value: object) -> bool:
+    return isinstance(value, tuple | list)
+
+
+def _is_window(value: object) -> bool:
+    if not isinstance(value, tuple | list) or len(value) != 2 or not all(map(_is_moment, value)):
+        return False
+    return bool(value[0] < value[1])
+
+
+def _is_moment(value: object) -> bool:
+    """Return whether a value is a number of seconds from the first sample; of numpy, too."""
+    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 <= float(value) < math.inf
 
 
 DEFAULT_SETTINGS = AnalysisSettings()

@@ -18,8 +18,8 @@ from typing import Any, get_args
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
 from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
-from fusion.conventions import AXIS_HINT, Pose, PoseHeld, Side, parse_arm_axis
-from fusion.diary import DiaryEntry, decode_text, plain_word, read_diary, read_rows
+from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis
+from fusion.diary import DiaryEntry, decode_text, parse_pose_held, plain_word, read_diary, read_rows
 from fusion.errors import Fact, UnusableDiary, join_facts
 
 COLUMNS: Mapping[str, str] = {
@@ -38,9 +38,6 @@ COLUMNS: Mapping[str, str] = {
 SIDES: Mapping[str, Side] = {
     "left": "left", "l": "left", "gauche": "left", "g": "left",
     "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
-}  # fmt: skip
-HELD: Mapping[str, PoseHeld | None] = {
-    "start": "start", "debut": "start", "no": None, "non": None,
 }  # fmt: skip
 _WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
 
@@ -213,7 +210,7 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
         "side": Reader("side", _read_side, "|".join(get_args(Side))),
         "pose": Reader("pose", _read_pose, "|".join(get_args(Pose))),
         "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
-        "pose_held": Reader("pose_held", _read_held, "start|no"),
+        "pose_held": Reader("pose_held", parse_pose_held, "start|no"),
         "axis": Reader("arm_axis", parse_arm_axis, AXIS_HINT),
         "slip_at": Reader("slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
         "no_slip_at": Reader("no_slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
@@ -242,13 +239,6 @@ def _read_pose(text: str) -> str:
     if pose not in get_args(Pose):
         raise ValueError
     return pose
-
-
-def _read_held(text: str) -> PoseHeld | None:
-    word = plain_word(text)
-    if word not in HELD:
-        raise ValueError
-    return HELD[word]
 
 
 def _read_windows(text: str) -> tuple[tuple[float, float], ...]:

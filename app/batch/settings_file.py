@@ -81,6 +81,12 @@ def _read_window_list(value: Any) -> tuple[tuple[float, float], ...]:
     return windows
 
 
+def _read_held(value: Any) -> PoseHeld | None:
+    """Read ``start`` or ``no``, which YAML 1.1 takes for "false"."""
+    known: tuple[PoseHeld | None, ...] = (*get_args(PoseHeld), None)
+    return known[known.index("no" if value is False else value)]
+
+
 def _read_slip_list(value: Any) -> tuple[float, ...]:
     return tuple(parse_slip_time(time_s) for time_s in value or ())
 
@@ -129,7 +135,7 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("pose", "pose", *_choose(get_args(Pose))),
     Setting("side", "side", *_choose(get_args(Side), may_be_empty=True)),
     Setting("calibration", "calibration_windows_s", _read_window_list, f"[[{WINDOW_HINT}]]"),
-    Setting("pose_held", "pose_held", *_choose(get_args(PoseHeld), may_be_empty=True)),
+    Setting("pose_held", "pose_held", _read_held, "|".join(get_args(PoseHeld))),
     Setting("axis", "arm_axis", lambda value: None if value is None else parse_arm_axis(value), AXIS_HINT),
     Setting("slip_at", "slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("no_slip_at", "no_slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),

@@ -45,7 +45,7 @@ def serve(
     ] = None,
     pose_held: Annotated[
         PoseHeld | None,
-        typer.Option(help="Of what --watch takes in: the pose was held at the start of wear."),
+        typer.Option(help="Of what --watch takes in: the pose was held at the start of wear, or not."),
     ] = None,
     tls_cert: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Certificate of HTTPS.")] = None,
     tls_key: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Its key.")] = None,

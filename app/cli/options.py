@@ -57,7 +57,10 @@ SensorOption = Annotated[
     str, typer.Option("--sensor", metavar="NAME", help="Which sensor of a table of several is on the arm.")
 ]
 PoseHeldOption = Annotated[
-    PoseHeld | None, typer.Option("--pose-held", help="The pose was held at the start of wear.")
+    PoseHeld | None,
+    typer.Option(
+        "--pose-held", help="The pose was held at the start of wear; no: not so, though the file says it."
+    ),
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
 LanguageOption = Annotated[

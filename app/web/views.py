@@ -336,7 +336,7 @@ def _format_pose_time(job: Job, clock: DayClock | None, words: Words, language: 
     request = job.request
     if request.arm_axis:
         return str(words["none_given"])
-    stated = words["windows_held" if request.pose_held else "windows_proposed"]
+    stated = words["windows_held" if request.pose_held == "start" else "windows_proposed"]
     return format_windows(request.calibration_windows_s, clock, language) or str(stated)
 
 

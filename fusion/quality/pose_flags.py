@@ -34,7 +34,7 @@ def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterato
         yield flag_stretches(Caveat.POSE_ASSUMED, spans_s)
     if state == "assumed" and calibration.pose == "side-lean":  # nobody said that the trunk was leaning
         yield flag_window(Caveat.LEAN, calibration.windows[0])
-    if state in {"assumed", "none"} and settings.pose_held:
+    if state in {"assumed", "none"} and settings.pose_held == "start":
         yield QualityFlag(Caveat.NOT_HELD)
     for still in calibration.windows if state != "none" else ():
         if settings.calibration_windows_s and still.duration_s < RULES.length_s - 1e-6:

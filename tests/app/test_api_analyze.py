@@ -117,6 +117,12 @@ def test_a_pose_may_be_held_as_often_as_one_likes(client: TestClient, store: Job
     assert request.slip_times_s == (3600.0,)
 
 
+def test_a_pose_that_was_not_held_is_taken(client: TestClient, store: JobStore) -> None:
+    answer = client.post(f"{URL}?pose_held=no", content=b"x").json()
+
+    assert store.get(answer["id"]).request.pose_held == answer["settings"]["pose_held"] == "no"
+
+
 def test_a_pose_held_at_the_start_and_no_slip_are_taken(client: TestClient, store: JobStore) -> None:
     answer = client.post(f"{URL}?pose_held=start&no_slip_at=60&no_slip_at=7200", content=b"x").json()
 

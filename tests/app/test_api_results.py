@@ -223,7 +223,20 @@ def test_every_link_of_an_analysis_leads_somewhere(client: TestClient, bench: Op
     assert [link for link, answer in refused.items() if "E-NOT-FOUND" in answer.text] == []
 
 
-@pytest.mark.parametrize("asked", ["lines=1-2", "bytes=5-2", "bytes=-", "bytes=one-two", "0-3"])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "lines=1-2",
+        "bytes=5-2",
+        "bytes=-",
+        "bytes=one-two",
+        "0-3",
+        "bytes=" + "9" * 19 + "-",
+        "bytes=" + "9" * 6000 + "-",
+        "bytes=-" + "9" * 6000,
+        "bytes=" + "0-1," * 2000 + "0-1",
+    ],
+)
 def test_a_range_that_cannot_be_understood_gives_the_whole_file(
     client: TestClient, bench: OpenBench, asked: str
 ) -> None:

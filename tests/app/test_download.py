@@ -134,6 +134,18 @@ def test_a_range_is_given_only_of_the_bytes_that_were_meant(
     assert answer.status_code == status
 
 
+@pytest.mark.parametrize("condition", [{}, {"if-range": f'"{SHA256}"'}, {"if-range": '"other"'}])
+def test_a_range_of_too_many_digits_gives_the_whole_file(
+    client: TestClient, condition: dict[str, str]
+) -> None:
+    kept = keep(client, CONTENT)
+
+    asked = {"range": f"bytes={'9' * 6000}-"} | condition
+    answer = client.get(build_address(kept["id"]), headers=asked)
+
+    assert (answer.status_code, answer.content) == (200, CONTENT)
+
+
 @pytest.mark.parametrize("known", [f'"{SHA256}"', f'"other", W/"{SHA256}"'])
 def test_bytes_that_are_known_are_not_sent_again(client: TestClient, known: str) -> None:
     kept = keep(client, CONTENT)

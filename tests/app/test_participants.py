@@ -65,10 +65,11 @@ def test_an_axis_and_the_moments_of_slips_are_read() -> None:
     [
         ("file,pose_held\na,start\n", "start"),
         ("fichier;pose tenue\na;début\n", "start"),
-        ("file,pose_held\na,no\n", None),
+        ("file,pose_held\na,no\n", "no"),
+        ("fichier;pose tenue\na;non\n", "no"),
     ],
 )
-def test_a_row_says_whether_the_pose_was_held_at_the_start(text: str, held: str | None) -> None:
+def test_a_row_says_whether_the_pose_was_held_at_the_start(text: str, held: str) -> None:
     assert read_one(text) == {"pose_held": held}
 
 

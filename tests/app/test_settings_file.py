@@ -32,7 +32,7 @@ REQUESTS = st.builds(
     arm_axis=st.sampled_from([None, "+y", "-x"]),
     slip_times_s=st.lists(st.sampled_from([0.0, 3600.5]), max_size=2).map(tuple),
     no_slip_times_s=st.lists(st.sampled_from([0.0, 3600.5]), max_size=2).map(tuple),
-    pose_held=st.sampled_from([None, "start"]),
+    pose_held=st.sampled_from([None, "start", "no"]),
     rate_hz=st.none() | st.floats(1, 10_000),
     languages=st.sampled_from([("en",), ("fr",)]),
     kinds=st.sampled_from([("html",), ("pdf",), ("html", "pdf")]),
@@ -69,6 +69,11 @@ def test_a_clock_time_without_quotes_is_a_clock_time() -> None:
     assert values["diary"] == (DiaryEntry("10:30:00", "11:00:00", "break"),)
 
 
+@pytest.mark.parametrize(("text", "held"), [("no", "no"), ('"no"', "no"), ("start", "start"), ("", None)])
+def test_a_pose_that_was_not_held_needs_no_quotes(text: str, held: str | None) -> None:
+    assert read_settings(f"pose_held: {text}\n".encode()) == {"pose_held": held}
+
+
 def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
     assert refusal(b"metod: live\n").facts["nearest"] == "method"
 
@@ -87,7 +92,7 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
         ("calibration: [[10, 5]]", "[[START_S,END_S]]"),
         ("calibration: [5, 10]", "[[START_S,END_S]]"),
         ("axis: up", "x, y, z, -x, -y, -z"),
-        ("pose_held: end", "start"),
+        ("pose_held: end", "start|no"),
         ("slip_at: [noon]", "[SECONDS]"),
         ("no_slip_at: [noon]", "[SECONDS]"),
         ("diary: [{start: 25:99, kind: break}]", DIARY_HINT),

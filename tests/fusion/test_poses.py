@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.conventions import PoseHeld, parse_arm_axis
+from fusion.pipeline import adopt_stated
 from fusion.pose.axes import choose_apart, estimate_repeated_sigma
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.pose.poses import ProposedPose, propose_poses
@@ -209,6 +210,16 @@ def test_without_a_stillness_within_a_minute_the_statement_does_not_hold() -> No
 
     assert samples.calibration.state == "assumed"
     assert codes(samples, pose_held="start") == ["W-POSE-ASSUMED", "W-NOT-HELD"]
+
+
+def test_a_person_may_say_that_what_the_file_states_does_not_hold() -> None:
+    stated = replace(Course().hold(10.0).move(60.0).record(), pose_held="start")
+
+    settings = adopt_stated(stated, AnalysisSettings(pose_held="no"))
+
+    assert settings.pose_held == "no"
+    assert calibrate(stated, settings).calibration.state == "assumed"
+    assert codes(calibrate(stated, settings), pose_held="no") == ["W-POSE-ASSUMED"]
 
 
 def test_a_window_goes_before_the_statement() -> None:

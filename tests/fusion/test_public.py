@@ -30,6 +30,8 @@ from fusion.simulation import simulate_shift, write_shift
 from tests.factories import hold
 
 ROOT = Path(__file__).resolve().parents[2]
+WINDOWS = "allowed: (start, end), s, 0 <= start < end"
+TIMES = "allowed: seconds from the first sample, >= 0"
 EVERY = {name: getattr(fusion, name) for name in fusion.__all__}
 VALUES = {name: item for name, item in EVERY.items() if dataclasses.is_dataclass(item)}
 FUNCTIONS = {name: item for name, item in EVERY.items() if inspect.isfunction(item)}
@@ -170,10 +172,21 @@ def test_an_installation_offers_the_same_names_as_acromion(tmp_path: Path) -> No
         ({"method": "publishd"}, "method='publishd'; allowed: 'smoothed', 'published', 'live'"),
         ({"pose": "two_point"}, "pose='two_point'; allowed: 'n-pose', 'side-lean', 'two-point'"),
         ({"arm_axis": "q"}, "arm_axis='q'; allowed: None, '+x', '-x', '+y', '-y', '+z', '-z'"),
-        ({"calibration_windows_s": ((15.0, 5.0),)}, "allowed: (start, end), s, start < end"),
-        ({"calibration_windows_s": (5.0, 15.0)}, "allowed: (start, end), s, start < end"),
-        ({"calibration_windows_s": ((5.0, math.nan),)}, "allowed: (start, end), s, start < end"),
-        ({"slip_times_s": (-4.0,)}, "allowed: seconds from the first sample, >= 0"),
+        ({"calibration_windows_s": ((15.0, 5.0),)}, WINDOWS),
+        ({"calibration_windows_s": (5.0, 15.0)}, WINDOWS),
+        ({"calibration_windows_s": ((5.0, math.nan),)}, WINDOWS),
+        ({"calibration_windows_s": (("5", "15"),)}, WINDOWS),
+        ({"calibration_windows_s": ((None, 5),)}, WINDOWS),
+        ({"calibration_windows_s": ((-5, 5),)}, WINDOWS),
+        ({"calibration_windows_s": None}, WINDOWS),
+        ({"slip_times_s": (-4.0,)}, TIMES),
+        ({"slip_times_s": ("a",)}, TIMES),
+        ({"slip_times_s": (None,)}, TIMES),
+        ({"slip_times_s": (True,)}, TIMES),
+        ({"slip_times_s": 5.0}, TIMES),
+        ({"no_slip_times_s": None}, TIMES),
+        ({"diary": ("x",)}, "diary: ('x',); allowed: DiaryEntry, ..."),
+        ({"diary": None}, "diary: None; allowed: DiaryEntry, ..."),
     ],
 )
 def test_a_setting_that_cannot_be_is_refused_with_the_allowed_values(

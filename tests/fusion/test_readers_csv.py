@@ -27,6 +27,56 @@ def test_the_canonical_form_is_read_with_clock_and_ranges() -> None:
     assert recording.flags == ()
 
 
+@pytest.mark.parametrize(
+    ("text", "held"),
+    [
+        ("start", "start"),
+        ("Start", "start"),
+        ("début", "start"),
+        ("DEBUT", "start"),
+        ("no", "no"),
+        ("non", "no"),
+    ],
+)
+def test_the_header_says_whether_the_pose_was_held_at_the_start(text: str, held: str) -> None:
+    recording = read_text(f"# pose_held: {text}\n" + table(range(0, 20_000_000, 2000)))
+
+    assert (recording.pose_held, recording.flags) == (held, ())
+
+
+def test_the_header_says_when_the_pose_was_held_and_which_axis_lay_along_the_arm() -> None:
+    recording = read_text("# pose_window_s: 5,10.5\n# arm_axis: -y\n" + table(range(0, 20_000_000, 2000)))
+
+    assert (recording.pose_windows_s, recording.arm_axis, recording.flags) == (((5.0, 10.5),), "-y", ())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "pose_held: yes",
+        "pose_window_s: 10-5",
+        "pose_window_s: 10,5",
+        "pose_window_s: -5,5",
+        "pose_window_s: 5,inf",
+        "pose_window_s: 5,10,15",
+        "arm_axis: q",
+    ],
+)
+def test_a_header_line_about_the_pose_that_cannot_be_read_is_told(line: str) -> None:
+    recording = read_text(f"# {line}\n" + table(range(0, 20_000_000, 2000)))
+
+    (flag,) = recording.flags
+    assert (flag.code, flag.count, flag.facts) == ("W-HEADER", 1, {"text": line})
+    assert (recording.pose_windows_s, recording.arm_axis, recording.pose_held) == ((), None, None)
+
+
+def test_all_header_lines_about_the_pose_that_cannot_be_read_are_one_caveat() -> None:
+    recording = read_text("# pose_held: yes\n# arm_axis: q\n" + table(range(0, 20_000_000, 2000)))
+
+    (flag,) = recording.flags
+    assert (flag.count, flag.facts) == (2, {"text": "arm_axis: q; pose_held: yes"})
+
+
 def test_every_number_arrives() -> None:
     recording = read_text(table(range(0, 20_000_000, 2000)))
 

@@ -98,6 +98,12 @@ def test_a_profile_may_state_the_pose_alone() -> None:
     assert (recording.pose_held, recording.duration_us) == ("start", 9_000_000)
 
 
+def test_a_profile_may_say_that_what_the_header_states_of_the_pose_does_not_hold() -> None:
+    text = "# pose_held: start\n" + table("time_ms,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n")
+
+    assert read_with('{"pose_held": "no"}', text).pose_held == "no"
+
+
 @pytest.mark.parametrize("text", [NAMED, '{"pose_held": "start"}'])
 def test_a_profile_survives_being_saved(text: str) -> None:
     profile = parse_profile(text)

@@ -215,7 +215,10 @@ class AnalysisOptions(BaseModel):
             description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
         ),
     ] = []
-    pose_held: Annotated[PoseHeld | None, Field(description="The pose was held at the start of wear.")] = None
+    pose_held: Annotated[
+        PoseHeld | None,
+        Field(description="The pose was held at the start of wear; no: not so, though the file says it."),
+    ] = None
     axis: Annotated[
         ArmAxis | None,
         BeforeValidator(_read_axis),

@@ -25,25 +25,27 @@ from app.storage.store import borrow_recording, read_mark
 # Parts of a file (RFC 9110, 14); a header that cannot be parsed is ignored.
 
 
-_RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
+_RANGE = re.compile(r"(\d{0,18})-(\d{0,18})", re.ASCII)
+MOST_RANGE_CHARACTERS = 1000
 
 
 def check_range(request: Request, size_bytes: int, etag: str) -> None:
-    """Remove a ``Range`` header that cannot be parsed; one for other bytes (``If-Range``) is left unread.
+    """Remove a ``Range`` header that cannot be parsed or is too long.
 
     Raises
     ------
     NoSuchRange
-        When a part begins behind the end.
+        When a part begins behind the end, and the bytes are those that were meant (``If-Range``).
     """
     asked = request.headers.get("range")
-    if asked is None or request.headers.get("if-range", etag) != etag:
+    if asked is None:
         return
-    parts = _read_parts(asked, size_bytes)
+    parts = _read_parts(asked, size_bytes) if len(asked) <= MOST_RANGE_CHARACTERS else []
     if not parts:
         headers = request.scope["headers"]
         request.scope["headers"] = [(name, value) for name, value in headers if name != b"range"]
-    if any(first_byte >= size_bytes for first_byte in parts):
+    is_meant = request.headers.get("if-range", etag) == etag
+    if is_meant and any(first_byte >= size_bytes for first_byte in parts):
         raise NoSuchRange(size=size_bytes)
 
 

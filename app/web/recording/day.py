@@ -62,7 +62,7 @@ def correct_request(
         known,
         subject=_read_subject(first(form, "subject")),
         side=_choose_side(first(form, "side")),
-        pose_held="start" if first(form, "held") == "start" else None,
+        pose_held=_choose_held(first(form, "held")),
         slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
         no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
@@ -156,6 +156,11 @@ def _choose_pose(text: str) -> Pose:
 def _choose_side(text: str) -> Side | None:
     sides: tuple[Side, ...] = get_args(Side)
     return _find(sides, text, "side") if text else None
+
+
+def _choose_held(text: str) -> PoseHeld | None:
+    allowed: tuple[PoseHeld, ...] = get_args(PoseHeld)
+    return _find(allowed, text, "held") if text else None
 
 
 def _find(allowed: tuple[T, ...], text: str, name: str) -> T:

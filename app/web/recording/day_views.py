@@ -294,7 +294,7 @@ def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Plac
     lead = fill(words["which_apart"], {"apart": apart}) if facts.get("needs_pose") else words["which_lead"]
     used, *others = facts["asked"]
     choices = [place.offer("choice_used", *used), *(place.offer("choice", *other) for other in others)]
-    if request.pose_held is None:
+    if request.pose_held != "start":
         choices.insert(1, Choice(START, words["held_start"]))
     return Question("which-pose", "pose", "choice", words["which"], str(lead), tuple(choices))
 

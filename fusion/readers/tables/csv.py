@@ -6,13 +6,16 @@ A header is needed. Units and time come from it where it states them, and from t
 
 import math
 import re
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, parse_arm_axis
+from fusion.conventions import ArmAxis, PoseHeld, parse_arm_axis
 from fusion.devices import find_device_name
+from fusion.diary import parse_pose_held
 from fusion.errors import NoSamples, UnknownColumns, UnknownRate
 from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
@@ -37,6 +40,8 @@ from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_count
 from fusion.readers.timebase.row_times import leave_out_repeats
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 from fusion.units import LEFT_GYR_FACTOR, name_unit_source
+
+T = TypeVar("T")
 
 ARDUINO_BURST_ROWS = 119
 ARDUINO_RATE_HZ = 119.0
@@ -106,7 +111,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     first_stamp_us = int(rows.columns.stamps[0])
     grid = _cut_rows(rows, choose_rate_hz(layout, rate_hz))
     facts = layout.facts()
-    clock = find_clock(plan, first_stamp_us)
+    clock, pose = find_clock(plan, first_stamp_us), _read_pose(facts)
     return Recording(
         device=layout.device.device if layout.device else _name_stated(facts.get("device", "")),
         sha256="",
@@ -119,6 +124,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *repairs,
             *grid.flags,
             *flag_text(source, layout),
+            *pose.flags,
             *_flag_stated_rate(layout, grid),
             *plan.unit.flag(),
             *_flag_given_rate(plan, grid, rate_hz),
@@ -135,9 +141,9 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
         acc_range_g=_positive(facts.get("acc_range_g")),
         gyr_range_dps=_positive(facts.get("gyr_range_dps")),
-        pose_windows_s=_read_pose_window(facts.get("pose_window_s", "")),
-        arm_axis=_read_arm_axis(facts.get("arm_axis", "")),
-        pose_held="start" if facts.get("pose_held", "").strip().lower() == "start" else None,
+        pose_windows_s=pose.windows_s,
+        arm_axis=pose.axis,
+        pose_held=pose.held,
     )
 
 
@@ -231,20 +237,38 @@ def _name_stated(device: str) -> str:
     return device if find_device_name(device) else "other"
 
 
+@dataclass(frozen=True, slots=True)
+class _StatedPose:
+    """What the preamble states of the pose, and the lines of it that cannot be read (W-HEADER)."""
+
+    windows_s: tuple[tuple[float, float], ...] = ()
+    axis: ArmAxis | None = None
+    held: PoseHeld | None = None
+    flags: tuple[QualityFlag, ...] = ()
+
+
+def _read_pose(facts: Mapping[str, str]) -> _StatedPose:
+    unread: list[str] = []
+
+    def read(name: str, parse: Callable[[str], T]) -> T | None:
+        try:
+            return parse(facts[name]) if name in facts else None
+        except ValueError:
+            unread.append(f"{name}: {facts[name][:60]}")
+            return None
+
+    windows_s = read("pose_window_s", _read_pose_window) or ()
+    axis, held = read("arm_axis", parse_arm_axis), read("pose_held", parse_pose_held)
+    flag = QualityFlag(Caveat.HEADER, len(unread), facts={"text": "; ".join(unread)})
+    return _StatedPose(windows_s, axis, held, (flag,) if unread else ())
+
+
 def _read_pose_window(text: str) -> tuple[tuple[float, float], ...]:
-    """Read when the pose was held, ``START,END`` in seconds; nothing where it is not stated so."""
-    try:
-        start_s, end_s = (float(part) for part in text.split(","))
-    except ValueError:
-        return ()
-    return ((start_s, end_s),) if 0.0 <= start_s < end_s < math.inf else ()
-
-
-def _read_arm_axis(text: str) -> ArmAxis | None:
-    try:
-        return parse_arm_axis(text)
-    except ValueError:
-        return None
+    """Read when the pose was held, ``START,END`` in seconds."""
+    start_s, end_s = (float(part) for part in text.split(","))
+    if not 0.0 <= start_s < end_s < math.inf:
+        raise ValueError("START,END; 0 <= START < END")
+    return ((start_s, end_s),)
 
 
 def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:

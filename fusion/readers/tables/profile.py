@@ -64,8 +64,8 @@ class ColumnProfile:
     sensor
         Which sensor of a table of several is on the arm, by its name there.
     pose_held
-        "start": in every recording with this profile the pose was held at the start of wear. A profile may
-        say this alone, of a device whose columns are known.
+        "start": in every recording with this profile the pose was held at the start of wear; "no": not so,
+        though a file's header states it. A profile may say this alone, of a device whose columns are known.
     """
 
     acceleration: tuple[Place, ...] = ()
