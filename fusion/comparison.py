@@ -122,9 +122,19 @@ def find_measured(key: str, exposure: Exposure) -> float | None:
     }[key]
 
 
-Verdict = Literal["larger", "not larger", "unknown", "no two days"]
+Verdict = Literal["larger", "not larger", "unknown", "no two days", "unconfirmed pose"]
 Difference = Literal[
-    "recording", "hours", "subject", "order", "method", "pose", "side", "metric filter", "short", "poor"
+    "recording",
+    "hours",
+    "subject",
+    "order",
+    "unconfirmed pose",
+    "method",
+    "pose",
+    "side",
+    "metric filter",
+    "short",
+    "poor",
 ]
 NO_TWO_DAYS: tuple[Difference, ...] = ("recording", "hours", "subject", "side")
 """What makes two recordings no two days of one arm of one person, the gravest first: no change is judged."""
@@ -149,6 +159,8 @@ class ComparedDay:
         Code of the person; empty where none was given.
     start, duration_s
         When it began by its clock, None where it has none, and how long it lasted.
+    is_confirmed
+        Whether a person confirmed the calibration pose, or none is needed.
     """
 
     exposure: Exposure
@@ -160,6 +172,7 @@ class ComparedDay:
     subject: str = ""
     start: datetime | None = None
     duration_s: float = 0.0
+    is_confirmed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +181,8 @@ class FigureChange:
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, of the same hours, of two people, or two arms: then no change is judged.
+    one recording, of the same hours, of two people, or two arms, ``unconfirmed pose`` where nobody confirmed
+    the calibration pose of one: then no change is judged.
     """
 
     name: str
@@ -195,12 +209,14 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
 
 
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
-    """Compare one day with another; what NO_TWO_DAYS names keeps any change from being judged."""
+    """Compare two days; what NO_TWO_DAYS names, or an unconfirmed pose, keep any change from being judged."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
     changes = tuple(_compare(name, first[name], second[name]) for name in first if name in second)
     differences = _find_differences(before, after)
     if set(NO_TWO_DAYS) & set(differences):
         changes = tuple(replace(change, detectable=None, verdict="no two days") for change in changes)
+    elif "unconfirmed pose" in differences:
+        changes = tuple(replace(change, detectable=None, verdict="unconfirmed pose") for change in changes)
     return DayComparison(changes, differences)
 
 
@@ -233,6 +249,7 @@ def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Differen
         "subject": "" not in {before.subject, after.subject} and before.subject != after.subject,
         "hours": overlaps and not same,
         "order": later_s is not None and later_s < 0.0 and not overlaps,
+        "unconfirmed pose": not (before.is_confirmed and after.is_confirmed),
         "method": before.method != after.method,
         "pose": before.pose != after.pose,
         "side": before.side != after.side,

@@ -28,7 +28,9 @@ from app.report.pairs import (
     format_cautions,
     format_person,
     format_start,
+    format_unconfirmed,
     identify,
+    is_confirmed,
     judge_person,
     load_pair_words,
     name_method,
@@ -105,9 +107,10 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
     words, compared = load_pair_words(language)["compare"], _compare(before, after)
     sides = (PairSide(words["before"], before), PairSide(words["after"], after))
     report_id = identify(describe_comparison(before, after, same_subject=same_subject))
+    needs_pose = format_unconfirmed(sides, "change", language)
     cautions = (
         format_person(judge_person((before, after), is_stated=same_subject), language),
-        fill(words["caution"], {"source": SOURCE}),
+        "" if needs_pose else fill(words["caution"], {"source": SOURCE}),
         format_cautions(sides, language),
     )
     limits, use = build_limits(sides, language)
@@ -132,6 +135,7 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
         brief=format_signature(header, footer, language),
         made_of=find_end(sides),
         amendment="",
+        needs_pose=needs_pose,
         words=load_wording(language)["label"],
     )
 
@@ -157,6 +161,7 @@ def _build_day(kept: Kept) -> ComparedDay:
         subject=read_code(kept),
         start=findings.recording.start,
         duration_s=findings.recording.duration_us / MICROSECONDS,
+        is_confirmed=is_confirmed(findings),
     )
 
 
@@ -183,7 +188,7 @@ def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple
 
 
 def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
-    """State first whether like is compared with like."""
+    """Return whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
     for name, entry in words["no_two_days"].items():

@@ -30,7 +30,9 @@ from app.report.pairs import (
     format_cautions,
     format_person,
     format_start,
+    format_unconfirmed,
     identify,
+    is_confirmed,
     load_pair_words,
 )
 from app.report.render.brief import format_signature
@@ -166,6 +168,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         brief=format_signature(header, footer, language),
         made_of=find_end(sides),
         amendment="",
+        needs_pose=format_unconfirmed(sides, "pair", language),
         words=load_wording(language)["label"],
     )
 
@@ -241,7 +244,11 @@ def _format_ranges_note(pair: ArmPair, words: Words) -> str:
     """State what the ranges hold, or that there are none."""
     if pair.shared.shared_s < LEAST_RANGED_S:
         return str(words["ranges"]["short"])
-    return str(words["ranges"]["known" if pair.shared.intervals else "none"])
+    entry = words["ranges"]
+    if not pair.shared.intervals:
+        return str(entry["none"])
+    is_open = not (is_confirmed(pair.left.findings) and is_confirmed(pair.right.findings))
+    return f"{entry['known']} {entry['unconfirmed']}" if is_open else str(entry["known"])
 
 
 def _format_clock(pair: ArmPair, words: Words, language: Language) -> str:

@@ -20,7 +20,7 @@ from app.report.words.numbers import NONE, Clock, format_date, format_duration, 
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from app.request import find_code
-from fusion.conventions import UNHELD
+from fusion.conventions import CONFIRMED, UNHELD
 from fusion.exposure.types import PartExposure
 from fusion.recording import MICROSECONDS
 
@@ -148,6 +148,26 @@ def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str
         return ""
     told = entry["both"] if len(posed) == len(sides) else fill(entry["one"], {"name": posed[0].name})
     return f"{told} {entry['no_range']}"
+
+
+def is_confirmed(findings: Findings) -> bool:
+    """Return whether a person confirmed the pose; a strapped axis and ready angles need none."""
+    calibration = findings.calibration
+    return calibration is None or calibration.state == "axis" or calibration.state in CONFIRMED
+
+
+def format_unconfirmed(sides: tuple[PairSide, PairSide], effect: str, language: Language) -> str:
+    """Return whose pose nobody confirmed and what follows from it; empty if both are confirmed.
+
+    ``effect``: key of the sentence that says what follows.
+    """
+    entry = load_pair_words(language)["unconfirmed"]
+    told = [
+        fill(entry[calibration.state or "unknown"], {"name": side.name})
+        for side in sides
+        if (calibration := side.kept.findings.calibration) and not is_confirmed(side.kept.findings)
+    ]
+    return " ".join((*told, entry[effect])) if told else ""
 
 
 def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:

@@ -6,6 +6,7 @@ all take it.
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,14 @@ from app.report.change import build_comparison, describe_comparison, refuse_no_c
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
-from app.report.pairs import are_mixed, encode_document, judge_person, read_code
+from app.report.pairs import are_mixed, encode_document, is_confirmed, judge_person, read_code
 from app.report.render.write import read_kept, write_report
 from app.request import OnStage, PairRequest, ReportRequest
 from fusion.angle_files.elevation_parquet import read_elevation
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
+from fusion.exposure.types import Exposure, Interval
 from fusion.quality import leave_out
 
 ELEVATION = "elevation.parquet"
@@ -80,7 +82,7 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
         right,
         offset_s,
         "clocks" if request.offset_s is None else "person",
-        _share(*angles, offset_s, _find_sigmas(left, right)),
+        widen_unconfirmed(_share(*angles, offset_s, _find_sigmas(left, right)), left, right),
         *_relate(angles, (trunk, body, request.trunk_offset_s), (left, right), offset_s),
         one_person,
     )
@@ -152,6 +154,38 @@ def _share(
         return pair_arms(left, right, offset_s, sigmas_deg)
     except TooShort:
         raise CannotPair(why="apart") from None
+
+
+def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms:
+    """Widen the ranges of an arm whose pose nobody confirmed by those of its own report.
+
+    Those cover the other stillnesses that may be the pose. A figure that cannot be widened has no range.
+    """
+    arms = {"left": left.findings, "right": right.findings}
+    open_arms = {side: arm.exposure for side, arm in arms.items() if not is_confirmed(arm)}
+    if not open_arms:
+        return shared
+    own = {
+        f"{side}_{name}": interval
+        for side, exposure in open_arms.items()
+        for name, interval in _list_ranges(exposure).items()
+    }
+    closed = tuple(f"{side}_" for side in arms if side not in open_arms)
+    kept = {
+        name: _join(interval, own[name]) if name in own else interval
+        for name, interval in shared.intervals.items()
+        if name in own or (name.startswith(closed) and not name.startswith("right_to_left"))
+    }
+    return replace(shared, intervals=kept)
+
+
+def _list_ranges(exposure: Exposure) -> dict[str, Interval]:
+    above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
+    return {**exposure.intervals, **{name: interval for name, interval in above.items() if interval}}
+
+
+def _join(one: Interval, other: Interval) -> Interval:
+    return Interval(min(one.low, other.low), max(one.high, other.high))
 
 
 def _relate(

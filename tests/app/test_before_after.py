@@ -12,9 +12,11 @@ from app.report.change import build_comparison, describe_comparison, refuse_no_c
 from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pairs import encode_document
+from app.report.render.brief import format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
+from fusion.conventions import CalibrationState
 from fusion.exposure.types import TimeAbove
 from tests.app.analysis_factory import ANALYSED_S, make_analysis, make_exposure, make_quality, make_subject
 
@@ -88,6 +90,54 @@ def test_another_pose_is_named() -> None:
     report = report_of(replace(after, findings=replace(after.findings, calibration=calibration)))
 
     assert "the calibration pose" in report.verdict.reason
+
+
+def held(kept: Kept, state: CalibrationState) -> Kept:
+    assert kept.findings.calibration is not None
+    calibration = replace(kept.findings.calibration, state=state)
+    return replace(kept, findings=replace(kept.findings, calibration=calibration))
+
+
+@pytest.mark.parametrize(
+    ("language", "first"),
+    [
+        (
+            "en",
+            (
+                "After: calibration pose assumed, not confirmed. "
+                "A change cannot be told from an error of the pose."
+            ),
+        ),
+        (
+            "fr",
+            (
+                "Après : pose d'étalonnage supposée, non confirmée. "
+                "Un changement ne peut pas être distingué d'une erreur de la pose."
+            ),
+        ),
+    ],
+)
+def test_a_pose_that_nobody_confirmed_comes_first_and_no_change_is_judged(
+    language: Language, first: str
+) -> None:
+    after = held(kept_with(13.2), "assumed")
+    report = report_of(after, language)
+    answer, page = plain(format_brief(report).decode()), plain(render_html(report).decode())
+
+    assert answer.splitlines()[0] == first
+    assert first in page.replace("&#39;", "'")
+    for told in ("larger than the usual day-to-day", "Like with like", "dépasse la", "conditions égales"):
+        assert told not in answer
+    document = describe_comparison(BEFORE, after)
+    assert document["differences"] == ["unconfirmed pose"]
+    assert {(f["detectable"], f["verdict"]) for f in document["figures"]} == {(None, "unconfirmed pose")}
+
+
+def test_a_strapped_axis_needs_no_confirmed_pose_and_a_day_without_a_pose_does() -> None:
+    told = [report_of(held(kept_with(), state)).needs_pose for state in ("axis", "none")]
+
+    assert told[0] == ""
+    assert told[1].startswith("After: no calibration pose found, none confirmed.")
 
 
 def test_a_figure_without_published_variation_has_no_verdict() -> None:

@@ -18,17 +18,18 @@ from app.report.findings import Kept, encode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, build_pair, describe_pair
 from app.report.pairs import OnePerson
+from app.report.render.brief import format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
 from app.request import PairRequest
-from app.roads.pair import find_offset_s, make_report_of_two, read_analysed
+from app.roads.pair import find_offset_s, make_report_of_two, read_analysed, widen_unconfirmed
 from fusion.arms import ArmShare, PairedArms, TrunkRelative
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval
 from fusion.recording import Span
-from tests.app.analysis_factory import START, make_analysis, make_subject
+from tests.app.analysis_factory import START, make_analysis, make_exposure, make_subject
 
 NO_TRUNK = TrunkRelative("no trunk sensor")
 SHARED = PairedArms(
@@ -105,6 +106,28 @@ def test_the_ranges_stand_under_the_figures_of_the_table() -> None:
 
     assert [plain(cell) for cell in rows[2]] == ["95 % range", "2.5–6.0 %", "", "1.20–4.12"]
     assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
+
+
+def test_an_arm_whose_pose_nobody_confirmed_is_as_uncertain_as_in_its_own_report() -> None:
+    pair = make_pair()
+    own = make_exposure(above_60_interval=Interval(0.0, 40.7))
+    findings = pair.left.findings
+    assert findings.calibration is not None
+    assumed = replace(findings, exposure=own, calibration=replace(findings.calibration, state="assumed"))
+    left = replace(pair.left, findings=assumed)
+    right_range = Interval(8.0, 12.0)
+    known = {**RANGED.intervals, "right_time_above_60_percent": right_range}
+
+    shared = widen_unconfirmed(replace(SHARED, intervals=known), left, pair.right)
+
+    assert shared.intervals == {
+        "left_time_above_60_percent": Interval(0.0, 40.7),
+        "right_time_above_60_percent": right_range,
+    }
+    report = report_of(replace(pair, left=left, shared=shared))
+    first = format_brief(report).decode().splitlines()[0]
+    assert first.startswith("Left arm: calibration pose assumed, not confirmed.")
+    assert report.range_note.endswith("Figures of both arms together have no range.")
 
 
 def test_the_quality_of_each_arm_is_named_once() -> None:
