@@ -47,9 +47,8 @@ def unnamed(server: RunningServer, tmp_path: Path) -> str:
     """
     made = hold(*WORK, (60.0, 10.0), *WORK[:10], (0.0, 10.0), *WORK[:20], rate_hz=RATE_HZ).recording
     (segment,) = made.segments
-    noise = np.random.default_rng(next(SEEDS)).normal(0.0, 1.0, (len(segment), 6)) * (
-        [0.001] * 3 + [0.05] * 3
-    )
+    noise = np.random.default_rng(next(SEEDS)).normal(0.0, 1.0, (len(segment), 6))
+    noise *= [0.001] * 3 + [0.05] * 3
     acc_g, gyr_dps = segment.acc_g + noise[:, :3], segment.gyr_dps + noise[:, 3:]
     recording = record(acc_g, gyr_dps, RATE_HZ)
     return send(server, tmp_path, "unnamed.csv", recording)
@@ -165,6 +164,9 @@ def test_a_pose_stated_as_held_at_the_start_that_was_not_stays_assumed(
     click_answer(page, "It was held at the start of wear")
 
     expect(page.locator(".verdict").first).to_contain_text("assumed (07:01:12, 9.4\u202fs), not confirmed")
+    expect(page.get_by_role("region", name="When was the pose held?")).to_contain_text(
+        "of it. When was it held? Needs the pose:"
+    )
     expect(page.get_by_role("button", name="It was held at the start of wear")).to_have_count(0)
 
 
@@ -183,6 +185,19 @@ def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
     expect(page.locator(".question")).to_have_count(0, timeout=END_MS)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
         "when the sensor slipped (07:16:"
+    )
+
+
+def test_of_an_assumed_pose_the_page_says_that_the_one_after_a_slip_is_next(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    moved = send(server, tmp_path, "moved.csv", take_off(tilted(40.0)).record())
+    open_analysis(page, server, moved)
+
+    click_answer(page, "Moved")
+
+    expect(page.get_by_role("region", name="When was the pose held?")).to_contain_text(
+        "After that the page asks for a pose held after 07:16."
     )
 
 
