@@ -24,12 +24,13 @@ from app.storage.known import NOTHING_KNOWN, KnownLogs
 from app.storage.store import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
+from fusion.caveats import Caveat
 from fusion.elevation import ElevationSegment
 from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses
-from fusion.pose.readings import SAID_S
+from fusion.pose.readings import SAID_S, awaits_pose
 from fusion.pose.wear import divide_by_wear
 from fusion.pose.windows import find_still_stretches, reduce_recording
 from fusion.quality import propose_nonwear
@@ -95,6 +96,7 @@ def _describe_questions(analysis: Analysis) -> dict[str, Any]:
         "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
         "spread_deg": calibration.spread_deg,
         "needs_pose": calibration.needs_pose,
+        "not_held": any(flag.code == Caveat.NOT_HELD for flag in analysis.quality.flags),
         "moves": moves,
         "unread": list(_list_unread(analysis)),
     }
@@ -102,8 +104,8 @@ def _describe_questions(analysis: Analysis) -> dict[str, Any]:
 
 def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
     duration_s = analysis.recording.duration_us / MICROSECONDS
-    left_out = [part for part in analysis.axis_parts if part.arm_axis is None and part.start_s > 0.0]
-    parts = [part for part in left_out if part.end_s - part.start_s > 2.0 * SAID_S + 1.0]
+    left_out = [part for part in analysis.axis_parts if part.arm_axis is None]
+    parts = [part for part in left_out if awaits_pose(part.start_s, part.end_s)]
     if not parts:
         return
     blocks = reduce_recording(analysis.recording)

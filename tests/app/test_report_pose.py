@@ -198,13 +198,43 @@ def test_whether_the_sensor_moved_is_asked_as_a_step(kind: Literal["slip", "put_
     assert steps_of(with_calibration(replace(make_calibration(), questions=(question,))))[0] == step
 
 
+def with_flag(findings: Findings, flag: QualityFlag) -> Findings:
+    return replace(findings, quality=replace(findings.quality, flags=(flag,)))
+
+
+def test_a_pose_after_a_stated_slip_is_asked_for_as_a_step() -> None:
+    left_out = QualityFlag("W-REMOUNT", spans_s=((7248.0, 7368.0), (7368.0, 20_000.0)))
+
+    assert steps_of(with_flag(with_calibration(make_calibration()), left_out))[0] == (
+        "Name a pose held after 10:00."
+    )
+
+
+def test_a_slip_after_which_a_pose_was_named_asks_for_nothing() -> None:
+    left_out = QualityFlag("W-REMOUNT", spans_s=((7248.0, 7368.0),))
+
+    steps = steps_of(with_flag(with_calibration(make_calibration()), left_out))
+
+    assert not any(step.startswith("Name a pose") for step in steps)
+
+
+def test_a_pose_that_was_not_held_as_stated_is_asked_for_as_the_first_step() -> None:
+    assumed = with_calibration(replace(make_calibration(), state="assumed"))
+
+    (step, *_) = steps_of(with_flag(assumed, QualityFlag("W-NOT-HELD")))
+
+    assert plain(step) == (
+        "Say when the pose was held: the arm was not still within 60 s of the start of wear."
+    )
+
+
 def test_a_report_that_needs_the_pose_says_so_before_every_figure() -> None:
     report = report_of(analysis=asked())
     page, answer = render_html(report).decode(), format_brief(report).decode()
 
     assert report.needs_pose == (
-        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These lie up to 34° apart; "
-        "the ranges cover all of them."
+        "Needs the pose: was it held at 08:00:00, 08:02:00 or 08:05:00? These lie up to 34° apart. "
+        "Ranges, where given, cover all of them."
     )
     assert page.index(report.needs_pose) < page.index('class="tiles"')
     assert '<p class="value"><small>Needs the pose</small> 32.5' in page

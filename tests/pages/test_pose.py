@@ -1,5 +1,6 @@
 """Saying what the pose was: the question, the pose held again, the axis without a pose, a slip."""
 
+from itertools import count
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -35,15 +36,22 @@ def send(server: RunningServer, folder: Path, name: str, made: Recording) -> str
     return finish(server, folder / name, subject=name.partition(".")[0], side="left")
 
 
-@pytest.fixture(scope="session")
-def unnamed(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The id of an analysis of 2 min 32 s: after 72 s of work the arm is held at 60 deg, then hanging."""
+SEEDS = count()
+
+
+@pytest.fixture
+def unnamed(server: RunningServer, tmp_path: Path) -> str:
+    """The id of an analysis of 2 min 32 s: after 72 s of work the arm is held at 60 deg, then hanging.
+
+    Each test has its own recording: an answer makes a new version, and an old one asks nothing.
+    """
     made = hold(*WORK, (60.0, 10.0), *WORK[:10], (0.0, 10.0), *WORK[:20], rate_hz=RATE_HZ).recording
     (segment,) = made.segments
-    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(segment), 6)) * ([0.001] * 3 + [0.05] * 3)
+    noise = np.random.default_rng(next(SEEDS)).normal(0.0, 1.0, (len(segment), 6))
+    noise *= [0.001] * 3 + [0.05] * 3
     acc_g, gyr_dps = segment.acc_g + noise[:, :3], segment.gyr_dps + noise[:, 3:]
     recording = record(acc_g, gyr_dps, RATE_HZ)
-    return send(server, tmp_path_factory.mktemp("unnamed"), "unnamed.csv", recording)
+    return send(server, tmp_path, "unnamed.csv", recording)
 
 
 @pytest.fixture(scope="session")
@@ -110,6 +118,37 @@ def test_another_stillness_is_named_as_the_pose(page: Page, server: RunningServe
     expect(page.locator(".verdict").first).to_contain_text("Calibration pose: given (07:01:42, 9.1\u202fs).")
 
 
+def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
+    page: Page, server: RunningServer, unnamed: str
+) -> None:
+    open_analysis(page, server, unnamed)
+    wait_for_curve(page)
+    address, reason = page.url, page.locator("#reason")
+    reason.fill("Diary from the foreman.")
+
+    page.get_by_role("button", name="07:01:42, 9.1\u202fs", exact=True).click()
+
+    note = page.get_by_text("You have changes that are not sent.")
+    expect(note).to_be_visible()
+    assert page.url == address
+    note.get_by_role("link").click()
+    expect(page.get_by_role("heading", name="Correct and analyse again")).to_be_in_viewport()
+    expect(reason).to_have_value("Diary from the foreman.")
+
+    note.get_by_role("button", name="Discard it").click()
+    click_answer(page, "07:01:42, 9.1\u202fs")
+
+
+def test_an_old_version_asks_nothing(page: Page, server: RunningServer, unnamed: str) -> None:
+    open_analysis(page, server, unnamed)
+    click_answer(page, "07:01:42, 9.1\u202fs")
+
+    open_analysis(page, server, unnamed)
+
+    expect(page.locator("#old")).to_be_visible()
+    expect(questions(page)).to_have_count(0)
+
+
 def test_candidates_are_drawn_on_the_curve(page: Page, server: RunningServer, unnamed: str) -> None:
     open_analysis(page, server, unnamed)
     wait_for_curve(page)
@@ -125,6 +164,9 @@ def test_a_pose_stated_as_held_at_the_start_that_was_not_stays_assumed(
     click_answer(page, "It was held at the start of wear")
 
     expect(page.locator(".verdict").first).to_contain_text("assumed (07:01:12, 9.4\u202fs), not confirmed")
+    expect(page.get_by_role("region", name="When was the pose held?")).to_contain_text(
+        "of it. When was it held? Needs the pose:"
+    )
     expect(page.get_by_role("button", name="It was held at the start of wear")).to_have_count(0)
 
 
@@ -143,6 +185,19 @@ def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
     expect(page.locator(".question")).to_have_count(0, timeout=END_MS)
     expect(page.get_by_role("region", name="Versions of this report")).to_contain_text(
         "when the sensor slipped (07:16:"
+    )
+
+
+def test_of_an_assumed_pose_the_page_says_that_the_one_after_a_slip_is_next(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    moved = send(server, tmp_path, "moved.csv", take_off(tilted(40.0)).record())
+    open_analysis(page, server, moved)
+
+    click_answer(page, "Moved")
+
+    expect(page.get_by_role("region", name="When was the pose held?")).to_contain_text(
+        "After that the page asks for a pose held after 07:16."
     )
 
 

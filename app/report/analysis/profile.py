@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from app.report.analysis.chapters import choose_ranges, format_pose_caution, format_quality
@@ -24,9 +24,11 @@ from app.report.words.numbers import (
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, join_clauses
+from fusion.caveats import Caveat
 from fusion.comparison import BETWEEN_DAY_SD, WHOLE_DAY_S, find_detectable_change
 from fusion.conventions import MAIN_THRESHOLD_DEG, UNHELD
 from fusion.exposure.types import Interval, PartExposure, PeakWindow
+from fusion.pose.readings import SAID_S, awaits_pose
 
 SHOWN_TASKS = 3
 MOST_STEPS = 5
@@ -330,6 +332,7 @@ def _list_next_steps(blocks: Sequence[Block], subject: ReportSubject, page: _Pag
     steps = (
         _format_pose_step(page),
         *(_format_move_step(question, page) for question in _list_questions(findings)),
+        *_list_pose_after_steps(page),
         entry["poor"] if findings.quality.verdict == "poor" and _is_whole_day(findings) else "",
         "" if _is_whole_day(findings) else entry["short"],
         _format_look_at(blocks, page) if is_known else "",
@@ -347,6 +350,8 @@ def _format_pose_step(page: _Page) -> str:
         return ""
     if calibration.state == "none" or calibration.still is None:
         return str(entry["no_pose"])
+    if any(flag.code == Caveat.NOT_HELD for flag in page.findings.quality.flags):
+        return str(entry["not_held"])
     time = page.clock.format(calibration.still.start_s, with_seconds=True)
     return str(entry["which_pose"]) if calibration.needs_pose else fill(entry["confirm_pose"], {"time": time})
 
@@ -358,6 +363,15 @@ def _list_questions(findings: Findings) -> tuple[QuestionFacts, ...]:
 def _format_move_step(question: QuestionFacts, page: _Page) -> str:
     times = page.clock.format_span(question.start_s, question.end_s)
     return fill(page.entry["next"][question.kind], times)
+
+
+def _list_pose_after_steps(page: _Page) -> Iterator[str]:
+    """Ask for a pose held after each slip that a person stated, if none was named."""
+    for flag in page.findings.quality.flags:
+        for start_s, end_s in flag.spans_s if flag.code == Caveat.REMOUNT else ():
+            if awaits_pose(start_s, end_s):
+                time = page.clock.format(start_s - SAID_S)
+                yield fill(page.entry["next"]["pose_after"], {"time": time})
 
 
 def _format_look_at(blocks: Sequence[Block], page: _Page) -> str:

@@ -291,12 +291,17 @@ def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Plac
     """Ask when the pose was held; the first stretch is the one in use."""
     words, spread_deg = place.words, facts.get("spread_deg", 0.0)
     apart = format_angle(spread_deg, place.told.language)
-    lead = fill(words["which_apart"], {"apart": apart}) if facts.get("needs_pose") else words["which_lead"]
+    leads = [str(words["which_not_held"])] if facts.get("not_held") else []
+    if facts.get("needs_pose"):
+        leads.append(fill(words["which_apart"], {"apart": apart}))
+    leads = leads or [str(words["which_lead"])]
+    for start_s, *_ in facts.get("unread", ()):
+        leads.append(fill(words["which_next"], {"time": place.told.format(start_s)}))
     used, *others = facts["asked"]
     choices = [place.offer("choice_used", *used), *(place.offer("choice", *other) for other in others)]
-    if request.pose_held != "start":
+    if request.pose_held != "start" and not facts.get("not_held"):
         choices.insert(1, Choice(START, words["held_start"]))
-    return Question("which-pose", "pose", "choice", words["which"], str(lead), tuple(choices))
+    return Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
 
 
 def _ask_for_move(number: int, kind: str, found: tuple[float, float, float], place: _Place) -> Question:

@@ -38,9 +38,13 @@ export class Unsent {
     if (folded) folded.open = true;
   }
 
+  get isChanged() {
+    return this.tell() !== this.asServed;
+  }
+
   keep() {
+    if (!this.isChanged) return this.forget();
     const text = this.tell();
-    if (text === this.asServed) return this.forget();
     this.isKept = writeEntries({ ...readEntries(), [this.name]: { at: Date.now(), text } });
   }
 

@@ -22,6 +22,7 @@ export function listenToForm(day) {
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => sendForm(day, event));
   day.unsent = new Unsent(form, () => bands.snapshot(), (told) => bands.restore(told));
+  for (const answers of document.querySelectorAll(".question form")) answers.addEventListener("submit", (event) => holdBack(day, event));
   $("import").addEventListener("change", () => importDiary(day));
   document.addEventListener("keydown", (event) => {
     const isTyping = event.target.matches("input, textarea, select");
@@ -118,6 +119,17 @@ function undo(day) {
   if (!day.bands.undo()) return;
   day.restored();
   say(day.words.undone);
+}
+
+// An answer makes a new version, to which unsent changes would not belong: they are sent or discarded first.
+function holdBack(day, event) {
+  if (!day.unsent.isChanged) return;
+  event.preventDefault();
+  const note = event.target.querySelector("[data-unsent-first]");
+  event.submitter.closest("p").after(note);
+  note.querySelector("button").onclick = () => (day.unsent.discard(), (note.hidden = true));
+  note.hidden = false;
+  say(note.firstChild.textContent);
 }
 
 async function importDiary(day) {
