@@ -47,6 +47,15 @@ def is_npose(pose: Pose, state: CalibrationState) -> bool:
     return pose == "n-pose" and state not in UNHELD
 
 
+SAID_S = 60.0
+"""How exactly a person knows when the sensor slipped: so much on both sides is left out."""
+
+
+def awaits_pose(start_s: float, end_s: float) -> bool:
+    """Return whether a stretch that no pose reads is more than what is left out around a slip itself."""
+    return start_s > 0.0 and end_s - start_s > 2.0 * SAID_S + 1.0
+
+
 AXIS_HINT = "x, y, z, -x, -y, -z"
 
 

@@ -25,14 +25,14 @@ from app.storage.store import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
+from fusion.conventions import SAID_S, awaits_pose
 from fusion.elevation import ElevationSegment
 from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses
-from fusion.pose.readings import SAID_S, awaits_pose
 from fusion.pose.wear import divide_by_wear
-from fusion.pose.windows import find_still_stretches, reduce_recording
+from fusion.pose.windows import find_still_stretches, find_tables, reduce_recording
 from fusion.quality import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Segment, Span
@@ -111,7 +111,7 @@ def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
     blocks = reduce_recording(analysis.recording)
     correction = calibrate_accelerometer(find_still_moments(blocks))
     stretches_s = find_still_stretches(blocks, correction)
-    wears = divide_by_wear(blocks, correction)
+    wears = divide_by_wear(blocks, correction, find_tables(analysis.recording, stretches_s))
     for part in parts:
         end_s = min(part.end_s, duration_s)
         slip_s = part.start_s - SAID_S

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fusion.conventions import CONFIRMED
+from fusion.conventions import CONFIRMED, SAID_S
 from fusion.numerics.intervals import join_overlapping
 from fusion.numerics.rotations import find_angle_deg, scale_to_unit
 from fusion.pose.axes import (
@@ -27,9 +27,6 @@ from fusion.pose.wear import Wear, find_wear
 from fusion.pose.windows import Window
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
-
-SAID_S = 60.0
-"""How exactly a person knows when the sensor slipped: so much on both sides is left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 
 from fusion.caveats import Caveat
 from fusion.pose.calibrate import CalibratedSamples, Calibration
-from fusion.pose.readings import SAID_S
 from fusion.pose.rules import RULES
 from fusion.pose.windows import TABLE_SWAY_DPS, StillPeriod
 from fusion.recording import MICROSECONDS, QualityFlag, flag_stretches
@@ -14,11 +13,6 @@ from fusion.settings import AnalysisSettings
 def flag_pose(samples: CalibratedSamples, settings: AnalysisSettings) -> tuple[QualityFlag, ...]:
     """Return the caveats of a calibration."""
     return (*_flag_state(samples.calibration, settings), *_flag_moves(samples))
-
-
-def awaits_pose(start_s: float, end_s: float) -> bool:
-    """Return whether a stretch that no pose reads is more than what is left out around a slip itself."""
-    return start_s > 0.0 and end_s - start_s > 2.0 * SAID_S + 1.0
 
 
 def flag_window(

@@ -26,9 +26,8 @@ from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.caveats import Caveat
 from fusion.comparison import BETWEEN_DAY_SD, WHOLE_DAY_S, find_detectable_change
-from fusion.conventions import MAIN_THRESHOLD_DEG, UNHELD
+from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
 from fusion.exposure.types import Interval, PartExposure, PeakWindow
-from fusion.pose.readings import SAID_S, awaits_pose
 
 SHOWN_TASKS = 3
 MOST_STEPS = 5
