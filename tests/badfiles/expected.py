@@ -16,8 +16,8 @@ from tests.badfiles.signal_rows import SIGNALS
 from tests.fusion.gt3x_builder import INFO, T0, record
 from tests.fusion.table_builder import HEADER
 
-ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE"})
-"""What any recording of an hour is told, without walking, in a window of the N-pose that was proposed."""
+ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ASSUMED", "W-WHICH-POSE", "W-POSE-UNSTEADY"})
+"""What any recording of an hour without sway is told whose pose nobody stated."""
 HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 
 
@@ -278,7 +278,7 @@ PERSONS = (
     read("91 still for 3 s", "shift.csv", p.swing(3.0), "W-NO-STILL"),
     read("92 upside down", "shift.csv", p.turned((1, -1, -1))),
     read("92 other side", "shift.csv", p.turned((-1, -1, 1))),
-    read("93", "shift.csv", p.put_back_turned, "W-REMOUNT W-GAP", (5403.52, 360.0, 0.0)),
+    read("93", "shift.csv", p.put_back_turned, "W-PUT-BACK W-GAP", (5403.52, 360.0, 0.0)),
     read("94", "shift.csv", p.left_on_a_desk, "W-NONWEAR", (780.0, 0.0, 0.0)),
     read("96 twice in one file", "shift.csv", p.the_same_twice, "W-DUP"),
 )

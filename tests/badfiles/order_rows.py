@@ -129,7 +129,7 @@ ORDER = (
         "79 no date, 13 h of pause",
         "shift.csv",
         given(o.paused(13)),
-        "W-GAP W-LOWCOVER W-NO-DATE",
+        "W-GAP W-LOWCOVER W-PUT-BACK W-NO-DATE",
         (60.0, 46_800.0, 0.0),
     ),
     read("28 50 rows at 0", "shift.csv", given(o.stray([0] * 50)), "W-CLOCK-FWD"),

@@ -114,6 +114,12 @@ SIGNALS = (
     refused("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), "E-DEAD"),
     read("89 repeats", "shift.csv", s.altered(s.repeats), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
     read("90", "shift.csv", s.altered(s.spikes), "W-SPIKE W-SHORT", (59.92, 0.0, 0.08)),
-    read("95 days", "shift.gt3x", g.three_days, "W-GAP W-MULTIDAY W-LOWCOVER", (60.0, 158_400.0, 0.0)),
+    read(
+        "95 days",
+        "shift.gt3x",
+        g.three_days,
+        "W-GAP W-MULTIDAY W-LOWCOVER W-PUT-BACK",
+        (60.0, 158_400.0, 0.0),
+    ),
     refused("95 tiny", "shift.csv", given(t.canon()[:200]), "E-SHORT"),
 )

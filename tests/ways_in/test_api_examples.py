@@ -59,7 +59,7 @@ def test_every_address_of_the_page_exists(tmp_path: Path) -> None:
     known = create_app(Settings(data_dir=tmp_path)).openapi()["paths"]
     patterns = [re.sub(r"\{[^}]+\}", "[^/]+", path.removeprefix("/api/v1")) + "$" for path in known]
 
-    asked = re.findall(r"(?:GET|PUT|POST|PATCH|DELETE) (/[\w/{}.]+)", PAGE)
+    asked = re.findall(r"(?:GET|PUT|POST|PATCH|DELETE) (/[\w/{}.-]+)", PAGE)
 
     assert asked
     assert [path for path in asked if not any(re.match(pattern, path) for pattern in patterns)] == []
