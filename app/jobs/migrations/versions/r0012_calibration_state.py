@@ -9,4 +9,6 @@ down_revision = "0011"
 
 def upgrade() -> None:
     """Add the column, empty: it is not known of reports of an earlier method."""
-    op.add_column("answers", sa.Column("calibration_state", sa.String(16)))
+    present = {column["name"] for column in sa.inspect(op.get_bind()).get_columns("answers")}
+    if "calibration_state" not in present:
+        op.add_column("answers", sa.Column("calibration_state", sa.String(16)))
