@@ -191,7 +191,7 @@ def test_a_sensor_put_back_is_asked_about_and_then_the_pose_after_it(
 def test_of_an_assumed_pose_the_page_says_that_the_one_after_a_slip_is_next(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
-    moved = send(server, tmp_path, "moved.csv", take_off(tilted(40.0)).record())
+    moved = send(server, tmp_path, "moved.csv", take_off(tilted(40.0), 12.0).record())
     open_analysis(page, server, moved)
 
     click_answer(page, "Moved")
