@@ -57,7 +57,7 @@ def unnamed(server: RunningServer, tmp_path: Path) -> str:
 @pytest.fixture(scope="session")
 def put_back(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The id of an analysis: ten minutes of work, 12 minutes on a desk, the pose again and ten minutes."""
-    return send(server, tmp_path_factory.mktemp("put_back"), "putback.csv", take_off(ASIDE).record())
+    return send(server, tmp_path_factory.mktemp("put_back"), "putback.csv", take_off(ASIDE, 12.0).record())
 
 
 @pytest.fixture(scope="session")
