@@ -41,7 +41,6 @@ from fusion.quality import (
 )
 from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
-from fusion.sensor.stillness import find_still_moments
 from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
@@ -242,7 +241,7 @@ def fuse_recording(
     exclusions = find_exclusions(recording, blocks)
     on_step("calibrating")
     samples = calibrate(recording, settings, blocks=blocks)
-    drift = flag_accelerometer_drift(find_still_moments(blocks), samples.accelerometer)
+    drift = flag_accelerometer_drift(samples.stills, samples.accelerometer)
     flags = (*flag_pose(samples, settings), *drift)
     del blocks  # while the angle needs room
     on_step("fusing")

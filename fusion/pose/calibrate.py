@@ -43,7 +43,7 @@ from fusion.sensor.self_calibration import (
     apply_calibration,
     calibrate_sensor,
 )
-from fusion.sensor.stillness import find_still_moments
+from fusion.sensor.stillness import QuietTable, find_still_moments
 from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 
 
@@ -108,13 +108,14 @@ class CalibratedSamples:
     segments, as are ``accelerometer`` and ``gyro_scale``.
     ``runs`` are the segments as the estimators take them, so that no sample is reduced twice; ``axis_parts``
     the stretches with another axis, or none; ``readings`` the other ways to read the recording that no person
-    has ruled out.
+    has ruled out; ``stills`` the still moments that calibrated the sensor.
     """
 
     recording: Recording
     calibration: Calibration
     bias: GyroBias
     accelerometer: AccelerometerCorrection
+    stills: QuietTable
     gyro_scale: GyroScale = field(default_factory=leave_gyro_scale)
     runs: tuple[CalibratedRun, ...] = ()
     axis_parts: tuple[AxisPart, ...] = ()
@@ -180,7 +181,7 @@ def calibrate(
     )
     readings = tuple(list_readings(read, candidates, questions, list(zip(wears, axes, strict=True))))
     return CalibratedSamples(
-        recording, calibration, sensor.bias, correction, sensor.gyro_scale, runs, read.parts, readings
+        recording, calibration, sensor.bias, correction, stills, sensor.gyro_scale, runs, read.parts, readings
     )
 
 
