@@ -141,6 +141,6 @@ def test_the_angle_is_exact_near_its_ends(degrees: float) -> None:
 def test_the_method_names_every_parameter(method: MethodName) -> None:
     described = describe_method(method)
 
-    assert (described.name, described.version) == (method, "5")
+    assert (described.name, described.version) == (method, "6")
     assert "time_constant_s" in described.parameters
     assert all(isinstance(value, float) for value in described.parameters.values())
