@@ -3,15 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.recording import Float64Array
 from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, hold_still, relax
-from fusion.simulation.body import ArmState, Body, Channel, Motion, feel, play
-from fusion.simulation.people import draw_person, shift_posture
+from fusion.simulation.body import ArmState, Body, Motion, feel, play
+from fusion.simulation.people import draw_person
 from fusion.simulation.sensor import (
     PARTS,
     Device,
@@ -26,12 +25,8 @@ from fusion.simulation.sensor import (
 )
 
 START = datetime(2026, 3, 2, 7, 0, 0)  # noqa: DTZ001 - the device's own clock, which has no zone
-CALIBRATION_S, REPEATED_S = 20.0, 10.0
+CALIBRATION_S = 20.0
 BLOCK_S = 60.0
-EARLY_S, RESTLESS_S, LATE_S, IDLE_S = 660.0, 65.0, 120.0, 900.0
-"""How long nobody is still where no pose is held, and before the first pause of a late one; what passes
-before a late pose; idle standing and work."""
-
 WORK = {
     "standing": (0.09, 40.0),
     "walking": (0.15, 45.0),
@@ -47,45 +42,8 @@ WORK = {
 ON_FOOT = frozenset({"walking", "lifting"})
 WITHOUT_WALKING_SHARE, WORK_BLOCK_S, WHOLE_DAY_S = 0.3, (1200.0, 5400.0), 8 * 3600.0
 """Work comes in blocks of so long on a whole day; in a share of them nobody takes a step."""
-RESTLESS = ("walking", "swinging")
-"""Work in which nobody is still for 5 s."""
-
 BREAKS = ((0.25, 0.02), (0.48, 0.06), (0.75, 0.02))
 """When (fraction of the shift) and how long (fraction of the shift) the breaks are."""
-
-
-POSES = (0.47, 0.985)
-"""When (fraction of the shift) the pose is held again: before the noon break and at the end."""
-
-Opening = Literal["pose", "late", "paused", "none", "idle"]
-
-
-@dataclass(frozen=True, slots=True)
-class Course:
-    """What the pose of a day is like, and whether anybody walks.
-
-    Attributes
-    ----------
-    opening
-        "pose": held at the start; "late": after a minute of work and one with pauses; "paused": after two
-        minutes with pauses from the beginning; "none": work without a still moment for eleven minutes;
-        "idle": nothing but relaxed standing and such work for 15 minutes.
-    table_s
-        The sensor lies on a table for so long before it is strapped on.
-    tilt_deg
-        How far from plumb the pose is held.
-    is_repeated, repeat_deg
-        Whether it is held again at noon and at the end; standard deviation of each component of the posture.
-    walks
-        Whether anybody walks all day.
-    """
-
-    opening: Opening = "pose"
-    table_s: float = 0.0
-    tilt_deg: float = 0.0
-    is_repeated: bool = False
-    repeat_deg: float = 0.0
-    walks: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,14 +117,9 @@ class SimulatedShift:
         return PARTS[self.device]
 
     @property
-    def poses_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of every pose held for the calibration."""
-        return tuple((entry.start_s, entry.end_s) for entry in self.plan if entry.name == "calibration")
-
-    @property
     def calibration_s(self) -> tuple[float, float]:
-        """Start and end of the first pose; a day without any raises IndexError."""
-        return self.poses_s[0]
+        """Start and end of the calibration pose; a plan without one raises StopIteration."""
+        return next((entry.start_s, entry.end_s) for entry in self.plan if entry.name == "calibration")
 
     def blocks(self) -> Iterator[SampleBlock]:
         """Play the day in blocks of about a minute, each with noise of its own seed."""
@@ -206,14 +159,8 @@ class SimulatedShift:
         return acc_g, gyr.astype(np.float64) * self.part.gyr_dps_per_lsb
 
 
-def simulate_shift(  # noqa: PLR0913 - two of them by name only
-    device: Device,
-    duration_h: float,
-    seed: int,
-    rate_hz: float | None = None,
-    *,
-    perfect: bool = False,
-    course: Course | None = None,
+def simulate_shift(
+    device: Device, duration_h: float, seed: int, rate_hz: float | None = None, *, perfect: bool = False
 ) -> SimulatedShift:
     """Simulate a day of work with a sensor on the right upper arm.
 
@@ -227,11 +174,9 @@ def simulate_shift(  # noqa: PLR0913 - two of them by name only
         Nominal rate (the part's own if None); the true rate is off by the part's clock error.
     perfect
         No sensor error, noise or resolution (the mounting and the true rate stay).
-    course
-        What the pose is like; None: plumb, at the start.
     """
     duration_s = float(max(1, round(duration_h * 3600.0)))
-    plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]), course or Course())
+    plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))
     return wear_sensor(device, seed, _end_at(plan, duration_s), motion, perfect=perfect, rate_hz=rate_hz)
 
 
@@ -256,83 +201,31 @@ def wear_sensor(  # noqa: PLR0913 - two of them by name only
     )
 
 
-def plan_day(
-    duration_s: float, chance: np.random.Generator, course: Course = Course()
-) -> tuple[tuple[PlannedActivity, ...], Motion]:
+def plan_day(duration_s: float, chance: np.random.Generator) -> tuple[tuple[PlannedActivity, ...], Motion]:
     """Write the score of a person's day: a pose, then work in bouts, with breaks at fixed times."""
     body = Choreography(draw_person(chance))
-    plan = begin_day(body, course, chance, longest_s=duration_s)
+    body.move(1e-6, HANGING, after_s=-1.0)
+    hold_still(body, min(CALIBRATION_S, duration_s), chance)
+    plan = [PlannedActivity("calibration", 0.0, body.time_s)]
     breaks = [(start * duration_s, length * duration_s) for start, length in BREAKS]
-    poses_s = [share * duration_s for share in POSES] if course.is_repeated else []
     for start_s, length_s in [*breaks, (duration_s, 0.0)]:
-        for pose_s in [at_s for at_s in poses_s if at_s <= start_s]:
-            plan += work(body, pose_s, duration_s, chance, walks=course.walks)
-            plan.append(hold_pose(body, course, chance))
-            poses_s.remove(pose_s)
-        plan += work(body, start_s, duration_s, chance, walks=course.walks)
+        plan += work(body, start_s, duration_s, chance)
         if length_s and body.time_s < duration_s:
             plan.append(_perform(body, "break", length_s, chance))
     return tuple(plan), body.finish()
 
 
-def begin_day(
-    body: Choreography, course: Course, chance: np.random.Generator, longest_s: float = np.inf
-) -> list[PlannedActivity]:
-    """Write what comes before the work: the table, the pose, or what stands in its place."""
-    plan = []
-    if course.table_s:
-        body.move(1e-6, {Channel.ELEVATION: 90.0, Channel.AXIAL: chance.uniform(-180.0, 180.0)}, after_s=-1.0)
-        body.wait(course.table_s)
-        body.go(3.0, relax(body, chance))
-        plan.append(PlannedActivity("table", 0.0, body.time_s))
-    start_s = body.time_s
-    if course.opening == "pose":
-        return [*plan, hold_pose(body, course, chance, min(CALIBRATION_S, longest_s))]
-    if course.opening in {"late", "paused"}:
-        paused_s = start_s + (RESTLESS_S if course.opening == "late" else 0.0)
-        while body.time_s < start_s + LATE_S:
-            plan.append(_perform(body, str(chance.choice(RESTLESS)), 12.0, chance))
-            if body.time_s >= paused_s:
-                plan.append(_perform(body, "waiting", 12.0, chance))
-        return [*plan, hold_pose(body, course, chance, min(CALIBRATION_S, longest_s))]
-    until_s = start_s + (IDLE_S if course.opening == "idle" else EARLY_S)
-    while body.time_s < until_s:
-        if course.opening == "idle":
-            plan.append(_perform(body, "standing", 30.0, chance))
-        plan.append(_perform(body, str(chance.choice(RESTLESS)), 30.0, chance))
-    return plan
-
-
-def hold_pose(
-    body: Choreography, course: Course, chance: np.random.Generator, duration_s: float = REPEATED_S
-) -> PlannedActivity:
-    """Write a calibration pose; the first thing of a day is held from its first sample on."""
-    by_deg = course.repeat_deg * chance.standard_normal(2) if body.time_s else np.zeros(2)
-    towards_rad = float(np.arctan2(by_deg[1], by_deg[0]))
-    deg, plane_deg = shift_posture(
-        course.tilt_deg, body.person.stance_plane_deg, float(np.hypot(*by_deg)), towards_rad
-    )
-    pose = {**HANGING, Channel.PLANE: plane_deg, Channel.ELEVATION: deg} if deg else HANGING
-    if body.time_s:
-        body.go(1.0, pose)
-    else:
-        body.move(1e-6, pose, after_s=-1.0)
-    start_s = body.time_s
-    hold_still(body, duration_s, chance)
-    return PlannedActivity("calibration", start_s, body.time_s)
-
-
 def work(
-    body: Choreography, until_s: float, duration_s: float, chance: np.random.Generator, *, walks: bool = True
+    body: Choreography, until_s: float, duration_s: float, chance: np.random.Generator
 ) -> list[PlannedActivity]:
     """Write bouts of work until a time; ``duration_s`` is that of the whole day."""
     plan = []
     scale = min(1.0, duration_s / 3600.0)
-    block_end_s, is_on_foot = body.time_s, walks
+    block_end_s, is_on_foot = body.time_s, True
     while body.time_s < until_s:
         if body.time_s >= block_end_s:
             block_end_s += chance.uniform(*WORK_BLOCK_S) * min(1.0, duration_s / WHOLE_DAY_S)
-            is_on_foot = walks and chance.random() >= WITHOUT_WALKING_SHARE
+            is_on_foot = chance.random() >= WITHOUT_WALKING_SHARE
         name, bout_s = _choose_work(scale, chance, is_on_foot=is_on_foot)
         plan.append(_perform(body, name, min(bout_s, max(3.0, until_s - body.time_s)), chance))
     return plan

@@ -132,7 +132,7 @@ class TruthWriter:
             "nominal_rate_hz": shift.nominal_rate_hz,
             "rate_hz": shift.rate_hz,
             "samples": shift.sample_count,
-            "calibration_s": shift.poses_s[0] if shift.poses_s else None,
+            "calibration_s": shift.calibration_s,
             "plan": [[activity.name, activity.start_s, activity.end_s] for activity in shift.plan],
             "exposure": self._describe_exposure(),
             "sensor": describe_errors(shift.errors),
