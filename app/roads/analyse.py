@@ -31,11 +31,13 @@ from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses, survey
+from fusion.pose.windows import reduce_recording
 from fusion.quality import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Segment, Span
+from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import view_segment
-from fusion.sensor.stillness import reduce_run
+from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.settings import AnalysisSettings
 
 # The day of an analysis, for the page on which a person looks at it and corrects it.
@@ -105,7 +107,9 @@ def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
     parts = [part for part in left_out if awaits_pose(part.start_s, part.end_s)]
     if not parts:
         return
-    _, stretches_s, wears = survey(analysis.recording)
+    blocks = reduce_recording(analysis.recording)
+    correction = calibrate_accelerometer(find_still_moments(blocks))
+    stretches_s, wears = survey(analysis.recording, blocks, correction)
     for part in parts:
         end_s = min(part.end_s, duration_s)
         slip_s = part.start_s - SAID_S

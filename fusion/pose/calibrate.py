@@ -19,15 +19,14 @@ from fusion.pose.poses import (
     describe_pose,
     do_without_pose,
     find_early_stills,
+    survey,
 )
 from fusion.pose.readings import ask, assume_put_back, list_readings, read_recording
 from fusion.pose.slips import Question, find_walking
-from fusion.pose.wear import Wear, divide_by_wear, find_wear
+from fusion.pose.wear import Wear, find_wear
 from fusion.pose.windows import (
     Blocks,
     StillPeriod,
-    find_still_stretches,
-    find_tables,
     measure_asked,
     measure_pair,
     reduce_recording,
@@ -151,8 +150,7 @@ def calibrate(
     views = [view_segment(segment) for segment in recording.segments]
     sensor, runs = calibrate_sensor(views, blocks, stills, recording.acc_range_g, recording.gyr_range_dps)
     correction = sensor.accelerometer
-    stretches_s = find_still_stretches(blocks, correction)
-    wears = divide_by_wear(blocks, correction, find_tables(recording, stretches_s))
+    stretches_s, wears = survey(recording, blocks, correction)
     early = find_early_stills(recording, wears, stretches_s)
     found, windows = _find_stated(recording, wears[0], correction, settings)
     assumed = assume_pose(early[0], correction, settings.pose_held)

@@ -152,13 +152,12 @@ class ProposedPose:
     kind: Literal["pose", "repeat"]
 
 
-def survey(recording: Recording) -> tuple[AccelerometerCorrection, list[Window], tuple[Wear, ...]]:
-    """Return the accelerometer's correction, every stillness and the stretches of wear of a recording."""
-    blocks = reduce_recording(recording)
-    accelerometer = calibrate_accelerometer(find_still_moments(blocks))
+def survey(
+    recording: Recording, blocks: Blocks, accelerometer: AccelerometerCorrection
+) -> tuple[list[Window], tuple[Wear, ...]]:
+    """Return every stillness, and the stretches of wear."""
     stretches_s = find_still_stretches(blocks, accelerometer)
-    tables_s = find_tables(recording, stretches_s)
-    return accelerometer, stretches_s, divide_by_wear(blocks, accelerometer, tables_s)
+    return stretches_s, divide_by_wear(blocks, accelerometer, find_tables(recording, stretches_s))
 
 
 def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
@@ -166,7 +165,9 @@ def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
 
     Repeats: 5 to 60 s, in the last ten minutes, within 10 deg of the first early stillness.
     """
-    accelerometer, stretches_s, wears = survey(recording)
+    blocks = reduce_recording(recording)
+    accelerometer = calibrate_accelerometer(find_still_moments(blocks))
+    stretches_s, wears = survey(recording, blocks, accelerometer)
     early = find_early_stills(recording, wears, stretches_s)
     proposed = [ProposedPose(still, "pose") for one in early for still in one.stills]
     late_s = recording.duration_us / MICROSECONDS - EARLY_S
