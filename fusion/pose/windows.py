@@ -76,7 +76,6 @@ def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection)
 
 
 def _join_windows(quiet: QuietTable) -> list[Window]:
-    """Join the windows that overlap."""
     if len(quiet) == 0:
         return []
     breaks = np.flatnonzero(np.diff(quiet.start_s) > quiet.duration_s) + 1
