@@ -181,7 +181,7 @@ class FigureChange:
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, of the same hours, of two people, or two arms, ``unconfirmed pose`` where nobody confirmed
+    one recording, of the same hours, of two people, or two arms, ``unconfirmed pose`` if nobody confirmed
     the calibration pose of one: then no change is judged.
     """
 

@@ -26,7 +26,7 @@ class KnownDevice:
     form
         "binary", "table", "zip" of two tables or "capture" of ready angles.
     header, above
-        Patterns of the header line and of the lines above it, without regard to case; either is enough.
+        Patterns of the header line and of the lines above it, ignoring case; either is enough.
     acc_unit, gyr_unit, time_unit
         Of columns whose names state none; "" where nothing is known.
     frame

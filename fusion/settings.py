@@ -73,7 +73,7 @@ def _is_window(value: object) -> bool:
 
 
 def _is_moment(value: object) -> bool:
-    """Return whether a value is a number of seconds from the first sample; of numpy, too."""
+    """Return whether a value is a number, also of numpy: seconds from the first sample."""
     return isinstance(value, Real) and not isinstance(value, bool) and 0.0 <= float(value) < math.inf
 
 

@@ -160,7 +160,7 @@ def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportReq
     changes = compare_settings(origin.describe_settings(), request.describe_settings())
     changes = tuple(name for name in changes if name != "conclusion")
     if "diary" not in changes and origin.select_diary() != request.select_diary():
-        changes += ("diary",)  # its rows are chosen by the subject code, too
+        changes += ("diary",)  # the subject code also selects its rows
     return replace(draft, version=origin.version, changes=changes if is_ours else (*changes, "engine"))
 
 

@@ -58,7 +58,7 @@ _LONGEST_CODE = 16
 def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False) -> dict[str, Any]:
     """Give the changes, the verdicts and what the two differ in besides the work, for JSON.
 
-    ``same_subject``: somebody says that both are of one person, where a code is missing.
+    ``same_subject``: a person states that both are of one person, if a code is missing.
     """
     compared = _compare(before, after)
     document: dict[str, Any] = round_all(
@@ -82,7 +82,7 @@ def refuse_no_comparison(
 
     The two arms of one shift are no change either, which their report says, with the cure.
 
-    ``same_subject``: somebody says that both are of one person, where a code is missing.
+    ``same_subject``: a person states that both are of one person, if a code is missing.
     ``mixed_methods``: figures of two methods, or versions of one, may be compared.
 
     Raises

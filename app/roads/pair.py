@@ -157,7 +157,7 @@ def _share(
 
 
 def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms:
-    """Widen the ranges of an arm whose pose nobody confirmed by those of its own report.
+    """Widen the ranges of an arm with an unconfirmed pose to include those of its own report.
 
     Those cover the other stillnesses that may be the pose. A figure that cannot be widened has no range.
     """

@@ -82,7 +82,7 @@ def find_walking(strides: Moments) -> Float64Array | None:
 def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
     """Return the slip that walking shows within one stretch of wear; None if it shows none.
 
-    The other postures must have changed, too: if they stay as they were, loads are carried.
+    The other postures must also have changed: if they stay as they were, the person carries loads.
     """
     few = strides.thin(4 * MOST_STRIDES)
     count = len(few.up)

@@ -267,7 +267,7 @@ def account_time(
 
     A segment's rows last its fitted period, so sums and stamps can differ by a microsecond for each segment
     and each exclusion; such a difference goes to the excluded time, and is not called missing. ``flags``:
-    caveats beside the recording's own, which may hold the cause where too little is left.
+    further caveats, which may hold the cause if too little time is left.
 
     Raises
     ------
@@ -359,7 +359,7 @@ def _find_cause(flags: Iterable[QualityFlag]) -> dict[str, str]:
 
 
 def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dict[str, str | float]:
-    """Describe what left out most: the reason, for how long, and the cure where a person can undo it.
+    """Describe the largest exclusion: reason, duration, and the cure if a person can undo it.
 
     ``left_out_us``: of the samples; what no exclusion explains was not trusted.
     """

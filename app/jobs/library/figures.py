@@ -68,8 +68,8 @@ class HeadlineFigures:
     """The verdict and first figures of a report; ``start`` is the device's clock at the first sample.
 
     ``method`` and ``method_version`` made its angles, "" and 0 where they came ready. ``day`` is the day in
-    short (:func:`summarise_day`), "" where it is not known. ``calibration_state``: of
-    :data:`fusion.conventions.CalibrationState`, "" where there is none.
+    short (:func:`summarise_day`), "" if it is not known. ``calibration_state``: of
+    :data:`fusion.conventions.CalibrationState`, "" if there is none.
     """
 
     verdict: str

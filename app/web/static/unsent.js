@@ -70,7 +70,7 @@ function readEntries() {
   }
 }
 
-// False where the browser keeps nothing: then it asks before the page is left.
+// False if the browser stores nothing: it then asks before leaving the page.
 function writeEntries(entries) {
   try {
     localStorage.setItem(KEY, JSON.stringify(entries));

@@ -1,4 +1,4 @@
-"""Gravity that a phone or a watch took out of the acceleration and wrote in columns of its own: put back."""
+"""Put gravity back that a phone or a watch removed from the acceleration and wrote in separate columns."""
 
 import numpy as np
 

@@ -82,7 +82,7 @@ class TablePlan:
     unit
         That of a numeric stamp, and whether the header states another.
     gravity
-        Columns of the gravity that the acceleration may lack; None where it lacks none.
+        Columns of the gravity that the acceleration may lack; None if it lacks none.
     """
 
     layout: TextLayout
@@ -148,9 +148,9 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
 
 def plan_gravity(plan: TablePlan) -> TablePlan | None:
-    """Plan to read the columns of gravity in the acceleration's place; None where there are none.
+    """Plan to read the gravity columns in place of the acceleration; None if there are none.
 
-    Without a unit of its own, gravity is in the acceleration's.
+    Gravity without a unit is in the unit of the acceleration.
     """
     if plan.gravity is None:
         return None
