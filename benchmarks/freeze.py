@@ -3,7 +3,8 @@
     python -m benchmarks.freeze make FILE       write the digest of every output
     python -m benchmarks.freeze compare FILE    make the outputs again and name those that differ (exit 1)
 
-A dozen recordings of every format, with the settings that change a report, pairs, changes and
+The samples and flags of every recording under ``../shared/data`` that can be read, and a
+dozen recordings of every format, with the settings that change a report, pairs, changes and
 agreements. Recordings under ``../shared/data`` are taken where they are there, the others are simulated.
 ``software.revision`` hashes every source file; it is held constant here, and nothing else is.
 """
@@ -73,10 +74,38 @@ def freeze(folder: Path) -> dict[str, str]:
     found = {}
     for name, command in list_commands(work):
         found[f"{name}/screen"] = _hash(_run(command, hook, work))
+    found |= {f"samples/{path.relative_to(SHARED)}": digest_samples(path) for path in list_shared()}
     for path in sorted(work.rglob("*")):
         if path.is_file() and path.name not in PASSING:
             found[path.relative_to(work).as_posix()] = _hash(path.read_bytes())
     return found
+
+
+def list_shared() -> list[Path]:
+    """Return the shared files that could be recordings."""
+    return sorted(
+        path
+        for path in SHARED.rglob("*")
+        if path.is_file() and path.suffix not in {".md", ".npz", ".mat"} and "LICENSE" not in path.name
+    )
+
+
+def digest_samples(path: Path) -> str:
+    """Return the digest of what the reader makes of a file: samples, segments, flags; or its refusal."""
+    from fusion import read_recording  # noqa: PLC0415  only here
+    from fusion.errors import FusionError  # noqa: PLC0415
+
+    digest = hashlib.sha256()
+    try:
+        recording = read_recording(path)
+    except FusionError as refused:
+        return f"{refused.code} {_hash(repr(sorted(refused.facts.items())).encode())}"
+    for segment in recording.segments:
+        digest.update(repr((segment.start_us, segment.rate_hz, segment.bridged)).encode())
+        digest.update(segment.acc_g.tobytes())
+        digest.update(segment.gyr_dps.tobytes())
+    flags = " ".join(sorted(str(flag.code) for flag in recording.flags))
+    return f"{digest.hexdigest()} {flags}"
 
 
 def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:

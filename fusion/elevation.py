@@ -297,7 +297,7 @@ def _start_valid(samples: CalibratedSamples, segment: Segment, rows: AngleRows) 
     return valid
 
 
-def _measure_segment(  # noqa: PLR0913, PLR0917
+def _measure_segment(
     samples: CalibratedSamples,
     segment: Segment,
     rows: AngleRows,

@@ -152,7 +152,7 @@ class Line:
     done_at: str
 
 
-def record(  # noqa: PLR0913 - the columns of a line
+def record(
     connection: Connection,
     act: Act,
     recording_id: str = "",

@@ -157,7 +157,7 @@ def _measure_stretches(
 
 
 @kernel
-def _reduce_stretches(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _reduce_stretches(
     samples: Any, firsts: Any, width: int, means: Any, scatter: Any, steps: Any
 ) -> None:  # pragma: no cover
     for k in range(len(firsts)):
@@ -410,7 +410,7 @@ def _carry(
 
 
 @kernel
-def _carry_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays, and loops are cheap)
+def _carry_windows(
     acc: Any, turn: Any, first: Any, period: Any, gain: Any, drift: Any, room: Any, miss: Any, slope: Any
 ) -> None:  # pragma: no cover
     """Sum the accelerations in the frame of the first row, minus in the first half, plus in the second.
@@ -447,7 +447,7 @@ def _carry_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays, and 
 
 
 @inner
-def _turn_frame(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _turn_frame(
     frame: Any, lean: Any, turn: Any, gain: Any, drift: Any, period_s: float, has_slope: Any
 ) -> None:  # pragma: no cover
     """One row on: ``frame @ exp([turn]x)`` (Rodrigues)."""

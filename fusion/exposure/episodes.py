@@ -283,7 +283,7 @@ def scan_levels(angle_deg, valid, limits, state, counts):  # type: ignore[no-unt
 
 
 @inner
-def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
+def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]
     """Let levels go up or down to the angle ``x``; at the first row of a run (``above`` -1) uncounted."""
     levels = limits.levels_deg
     counted, above = above >= 0, max(above, 0)

@@ -109,7 +109,7 @@ def scan_classes(angle_deg, valid, classes, state, seconds):  # type: ignore[no-
 
 
 @inner
-def _end_stay(error, row, new_level, block, state, classes, seconds):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
+def _end_stay(error, row, new_level, block, state, classes, seconds):  # type: ignore[no-untyped-def]
     """Count the stay that ends before ``row``, and go to the class ``new_level``.
 
     ``block`` is a block that begins before ``row``; that of the row before is given back. Most stays lie in

@@ -96,7 +96,7 @@ def start_lowered_entries(errors_deg: Float64Array, edges_us: IntArray) -> Lower
 
 
 @kernel
-def scan_entries(angle_deg, valid, enter_deg, leave_deg, stretch_rows, entries):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
+def scan_entries(angle_deg, valid, enter_deg, leave_deg, stretch_rows, entries):  # type: ignore[no-untyped-def]
     """Run the triggers of all levels; ``above`` is how many of them, from the lowest, are up.
 
     A run of valid rows that starts above a level starts there uncounted.

@@ -36,7 +36,7 @@ ROWS_FOR_TWO = 100_000
 """Fewer rows are counted before a thread has begun."""
 
 
-def summarise_exposure(  # noqa: PLR0913  each is an input of its own
+def summarise_exposure(
     elevation: Elevation,
     start: datetime | None = None,
     samples: Recording | None = None,

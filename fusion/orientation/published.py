@@ -111,7 +111,7 @@ def _vertical_of(tilt: Any) -> tuple[float, float, float]:  # pragma: no cover
 
 
 @kernel
-def _run_published(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _run_published(
     acc: Any, gyr: Any, bias: Any, steps: Any, room: Any, out: Any
 ) -> None:  # pragma: no cover
     """One pass: filters, A, G, slerp of the two tilts, vertical.

@@ -133,7 +133,7 @@ def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma
 
 
 @kernel
-def _sweep(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _sweep(
     acc: Any, turns: Any, decay: complex, direction: int, out: Any, disagreement: Any, per_value: int
 ) -> None:  # pragma: no cover
     """Filter in one direction and add to ``out``.

@@ -102,7 +102,7 @@ def _form_of_run(nodes: Nodes, bias: GyroBias, length_s: float, every_s: float) 
 
 
 @kernel
-def _walk_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _walk_windows(
     acc: Any, turns: Any, first: Any, steps: Any, bias: Any, room: Any, out: Any
 ) -> None:  # pragma: no cover
     """For the windows that begin at the nodes ``first``, with ``bias`` (w, 3), rad/s, taken off.
@@ -403,7 +403,7 @@ def _fit(
 
 
 @kernel
-def _carry_between(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _carry_between(
     turns: Any, left: Any, first: Any, second: Any, frames: Any, drifts: Any, turned: Any
 ) -> None:  # pragma: no cover
     """How the sensor turned from one node to another: what takes vectors of the second to the first.

@@ -119,7 +119,7 @@ def _correct(readings: Any, steps: Any, line: Any, taken: Any, out: Any) -> None
             out[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
 
 
-def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
+def spread_rows(
     gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: Float64Array, out: FloatArray, first: int
 ) -> None:
     """Carry the vertical from each node to the rows about it, into ``out`` for the nodes from ``first`` on.
@@ -163,9 +163,7 @@ def _add(table: Any, row: int, vector: Any, share: float) -> None:  # pragma: no
 
 
 @kernel
-def _reduce(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    acc: Any, gyr: Any, bias: Any, steps: Any, mean_acc: Any, turns: Any
-) -> None:  # pragma: no cover
+def _reduce(acc: Any, gyr: Any, bias: Any, steps: Any, mean_acc: Any, turns: Any) -> None:  # pragma: no cover
     """Fill the nodes' mean accelerations and the rotations between them.
 
     One walk over the rows, from each node to the next: the rows still nearer to the node behind are carried
@@ -213,9 +211,7 @@ def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
 
 
 @kernel
-def _spread(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    gyr: Any, bias: Any, steps: Any, up: Any, first: int, out: Any
-) -> None:  # pragma: no cover
+def _spread(gyr: Any, bias: Any, steps: Any, up: Any, first: int, out: Any) -> None:  # pragma: no cover
     """Carry the vertical of each node to the rows before and after it."""
     rows, period_s, taps, gain = steps
     shift = first * rows
@@ -243,7 +239,7 @@ def _multiply(matrix: Any, vector: Any) -> Any:  # pragma: no cover
 
 
 @inner
-def _walk(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _walk(
     gyr: Any, row: int, row_count: int, motion: Any, vertical: Any, shift_rows: int, out: Any
 ) -> None:  # pragma: no cover
     """From the row beside a node outwards: forwards, or where the period is negative backwards in time."""

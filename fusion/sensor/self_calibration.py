@@ -218,7 +218,7 @@ def _repair(samples: FloatArray, limits: Float64Array, rate_hz: float) -> FloatA
 
 
 @kernel
-def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _bridge(
     samples: Any, axis: int, sign: float, limit: float, longest_rows: int, repaired: Any
 ) -> None:  # pragma: no cover
     """Find the runs at or past a limit that have two good samples on each side, and replace them."""
@@ -236,7 +236,7 @@ def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
 
 
 @inner
-def _draw_cubic(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def _draw_cubic(
     samples: Any, axis: int, sign: float, limit: float, ends: tuple[int, int], repaired: Any
 ) -> None:  # pragma: no cover
     left, right = ends

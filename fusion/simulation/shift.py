@@ -180,7 +180,7 @@ def simulate_shift(
     return wear_sensor(device, seed, _end_at(plan, duration_s), motion, perfect=perfect, rate_hz=rate_hz)
 
 
-def wear_sensor(  # noqa: PLR0913 - two of them by name only
+def wear_sensor(
     device: Device,
     seed: int,
     plan: tuple[PlannedActivity, ...],

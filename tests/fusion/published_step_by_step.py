@@ -14,7 +14,7 @@ from fusion.orientation.published import PublishedParameters
 Array = NDArray[np.float64]
 
 
-def follow_paper(  # noqa: PLR0917 (what the paper needs)
+def follow_paper(
     acc_g: Array,
     gyr_dps: Array,
     rate_hz: float,

@@ -425,7 +425,7 @@ def analysis(
     return render_page(request, "analysis.html", language, values)
 
 
-def _build_names(  # noqa: PLR0913, PLR0917
+def _build_names(
     request: Request,
     services: Services,
     job: Job,
