@@ -579,14 +579,7 @@ class NoHead(ServerRefused):
     """A file named as the trail's anchor cannot be read, or holds no head of this trail."""
 
     code = "E-TRAIL-ANCHOR"
-    fact_meanings = name_facts(file="path", organisation="whose trail")
-
-
-class OtherOrganisation(ServerRefused):
-    """A backup is restored into the organisation that it is of, and into no other."""
-
-    code = "E-BACKUP-OTHER"
-    fact_meanings = name_facts(found="organisation of the backup", asked="organisation that was asked for")
+    fact_meanings = name_facts(file="path")
 
 
 class NotInstalled(ServerRefused):

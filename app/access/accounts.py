@@ -1,4 +1,4 @@
-"""The accounts of an installation: organisations and people, their sessions and tokens."""
+"""The accounts: people, their sessions and tokens."""
 
 import json
 import secrets
@@ -16,11 +16,10 @@ from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
 from app.access.sealed_secrets import MARK, SecretSealer, is_sealed
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
-from app.access.tables import known_browsers, organisations, people, sessions, tickets, tokens
+from app.access.tables import known_browsers, people, sessions, tickets, tokens
 from app.errors import BadParameter, KeyGone, NotHere
 from app.jobs.queries import format_now
 from app.jobs.trail import NOBODY
-from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
 from app.storage.keys import open_keys
 
@@ -43,7 +42,6 @@ class Person:
     """An account. ``ended_at``: since when it may not log in any more; ``issuer``: who says that it may."""
 
     id: str
-    organisation: str
     login: str
     name: str
     roles: frozenset[Role]
@@ -52,14 +50,6 @@ class Person:
     issuer: str | None
     has_password: bool
     has_second_factor: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Organisation:
-    """A clinic, an employer, a study."""
-
-    id: str
-    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,47 +91,14 @@ class AccountStore:
             self._exist = self.database.is_there and bool(self.database.read_value(count))
         return self._exist
 
-    # Organisations and people.
+    # People.
 
-    def add_organisation(self, organisation: str, name: str) -> None:
-        """Add an organisation; one that is there stays as it is.
-
-        Raises
-        ------
-        BadParameter
-            A name that is none.
-        """
-        check_name(name)
-        row = {"id": organisation, "name": name, "created_at": format_now()}
+    def note_reading(self) -> None:
+        """Note that the people were read, where no request leaves the line."""
         with self.database.write() as connection:
-            known = select(organisations.c.id).where(organisations.c.id == organisation)
-            if connection.execute(known).scalar() is None:
-                connection.execute(insert(organisations).values(row))
-                note_act(connection, "organisation.added", "", organisation=organisation)
+            note_act(connection, "people.read", "")
 
-    def note_reading(self, organisation: str) -> None:
-        """Note that the people of an organisation were read, where no request leaves the line."""
-        with self.database.write() as connection:
-            note_act(connection, "people.read", "", organisation=organisation)
-
-    def find_organisations(self) -> Sequence[Organisation]:
-        """Give every organisation."""
-        rows = self.database.read_all(select(organisations).order_by(organisations.c.created_at))
-        return [Organisation(row.id, row.name) for row in rows]
-
-    def get_organisation(self, organisation: str) -> Organisation:
-        """Give one organisation.
-
-        Raises
-        ------
-        NotHere
-        """
-        row = self.database.read_one(select(organisations).where(organisations.c.id == organisation))
-        if row is None:
-            raise NotHere(id=organisation)
-        return Organisation(row.id, row.name)
-
-    def add_person(self, organisation: str, login: str, name: str, roles: Collection[Role]) -> Person:
+    def add_person(self, login: str, name: str, roles: Collection[Role]) -> Person:
         """Add a person, who cannot log in before a way to is set.
 
         Raises
@@ -150,12 +107,12 @@ class AccountStore:
             A login that has other signs than an e-mail address, or that somebody has; a name that is none.
         """
         check_name(name)
-        return self._insert_person(organisation, check_login(login), name, roles, {})
+        return self._insert_person(check_login(login), name, roles, {})
 
     def add_person_of(self, issuer: str, subject: str, about: Person) -> Person:
         """Add a person who logs in by a provider: known by its name and the subject's, by nothing else."""
         of_issuer = {"issuer": issuer, "issuer_subject": subject}
-        return self._insert_person(about.organisation, about.login, about.name, about.roles, of_issuer)
+        return self._insert_person(about.login, about.name, about.roles, of_issuer)
 
     def get_person(self, person_id: str) -> Person:
         """Give one person.
@@ -197,11 +154,9 @@ class AccountStore:
         row = self.database.read_one(select(people).where(*is_it))
         return self._read_person(row) if row is not None else None
 
-    def find_people(self, organisation: str | None = None) -> Sequence[Person]:
-        """Give the people of one organisation or of all, those who may log in first."""
+    def find_people(self) -> Sequence[Person]:
+        """Return everybody, those who may log in first."""
         query = select(people).order_by(people.c.ended_at.is_not(None), people.c.login)
-        if organisation is not None:
-            query = query.where(people.c.organisation == organisation)
         return [self._read_person(row) for row in self.database.read_all(query)]
 
     def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
@@ -304,7 +259,7 @@ class AccountStore:
             with self.database.write() as connection:
                 connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
         permissions = collect_permissions(_read_roles(row.roles))
-        return Subject("person", row.id, self._open_name(row), row.organisation, permissions, digest)
+        return Subject("person", row.id, self._open_name(row), permissions, digest)
 
     # Tokens.
 
@@ -371,7 +326,7 @@ class AccountStore:
         self._note_use(digest, row.used_at)
         held = collect_permissions(_read_roles(row.roles))
         granted: frozenset[Permission] = frozenset({"own", *json.loads(row.permissions)})
-        return Subject("token", row.token_id, row.token_name, row.organisation, held & granted, row.token_id)
+        return Subject("token", row.token_id, row.token_name, held & granted, row.token_id)
 
     def is_alive(self, subject: Subject) -> bool:
         """Tell whether the subject's session or token still holds; counts as no use of it."""
@@ -389,10 +344,8 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
 
-    def _insert_person(
-        self, organisation: str, login: str, name: str, roles: Collection[Role], more: dict[str, str]
-    ) -> Person:
-        row = {"id": f"per_{secrets.token_hex(8)}", "organisation": organisation, "login": login} | more
+    def _insert_person(self, login: str, name: str, roles: Collection[Role], more: dict[str, str]) -> Person:
+        row = {"id": f"per_{secrets.token_hex(8)}", "login": login} | more
         row |= {"name": self._seal_name(row["id"], name), "roles": json.dumps(sorted(roles))}
         row["created_at"] = format_now()
         try:
@@ -421,7 +374,7 @@ class AccountStore:
         return self._names[row.name]
 
     def _read_person(self, row: Row[Any]) -> Person:
-        about = (row.id, row.organisation, row.login, self._open_name(row), _read_roles(row.roles))
+        about = (row.id, row.login, self._open_name(row), _read_roles(row.roles))
         ways = (row.issuer, row.password_hash is not None, row.totp_secret is not None)
         return Person(*about, row.created_at, row.ended_at, *ways)
 
@@ -433,9 +386,8 @@ class AccountStore:
 
     def note_refusal(self, person_id: str) -> None:
         """Note that a login was refused; ``person_id``: whose name was tried, "" for none that is known."""
-        organisation = "" if person_id else OWN_ORGANISATION
         with self.database.write() as connection:
-            note_act(connection, "login.failed", person_id, who=NOBODY, organisation=organisation)
+            note_act(connection, "login.failed", person_id, who=NOBODY)
 
 
 def normalise_login(login: str) -> str:
@@ -444,7 +396,7 @@ def normalise_login(login: str) -> str:
 
 
 def check_name(name: str) -> None:
-    """Check the name of a person, an organisation or a token.
+    """Check the name of a person or a token.
 
     Raises
     ------
@@ -481,9 +433,7 @@ def _select_sessions(now_s: float) -> Select[Any]:
 
 def _select_tokens(now_s: float) -> Select[Any]:
     named = (tokens.c.id.label("token_id"), tokens.c.name.label("token_name"), tokens.c.permissions)
-    joined = select(people.c.roles, people.c.organisation, *named, tokens.c.used_at).join(
-        people, tokens.c.person_id == people.c.id
-    )
+    joined = select(people.c.roles, *named, tokens.c.used_at).join(people, tokens.c.person_id == people.c.id)
     return joined.where(tokens.c.ended_at.is_(None), tokens.c.expires_s > now_s, people.c.ended_at.is_(None))
 
 

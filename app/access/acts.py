@@ -1,4 +1,4 @@
-"""What is done about accounts, on its way into the trail of an organisation.
+"""What is done about accounts, on its way into the trail.
 
 The accounts have a database of their own. An act and its note are one commit there; the line of the trail
 follows, and the note goes once the line stands. A crash in between leaves the note, and no second line.
@@ -6,7 +6,6 @@ The line has the time at which it was chained, and names the moment of the act.
 """
 
 import json
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import Connection, Engine, Row, delete, func, insert, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.access.tables import acts, people
+from app.access.tables import acts
 from app.jobs.database.connect import connect, find_database_file, read_revision
 from app.jobs.database.tables import REVISION, trail
 from app.jobs.trail import Act, find_actor, record, write_codes
@@ -28,14 +27,10 @@ _LATE_LINES = 1_000
 """So many lines may have joined the trail since the one whose note a crash left behind."""
 
 
-def note_act(
-    connection: Connection, act: Act, person_id: str, *, who: str = "", organisation: str = "", **codes: str
-) -> None:
-    """Note an act in the commit of it; ``organisation``: where it is about nobody (``person_id`` is "")."""
-    of_person = select(people.c.organisation).where(people.c.id == person_id)
+def note_act(connection: Connection, act: Act, person_id: str, *, who: str = "", **codes: str) -> None:
+    """Note an act in the commit of it; ``person_id`` is "" where it is about nobody."""
     told = {"person": person_id} | codes if person_id else codes
     row = {
-        "organisation": organisation or str(connection.execute(of_person).scalar_one()),
         "at": datetime.now(UTC).isoformat(timespec="microseconds"),
         "who": who or find_actor(),
         "act": act,
@@ -44,8 +39,8 @@ def note_act(
     connection.execute(insert(acts).values(row))
 
 
-def carry_acts(database: "AccountDatabase", find_engine: Callable[[str], Engine | None]) -> None:
-    """Write the lines of all notes, in order; those of an organisation without tables wait.
+def carry_acts(database: "AccountDatabase", engine: Engine) -> None:
+    """Write the lines of all notes, in order.
 
     Raises
     ------
@@ -54,51 +49,32 @@ def carry_acts(database: "AccountDatabase", find_engine: Callable[[str], Engine 
     """
     if not database.has_notes or not database.is_there:
         return
-    waiting = {row.organisation for row in database.read_all(select(acts.c.organisation).distinct())}
-    if waiting and not any(map(find_engine, waiting)):
-        return
     database.has_notes = False
-    is_left = True
+    is_done = False
     try:
         with database.write(is_act=False) as connection:
-            carried = [_carry(connection, row, find_engine) for row in _read_notes(connection)]
-            is_left = not all(carried)
+            for row in connection.execute(select(acts).order_by(acts.c.id)).all():
+                _write_line(engine, row)
+                connection.execute(delete(acts).where(acts.c.id == row.id))
+        is_done = True
     finally:
-        database.has_notes = database.has_notes or is_left
-
-
-def _read_notes(connection: Connection) -> Sequence[Row[Any]]:
-    return connection.execute(select(acts).order_by(acts.c.id)).all()
-
-
-def _carry(connection: Connection, row: Row[Any], find_engine: Callable[[str], Engine | None]) -> bool:
-    engine = find_engine(row.organisation)
-    if engine is None:
-        return False
-    _write_line(engine, row)
-    connection.execute(delete(acts).where(acts.c.id == row.id))
-    return True
+        database.has_notes = database.has_notes or not is_done
 
 
 def carry_acts_by_command(database: "AccountDatabase", settings: Settings) -> None:
     """Write the lines of a command; what cannot be written now is left to the next server."""
-    opened: dict[str, Engine | None] = {}
-
-    def find_engine(organisation: str) -> Engine | None:
-        if organisation not in opened:
-            opened[organisation] = _open_tables(settings.for_organisation(organisation))
-        return opened[organisation]
-
+    engine = _open_tables(settings)
+    if engine is None:
+        return
     try:
         with suppress(SQLAlchemyError):
-            carry_acts(database, find_engine)
+            carry_acts(database, engine)
     finally:
-        for engine in filter(None, opened.values()):
-            engine.dispose()
+        engine.dispose()
 
 
 def _open_tables(settings: Settings) -> Engine | None:
-    """Open the tables of an organisation, where there are any of this release."""
+    """Open the tables, where there are any of this release."""
     file = find_database_file(settings.database_url)
     if file and not Path(file).exists():
         return None

@@ -230,9 +230,7 @@ class Logins:
         ------
         WeakPassword, NotInstalled
         """
-        organisation = self.accounts.get_organisation(person.organisation)
-        login = person.login.partition("@")[0]
-        self._passwords.check_password(password, (login, organisation.name, *person.name.split()))
+        self._passwords.check_password(password, (person.login.partition("@")[0], *person.name.split()))
 
     def set_password(self, person: Person, password: str, but: str = "") -> None:
         """Set a password that was checked; every session of the person but one ends."""

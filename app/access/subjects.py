@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from app.organisation import OWN_ORGANISATION
-
 Permission = Literal[
     "upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail", "own"
 ]
@@ -42,7 +40,6 @@ class Subject:
     kind: SubjectKind
     id: str
     name: str
-    organisation: str
     permissions: frozenset[Permission]
     session: str = ""
 
@@ -51,7 +48,7 @@ class Subject:
         return permission in self.permissions
 
 
-AT_THE_MACHINE = Subject("machine", MACHINE, MACHINE, OWN_ORGANISATION, frozenset(PERMISSIONS))
+AT_THE_MACHINE = Subject("machine", MACHINE, MACHINE, frozenset(PERMISSIONS))
 """Whoever holds the secret of the start, or runs the command line."""
 
 

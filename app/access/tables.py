@@ -1,4 +1,4 @@
-"""The tables of the accounts of an installation, apart from the health data of its organisations."""
+"""The tables of the accounts, apart from the health data."""
 
 from sqlalchemy import Column, Float, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Table, Text
 
@@ -6,19 +6,10 @@ REVISION = "1"
 
 metadata = MetaData()
 
-organisations = Table(
-    "organisations",
-    metadata,
-    Column("id", String(32), primary_key=True),
-    Column("name", Text, nullable=False),
-    Column("created_at", String(32), nullable=False),
-)
-
 people = Table(
     "people",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("organisation", ForeignKey("organisations.id"), nullable=False),
     Column("login", Text, nullable=False, unique=True),
     Column("name", Text, nullable=False),
     Column("roles", Text, nullable=False),
@@ -105,12 +96,11 @@ link_uses = Table(
     Column("told_at", String(32)),
 )
 
-# What was done about accounts, until its line stands in the trail of the organisation.
+# What was done about accounts, until its line stands in the trail.
 acts = Table(
     "acts",
     metadata,
     Column("id", Integer, primary_key=True),
-    Column("organisation", String(32), nullable=False),
     Column("at", String(32), nullable=False),
     Column("who", String(80), nullable=False),
     Column("act", String(40), nullable=False),

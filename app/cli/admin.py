@@ -11,13 +11,11 @@ import typer
 from app.cli.output import Exit, print_problem
 from app.errors import AppError, BackupRefused, DatabaseAway
 from app.logs import escape_controls, start_logging
-from app.organisation import OWN_ORGANISATION
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
 from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
-    from app.access.accounts import Organisation
     from app.settings import Settings
     from app.upkeep.account_rows import CopiedPeople
     from app.upkeep.backup import Copied
@@ -103,7 +101,6 @@ DataOption = Annotated[
     typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
 ]
 LanguageOption = Annotated[Language, typer.Option("--lang")]
-OrganisationOption = Annotated[str, typer.Option("--organisation", metavar="ID", help="Another than own.")]
 RecipientOption = Annotated[
     list[str] | None,
     typer.Option("--recipient", metavar="age1...", help="Who may read it (age); again for several."),
@@ -120,7 +117,6 @@ def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip, .zip.age).")],
     recipient: RecipientOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Write every row and every sealed file into one file, without the keys; the server may run meanwhile.
@@ -130,17 +126,16 @@ def backup(
     from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import back_up  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        record_command(find_place(settings, organisation), "store.backed_up")
-        copied = back_up(settings, file, Recipients(tuple(recipient or ())), organisation)
-        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
+        check_used(settings)
+        record_command(settings, "store.backed_up")
+        copied = back_up(settings, file, Recipients(tuple(recipient or ())))
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
     _print_people(lang, "backup", copied.people)
     _print_copied(lang, "backup", copied, file=str(file))
-    _print_further(lang, further)
     _exit_by(copied)
 
 
@@ -148,24 +143,21 @@ def backup_keys(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write.")],
     recipient: RecipientOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Write the keys of the recordings into one file. Keep it apart; replace it after each erasure."""
     from app.upkeep.acts import record_command  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
     from app.upkeep.key_backup import back_up_keys  # noqa: PLC0415
-    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        place = find_place(settings, organisation)
-        number = back_up_keys(place, file, Recipients(tuple(recipient or ())))
-        record_command(place, "keys.backed_up")
-        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
+        check_used(settings)
+        number = back_up_keys(settings, file, Recipients(tuple(recipient or ())))
+        record_command(settings, "keys.backed_up")
     print_sentence(lang, "backup_keys", "encrypted" if recipient else "in_clear")
     print_sentence(lang, "backup_keys", "done", number=str(number), file=str(file))
-    _print_further(lang, further)
 
 
 def drill(
@@ -192,7 +184,6 @@ def restore(
     keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Put a backup into an empty data folder (or an empty database and bucket).
@@ -200,12 +191,10 @@ def restore(
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        find_place(settings, organisation, is_new=True)
-        copied = put_back(settings, file, _read_keys(keys, identity), identity, organisation)
+        copied = put_back(settings, file, _read_keys(keys, identity), identity)
     _print_people(lang, "restore", copied.people)
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
     _exit_by(copied)
@@ -216,13 +205,12 @@ def verify(
     keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
     with refusals_printed(lang, find_settings(data)):
         number, faults = (
-            _verify_kept(data, organisation) if file is None else _verify_backup(file, keys, identity)
+            _verify_kept(find_settings(data)) if file is None else _verify_backup(file, keys, identity)
         )
     if file is not None and keys is None:
         print_sentence(lang, "verify", "sealed")
@@ -237,16 +225,16 @@ def recover(
     keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.organisations import find_lost_place  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        done = bring_back(find_lost_place(settings, organisation), _read_keys(keys, identity))
+        check_recoverable(settings)
+        done = bring_back(settings, _read_keys(keys, identity))
     for trouble in done.troubles:
         print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
@@ -273,13 +261,13 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _verify_kept(data: Path | None, organisation: str) -> "tuple[int, Sequence[Fault]]":
+def _verify_kept(settings: "Settings") -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.acts import record_command  # noqa: PLC0415
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
-    settings = find_place(find_settings(data), organisation)
+    check_used(settings)
     check_whole(settings.database_url)
     record_command(settings, "store.verified")
     kept = find_kept(settings)
@@ -329,13 +317,6 @@ def _print_people(language: Language, command: str, people: "CopiedPeople | None
         sentence = "people_kept" if people.present else "people"
         facts = {"number": str(people.number), "present": str(people.present)}
         print_sentence(language, command, sentence, **facts)
-
-
-def _print_further(language: Language, further: "Sequence[Organisation]") -> None:
-    """Print which organisations have a backup of their own."""
-    if further:
-        names = ", ".join(f"{one.name} ({one.id})" for one in further)
-        print_sentence(language, "backup", "further", names=names)
 
 
 def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:

@@ -14,7 +14,6 @@ import typer
 from app.cli.admin import (
     DataOption,
     LanguageOption,
-    OrganisationOption,
     find_settings,
     print_sentence,
     refusals_printed,
@@ -37,7 +36,6 @@ hold = typer.Typer(help="Keep a recording whatever happens.", no_args_is_help=Tr
 @trail.command("verify")
 def verify_trail(
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     anchor: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Heads written down; else ACROMION_TRAIL_ANCHOR.")
     ] = None,
@@ -47,7 +45,7 @@ def verify_trail(
     from app.jobs.trail import check_chain  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.anchors import find_anchors  # noqa: PLC0415
 
-    with _opened(lang, data, organisation) as (settings, store):
+    with _opened(lang, data) as (settings, store):
         anchors = find_anchors(settings, anchor)
         number, faults = check_chain(store.reader, anchors or ())
     for fault in faults:
@@ -68,7 +66,6 @@ def show_trail(
     end: Annotated[str, typer.Option("--to", metavar="TIME")] = "",
     form: Annotated[str, typer.Option(help="text, csv or jsonl; the last two give every line.")] = "text",
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
@@ -78,7 +75,7 @@ def show_trail(
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
         if not value.isprintable():  # a broken byte of the terminal, which no database takes
             raise typer.BadParameter("signs that cannot be printed", param_hint=option)
-    with _opened(lang, data, organisation) as (_, store):
+    with _opened(lang, data) as (_, store):
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:
             ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
@@ -94,14 +91,13 @@ def begin_hold(
     recording: Annotated[str, typer.Argument(metavar="RECORDING")],
     reason: Annotated[str, typer.Option(help="legal, complaint, insurance, study or other")] = "legal",
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Put a recording on hold: nothing of it is deleted for good."""
     from app.jobs.recordings import HOLD_REASONS  # noqa: PLC0415
     from app.jobs.trail import AT_MACHINE  # noqa: PLC0415
 
-    with _opened_recordings(lang, data, organisation) as recordings:
+    with _opened_recordings(lang, data) as recordings:
         code = next((one for one in HOLD_REASONS if one == reason), None)
         if code is None:
             raise BadParameter(name="reason", value=reason[:20], allowed=", ".join(HOLD_REASONS))
@@ -113,11 +109,10 @@ def begin_hold(
 def end_hold(
     recording: Annotated[str, typer.Argument(metavar="RECORDING")],
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """End the hold of a recording."""
-    with _opened_recordings(lang, data, organisation) as recordings:
+    with _opened_recordings(lang, data) as recordings:
         recordings.let_go(recording)
     print_sentence(lang, "trail", "let_go", id=recording)
 
@@ -129,7 +124,6 @@ def get(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The file to write.")],
     force: Annotated[bool, typer.Option("--force", help="Replace FILE.")] = False,
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
@@ -142,7 +136,7 @@ def get(
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
     if not recording.isprintable():  # a broken byte of the terminal, which no database takes
         raise typer.BadParameter("characters that cannot be printed", param_hint="ID")
-    with _opened(lang, data, organisation) as (place, store):
+    with _opened(lang, data) as (place, store):
         recording_id = store.find_recording(recording) or recording
         row = RecordingStore(store.engine, store.reader).get(recording_id)
         storage = open_storage(place)
@@ -187,13 +181,12 @@ def retention(
     kind: Annotated[str, typer.Argument(metavar="[KIND]", help="recordings, results, trash, trail")] = "",
     days: Annotated[str, typer.Argument(metavar="[DAYS]", help='Days of running time, or "never".')] = "",
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
     from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
 
-    with _opened(lang, data, organisation) as (_, store):
+    with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             terms.put(kind, _read_days(days))
@@ -249,30 +242,26 @@ def _quote(value: str) -> str:
 
 
 @contextmanager
-def _opened(
-    language: Language, data: Path | None, organisation: str
-) -> "Iterator[tuple[Settings, JobStore]]":
-    """Open an organisation's database for whoever sits at the machine; a place without one is refused."""
+def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
+    """Open the database for whoever sits at the machine; a place without one is refused."""
     from app.jobs.database.connect import find_database_file  # noqa: PLC0415
     from app.jobs.store import JobStore  # noqa: PLC0415
     from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(language, settings), acting(AT_MACHINE):
-        place = find_place(settings, organisation)
-        file = find_database_file(place.database_url)
+        check_used(settings)
+        file = find_database_file(settings.database_url)
         if file and not Path(file).exists():
-            raise NotHere(id=str(place.data_dir))
-        with closing(JobStore(place)) as store:
-            yield place, store
+            raise NotHere(id=str(settings.data_dir))
+        with closing(JobStore(settings)) as store:
+            yield settings, store
 
 
 @contextmanager
-def _opened_recordings(
-    language: Language, data: Path | None, organisation: str
-) -> "Iterator[RecordingStore]":
+def _opened_recordings(language: Language, data: Path | None) -> "Iterator[RecordingStore]":
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
 
-    with _opened(language, data, organisation) as (_, store):
+    with _opened(language, data) as (_, store):
         yield RecordingStore(store.engine, store.reader)

@@ -34,7 +34,6 @@ from app.jobs.database.connect import translate_database_errors, translate_start
 from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.library.mappings import MappingStore
-from app.jobs.organisations import find_organisations
 from app.jobs.processes.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
@@ -49,7 +48,6 @@ from app.storage.sealing import SealedStorage
 from app.storage.store import borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
-LOOK_S = 5.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
@@ -143,51 +141,11 @@ def run_worker(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
     warm_up_and_wait()
-    benches = Benches(bench)
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
         bench.heartbeat.step()
-        if not benches.run_round():
+        if not run_next_patiently(bench):
             bench.stopping.wait(IDLE_S)
-    benches.close()
-
-
-class Benches:
-    """A worker's benches, one for each organisation; they are served in turn, one job each."""
-
-    def __init__(self, own: Bench) -> None:
-        self.own = own
-        self._others: dict[str, Bench] = {}
-        self._looked_s = -LOOK_S
-
-    def run_round(self) -> bool:
-        """Do one job of each organisation; False when nothing waits anywhere."""
-        done = [run_next_patiently(bench) for bench in self.find() if not bench.stopping.is_set()]
-        return any(done)
-
-    def find(self) -> tuple[Bench, ...]:
-        """Give the benches; new organisations are looked for every five seconds."""
-        if time.monotonic() - self._looked_s >= LOOK_S:
-            self._look()
-            self._looked_s = time.monotonic()
-        return self.own, *self._others.values()
-
-    def close(self) -> None:
-        """Close every database."""
-        for bench in self.find():
-            bench.store.close()
-
-    def _look(self) -> None:
-        try:
-            for organisation in find_organisations(self.own.settings, self.own.store.reader):
-                if organisation not in self._others:
-                    self._others[organisation] = self._open(organisation)
-        except (AppError, OperationalError):  # its server is about to make its tables, or is away
-            logger.exception("an organisation cannot be opened; trying again")
-
-    def _open(self, organisation: str) -> Bench:
-        opened = open_bench(self.own.settings.for_organisation(organisation), self.own.make)
-        own = self.own
-        return replace(opened, stopping=own.stopping, heartbeat=own.heartbeat, revives=own.revives)
+    bench.store.close()
 
 
 def run_by_settings(

@@ -1,6 +1,6 @@
-"""The accounts of an installation in the backup of the organisation "own".
+"""The accounts in the backup.
 
-    accounts/<table>.jsonl    organisations, people, recovery codes, tokens: one row a line
+    accounts/<table>.jsonl    people, recovery codes, tokens: one row a line
 
 Sessions, links and their last use, wrong tries and known browsers are not in it: after a restore everybody
 logs in anew.
@@ -15,13 +15,13 @@ from sqlalchemy import Connection, Table, func, insert, select
 
 from app.access.database import AccountDatabase
 from app.access.sealed_secrets import is_sealed
-from app.access.tables import REVISION, organisations, people, recovery_codes, tokens
+from app.access.tables import REVISION, people, recovery_codes, tokens
 from app.errors import DatabaseTooNew, KeysNeeded
 from app.jobs.database.dump import read_lines, write_rows
 from app.settings import Settings
 
 FOLDER = "accounts"
-TABLES = (organisations, people, recovery_codes, tokens)
+TABLES = (people, recovery_codes, tokens)
 """Referenced tables first."""
 
 
@@ -73,7 +73,7 @@ class AccountRows:
         ------
         KeysNeeded
         """
-        rows = _read_rows(self.archive, people)
+        rows = _read_rows(self.archive, people) if holds_accounts(self.manifest) else ()
         kept = [(str(row["name"]), (row["totp_secret"] or b"").decode()) for row in rows]
         number = sum(any(map(is_sealed, words)) for words in kept)
         if number and not has_key:
@@ -107,9 +107,7 @@ def holds_accounts(manifest: Mapping[str, Any]) -> bool:
 
 
 def _add_rows(connection: Connection, archive: zipfile.ZipFile, table: Table) -> None:
-    """Add rows; an organisation that is there stays as it is."""
-    known = set(connection.execute(select(organisations.c.id)).scalars()) if table is organisations else ()
-    rows = [row for row in _read_rows(archive, table) if row.get("id") not in known]
+    rows = list(_read_rows(archive, table))
     if rows:
         connection.execute(insert(table), rows)
 

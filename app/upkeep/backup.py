@@ -1,11 +1,10 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
     manifest.json            {"format": "acromion.backup/2", "revision", "version", "made_at",
-                              "organisation": its id; without one it is of "own",
                               "accounts": their revision, where it holds them,
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
     rows/<table>.jsonl       one row a line, all of one transaction
-    accounts/<table>.jsonl   who may log in, in the backup of "own" (:mod:`app.upkeep.account_rows`)
+    accounts/<table>.jsonl   who may log in (:mod:`app.upkeep.account_rows`)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>, as they are stored: sealed
 
 The keys of the recordings are not in it (:mod:`app.upkeep.key_backup`); without them its files are closed. It
@@ -42,7 +41,6 @@ from app.errors import (
     KeyGone,
     KeysNeeded,
     NotEmpty,
-    OtherOrganisation,
 )
 from app.jobs.database.connect import (
     READ_ONLY,
@@ -59,7 +57,6 @@ from app.jobs.database.tables import REVISION, analyses, facts, schema_revision,
 from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
-from app.organisation import OWN_ORGANISATION, is_organisation
 from app.settings import Settings
 from app.storage.keys import RecordingKey, open_keys, read_key_file
 from app.storage.labels import LABELS, LabelSealer
@@ -97,24 +94,19 @@ FindKey = Callable[[str], RecordingKey]
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many files the rows promise, which of them were not copied whole, and whose they are."""
+    """How many files the rows promise, and which of them were not copied whole."""
 
     promised: int
     faults: tuple[Fault, ...]
     people: CopiedPeople | None = None
-    organisation: str = OWN_ORGANISATION
 
 
 class _PurgedMeanwhileError(Exception):
     """A file was deleted together with its row while the backup was made."""
 
 
-def back_up(
-    settings: Settings, path: Path, recipients: Recipients = NOBODY, organisation: str = OWN_ORGANISATION
-) -> Copied:
+def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> Copied:
     """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
-
-    It is that of one organisation; the accounts of the installation go with "own".
 
     Raises
     ------
@@ -125,20 +117,18 @@ def back_up(
     """
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
-            return _write(settings, path, recipients, organisation)
+            return _write(settings, path, recipients)
     raise BackupRefused(why="recordings are being purged")
 
 
-def _write(settings: Settings, path: Path, recipients: Recipients, organisation: str) -> Copied:
-    place = settings.for_organisation(organisation)
+def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        manifest, files = _write_rows(place, archive)
-        manifest["organisation"] = organisation
-        people = write_accounts(settings, archive) if organisation == OWN_ORGANISATION else None
+        manifest, files = _write_rows(settings, archive)
+        people = write_accounts(settings, archive)
         if people is not None:
             manifest[ACCOUNTS] = ACCOUNTS_REVISION
-        copied = replace(_write_files(place, archive, files), people=people)
+        copied = replace(_write_files(settings, archive, files), people=people)
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
         archive.writestr("manifest.json", json.dumps(manifest, indent=1))
     return copied
@@ -343,58 +333,38 @@ def _read_rest(member: IO[bytes]) -> bytes:
 
 
 def restore(
-    settings: Settings,
-    path: Path,
-    keys: KeyBackup | None = None,
-    identity: Path | None = None,
-    organisation: str | None = OWN_ORGANISATION,
+    settings: Settings, path: Path, keys: KeyBackup | None = None, identity: Path | None = None
 ) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
-    ``organisation``: whose place it goes to; None: that of the backup.
     ``keys``: the backup of the keys, unless they are here. The files are written first, then all rows in one
     transaction: an interrupted restore leaves nothing visible, and can be repeated. Analyses that ran when
     the backup was made wait again. What the ledger of erasures names does not come back. Accounts come back
-    into "own" where there are none; people who are there stay as they are.
+    where there are none; people who are there stay as they are.
 
     Raises
     ------
     BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
-    OtherOrganisation
-        The backup is that of another organisation; nothing is made then.
     KeysNeeded, KeyFileMissing
         Recordings are sealed and none of their keys is here or in ``keys``, or what wrapped those is not
         here; nothing is made then.
     """
     accounts = AccountDatabase(settings)
     with open_backup(path, identity) as (archive, manifest):
-        found = _find_organisation(manifest)
-        if organisation not in (None, found):
-            raise OtherOrganisation(found=found, asked=organisation)
-        place = settings.for_organisation(found)
-        people = AccountRows(accounts, archive, manifest) if found == OWN_ORGANISATION else None
-        _check_keys(place, archive, keys, people)
-        with translate_folder_errors(place.data_dir):
-            make_folder(place.data_dir)
-            lock = FolderLock(place.data_dir)
+        people = AccountRows(accounts, archive, manifest)
+        _check_keys(settings, archive, keys, people)
+        with translate_folder_errors(settings.data_dir):
+            make_folder(settings.data_dir)
+            lock = FolderLock(settings.data_dir)
         try:
-            if people:
-                people.prepare()
-            copied = _restore(place, archive, manifest["revision"], keys, people)
-            with closing(JobStore(place)) as store:
-                catch_up(store, open_storage(place))
-            return replace(copied, organisation=found)
+            people.prepare()
+            copied = _restore(settings, archive, manifest["revision"], keys, people)
+            with closing(JobStore(settings)) as store:
+                catch_up(store, open_storage(settings))
+            return copied
         finally:
             accounts.close()
             lock.release()
-
-
-def _find_organisation(manifest: Mapping[str, Any]) -> str:
-    """Give whose backup it is; one that names nobody is of "own", as all were before organisations."""
-    found = str(manifest.get("organisation", OWN_ORGANISATION))
-    if found != OWN_ORGANISATION and not is_organisation(found):  # it becomes a path
-        raise BackupRefused(why=found[:80])
-    return found
 
 
 def _restore(
@@ -402,7 +372,7 @@ def _restore(
     archive: zipfile.ZipFile,
     revision: str,
     keys: KeyBackup | None,
-    accounts: AccountRows | None,
+    accounts: AccountRows,
 ) -> Copied:
     """Restore files and rows, and before the rows the people."""
     make_schema(settings.database_url)
@@ -412,11 +382,10 @@ def _restore(
             lock_tables(connection)
             _check_no_rows(connection)
             storage = _open_with_keys(settings, keys)
-            if accounts:
-                accounts.check(storage.keys.find(ACCOUNTS_KEY) is not None)
+            accounts.check(storage.keys.find(ACCOUNTS_KEY) is not None)
             use_sealer(engine, LabelSealer(storage.keys))
             copied = _restore_files(storage, archive)
-            people = accounts.restore() if accounts else None
+            people = accounts.restore()
             _drop_tables(connection)
             _restore_rows(connection, archive, revision, storage.keys.find_erased())
             added = {"people": str(people.number)} if people and not people.present else None
@@ -427,7 +396,7 @@ def _restore(
 
 
 def _check_keys(
-    settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None, accounts: AccountRows | None
+    settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None, accounts: AccountRows
 ) -> None:
     """Check, before anything is made, that any sealed recording has its key, and that the accounts have."""
     here = open_keys(settings)
@@ -444,8 +413,7 @@ def _check_keys(
         closed.update([key_id] if key_id else [])
     if closed:
         raise KeysNeeded(number=len(closed), first=min(closed))
-    if accounts is not None:
-        accounts.check(ACCOUNTS_KEY in known)
+    accounts.check(ACCOUNTS_KEY in known)
 
 
 def _open_with_keys(settings: Settings, keys: KeyBackup | None) -> SealedStorage:

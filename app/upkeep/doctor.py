@@ -25,7 +25,7 @@ from app.storage.keys import open_keys
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.upkeep.anchors import find_anchors, is_address
-from app.upkeep.organisations import is_used
+from app.upkeep.place import is_used
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
 from fusion.numba_kernels import make_kernel_folder

@@ -45,9 +45,8 @@ def drill(
             engine="embedded",
         )
         found_keys = read_key_backup(keys, identity) if keys else None
-        restored = restore(settings, backup, found_keys, identity, organisation=None)
-        kept_in = settings.for_organisation(restored.organisation)
-        kept = find_kept(kept_in)
-        found = {*restored.faults, *find_faults(kept_in, kept)}
+        restored = restore(settings, backup, found_keys, identity)
+        kept = find_kept(settings)
+        found = {*restored.faults, *find_faults(settings, kept)}
         faults = tuple(sorted(found, key=lambda fault: fault.name))
         return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

@@ -54,7 +54,7 @@ def test_an_address_is_sent_the_head_of_the_trail(
     assert anchor(settings, store, receiver.url)
 
     ((_, body),) = receiver.heard
-    line = {"organisation": "own", "at": head.at, "seq": head.seq, "hash": head.hash}
+    line = {"at": head.at, "seq": head.seq, "hash": head.hash}
     assert json.loads(body) == {"type": "trail.head", "timestamp": head.at, "data": line}
 
 

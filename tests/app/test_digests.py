@@ -165,13 +165,6 @@ def test_two_workers_give_a_study_one_id(store: JobStore, settings: Settings) ->
     other.close()
 
 
-def test_two_organisations_give_a_name_two_ids(store: JobStore, settings: Settings) -> None:
-    other = JobStore(settings.for_organisation("org_0123456789abcdef"))
-
-    assert find_study(store, STUDY) != find_study(other, STUDY)
-    other.close()
-
-
 def test_the_same_again_is_found_by_its_keyed_digest(store: JobStore, add_job: AddJob) -> None:
     job = add_job(BYTES)
 

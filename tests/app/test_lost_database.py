@@ -320,7 +320,7 @@ def test_an_unknown_file_in_a_bucket_stays_where_it_is(
         monkeypatch.setenv(name, value)
     settings = Settings(data_dir=tmp_path / "data", object_store=swift.make_bucket(), min_free_bytes=0)
     with serving(settings) as client:
-        storage: Storage = client.app.state.offices.own.storage  # type: ignore[attr-defined]
+        storage: Storage = client.app.state.services.storage  # type: ignore[attr-defined]
         storage.write_small("recordings/rec_0123456789abcdef", b"another machine's, its row is on the way")
 
     with serving(settings):

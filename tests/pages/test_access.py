@@ -44,11 +44,10 @@ def logins(data: Path) -> Iterator[Logins]:
     """The accounts: Maria manages people, Clara is a clinician and manages them, too."""
     settings = Settings(data_dir=data)
     accounts = AccountStore(settings)
-    accounts.add_organisation("own", "Riverside clinic")
     opened = Logins(accounts, settings)
     kept = hash_password(PASSWORD)
     for login, (name, *roles) in PEOPLE.items():
-        person = accounts.add_person("own", login, name, cast("list[Role]", roles))
+        person = accounts.add_person(login, name, cast("list[Role]", roles))
         opened.credentials.set_password(person.id, kept)
     yield opened
     accounts.database.close()

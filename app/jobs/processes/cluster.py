@@ -11,8 +11,8 @@ import asyncio
 import logging
 import os
 import signal
-import threading
 from dataclasses import replace
+from functools import partial
 
 from procrastinate import App, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
@@ -26,7 +26,7 @@ from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
 from app.jobs.processes.leader import REVIVAL, Leader
 from app.jobs.processes.lease import WorkerHeartbeat
-from app.jobs.worker import TROUBLE_S, Bench, Benches, open_bench, reclaim_abandoned, run_next_patiently
+from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
@@ -82,38 +82,31 @@ def run_cluster_worker(
     if heartbeat is not None:
         bench = replace(bench, heartbeat=heartbeat)
     warm_up_and_wait()
-    benches = Benches(bench)
     try:
-        asyncio.run(_work(benches, parent_pid))
+        asyncio.run(_work(bench, parent_pid))
     finally:
-        benches.close()
+        bench.store.close()
 
 
-async def _work(benches: Benches, parent_pid: int | None) -> None:
-    """Listen for the jobs of every organisation, also of those that are made meanwhile."""
-    own, turn = benches.own, threading.Lock()
+async def _work(bench: Bench, parent_pid: int | None) -> None:
+    """Listen for jobs until the worker is stopped, or its parent is gone."""
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, own.stopping.set)
-    listeners: dict[str, asyncio.Task[None]] = {}
+        asyncio.get_running_loop().add_signal_handler(number, bench.stopping.set)
+    listener = asyncio.create_task(_listen_on(bench))
     try:
-        while not own.stopping.is_set():
-            for bench in await asyncio.to_thread(benches.find):
-                url = bench.settings.database_url
-                if url not in listeners:
-                    listeners[url] = asyncio.create_task(_listen_on(bench, turn))
+        while not bench.stopping.is_set():
             if parent_pid is not None and os.getppid() != parent_pid:
-                own.stopping.set()
-            own.heartbeat.step()
+                bench.stopping.set()
+            bench.heartbeat.step()
             await asyncio.sleep(0.2)
     finally:
-        for listener in listeners.values():
-            listener.cancel()
-        await asyncio.gather(*listeners.values(), return_exceptions=True)
+        listener.cancel()
+        await asyncio.gather(listener, return_exceptions=True)
 
 
-async def _listen_on(bench: Bench, turn: threading.Lock) -> None:
-    """Listen for the jobs of one organisation; start again when the database was away."""
-    engine = _make_engine(bench, turn)
+async def _listen_on(bench: Bench) -> None:
+    """Listen for jobs; start again when the database was away."""
+    engine = _make_engine(bench)
     while True:
         try:
             await asyncio.to_thread(install, bench.settings.database_url)
@@ -124,17 +117,12 @@ async def _listen_on(bench: Bench, turn: threading.Lock) -> None:
             await asyncio.sleep(TROUBLE_S)
 
 
-def _make_engine(bench: Bench, turn: threading.Lock) -> App:
-    """Make Procrastinate's application of an organisation; ``turn``: a worker does one job at a time."""
-
-    def run_in_turn() -> None:
-        with turn:
-            run_next_patiently(bench)
-
+def _make_engine(bench: Bench) -> App:
+    """Make Procrastinate's application: it does one job at a time."""
     address = make_url(bench.settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)
-    engine.task(name=TASK, queue=QUEUE)(run_in_turn)
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
     return engine
 
 

@@ -1,4 +1,4 @@
-"""What is done about accounts is in the trail of their organisation."""
+"""What is done about accounts is in the trail."""
 
 import json
 from collections.abc import Iterator
@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import func, select
+from sqlalchemy import create_engine, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
-from app.access.acts import carry_acts, carry_acts_by_command
+from app.access.acts import carry_acts
 from app.access.logins import Caller, Logins
 from app.access.tables import acts
 from app.cli import app
@@ -27,7 +27,7 @@ HERE = Caller("192.0.2.1", "")
 
 @pytest.fixture
 def store(settings: Settings) -> Iterator[JobStore]:
-    """The tables of "own"."""
+    """The tables of the server."""
     opened = JobStore(settings)
     yield opened
     opened.close()
@@ -35,7 +35,7 @@ def store(settings: Settings) -> Iterator[JobStore]:
 
 def carry(accounts: AccountStore, store: JobStore) -> list[TrailLine]:
     """Carry what waits; gives the lines in order."""
-    carry_acts(accounts.database, {"own": store.engine}.get)
+    carry_acts(accounts.database, store.engine)
     return list(find_lines(store.reader, TrailQuestion()))[::-1]
 
 
@@ -119,23 +119,13 @@ def test_what_cannot_be_written_waits(accounts: AccountStore, add_person: AddPer
     carry(accounts, store)
     add_person("anna", "clinician")
 
-    def fail(_organisation: str) -> None:
-        raise SQLAlchemyError
-
+    away = create_engine("sqlite:////nowhere/at/all")
     with pytest.raises(SQLAlchemyError):
-        carry_acts(accounts.database, fail)
+        carry_acts(accounts.database, away)
 
     assert count_notes(accounts) > 0
     carry(accounts, store)
     assert count_notes(accounts) == 0
-
-
-def test_an_organisation_without_tables_waits_for_them(accounts: AccountStore, settings: Settings) -> None:
-    accounts.add_organisation("org_0123456789abcdef", "Riverside")
-
-    carry_acts_by_command(accounts.database, settings)
-
-    assert count_notes(accounts) == 1
 
 
 def test_a_command_writes_its_lines_itself(settings: Settings, store: JobStore, tmp_path: Path) -> None:
@@ -145,7 +135,6 @@ def test_a_command_writes_its_lines_itself(settings: Settings, store: JobStore, 
 
     lines = list(find_lines(store.reader, TrailQuestion(who="machine")))[::-1]
     assert [line.act for line in lines if not line.act.startswith("trail.")] == [
-        "organisation.added",
         "person.added",
         "password.changed",
     ]

@@ -23,7 +23,6 @@ from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, make_c
 from tests.postgres import PostgresServer
 
 HERE = Caller("192.0.2.1", "")
-OTHER = "org_0123456789abcdef"
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
 
@@ -153,26 +152,12 @@ def test_people_who_are_there_stay_as_they_are(move: Move, add_person: AddPerson
     add_person("dora")
     move.back_up()
     there = move.open()
-    there.add_organisation("own", "Own")
-    there.add_person("own", "boss", "Boss", ["manager"])
+    there.add_person("boss", "Boss", ["manager"])
 
     found = move.restore()
 
     assert [one.login for one in there.find_people()] == ["boss"]
     assert found == CopiedPeople(2, present=1)
-
-
-def test_an_organisation_that_is_there_stays_as_it_is(move: Move, add_person: AddPerson) -> None:
-    add_person("clara")
-    add_person("dora", organisation=OTHER)
-    move.back_up()
-    there = move.open()
-    there.add_organisation("own", "Riverside")
-
-    move.restore()
-
-    assert {one.id: one.name for one in there.find_organisations()} == {"own": "Riverside", OTHER: OTHER}
-    assert [one.login for one in there.find_people()] == ["clara", "dora"]
 
 
 def test_the_trail_says_how_many_people_came_back(move: Move, add_person: AddPerson) -> None:

@@ -122,8 +122,7 @@ def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
 
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 def test_no_name_stands_open_in_the_accounts(accounts: AccountStore) -> None:
-    accounts.add_organisation("own", "own")
-    person = accounts.add_person("own", "clara", "Clara Léger", ["clinician"])
+    person = accounts.add_person("clara", "Clara Léger", ["clinician"])
     accounts.set_name(person.id, "Clara Roy")
 
     assert "Léger" not in dump(accounts)
@@ -167,7 +166,7 @@ def test_a_name_given_while_the_key_is_lost_makes_no_other_key(
     kept = keys.get("accounts")
     keys.destroy("accounts")
 
-    dora = accounts.add_person("own", "dora", "Dora Roy", ["clinician"])
+    dora = accounts.add_person("dora", "Dora Roy", ["clinician"])
     assert keys.find("accounts") is None
     keys.keep(kept)
     accounts.seal_earlier()

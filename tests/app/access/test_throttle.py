@@ -374,26 +374,26 @@ def test_throttling_starts_without_rows(logins: Logins) -> None:
 # What of it is in the trail.
 
 
-def find_notes(logins: Logins) -> list[tuple[str, str, dict[str, str]]]:
-    """Give what waits for the trail of tries that had to wait: organisation, who, codes."""
+def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
+    """Return what waits for the trail of tries that had to wait: who, codes."""
     rows = logins.accounts.database.read_all(select(acts).where(acts.c.act == "login.throttled"))
-    return [(row.organisation, row.who, json.loads(row.other)) for row in rows]
+    return [(row.who, json.loads(row.other)) for row in rows]
 
 
 def test_tries_of_an_account_that_have_to_wait_are_one_line_with_the_person(
     logins: Logins, add_person: AddPerson
 ) -> None:
-    clara = add_person(organisation="org_0123456789abcdef")
+    clara = add_person()
 
     with acting(NOBODY):
         for number in range(20):
             guess(logins, "clara", caller=Caller(f"198.51.100.{number}", ""))
 
     told = {"by": "account", "person": clara.id}
-    assert find_notes(logins) == [("org_0123456789abcdef", NOBODY, told)]
+    assert find_notes(logins) == [(NOBODY, told)]
 
 
-def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
+def test_tries_of_an_address_that_have_to_wait_are_one_line_with_nobody(
     logins: Logins, add_person: AddPerson
 ) -> None:
     add_person()
@@ -401,9 +401,7 @@ def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
     for number in range(30):
         guess(logins, f"person{number}")
 
-    assert [(organisation, told) for organisation, _, told in find_notes(logins)] == [
-        ("own", {"by": "address"})
-    ]
+    assert [told for _, told in find_notes(logins)] == [{"by": "address"}]
 
 
 def test_a_name_that_nobody_has_is_in_no_line(logins: Logins, add_person: AddPerson) -> None:

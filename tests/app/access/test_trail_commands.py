@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from app.access.accounts import AccountStore
 from app.cli import app
 from app.jobs.database.tables import trail
-from app.jobs.organisations import find_organisations
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, find_lines, read_head
 from app.settings import Settings
@@ -32,7 +31,7 @@ def anchored(settings: Settings, store: JobStore, add_job: AddJob, tmp_path: Pat
     """A trail whose head is written down."""
     add_job()
     head = read_head(store.reader)
-    line = {"organisation": "own", "at": head.at, "seq": head.seq, "hash": head.hash}
+    line = {"at": head.at, "seq": head.seq, "hash": head.hash}
     (tmp_path / "anchor").write_text(json.dumps(line) + "\n")
     return settings.model_copy(update={"trail_anchor": str(tmp_path / "anchor")})
 
@@ -151,10 +150,7 @@ def test_the_backup_of_the_keys_leaves_a_line(settings: Settings, store: JobStor
     assert [line.act for line in find_lines(store.reader, TrailQuestion(who="machine"))] == ["keys.backed_up"]
 
 
-OF_ANOTHER = '{"organisation": "org_0123456789abcdef", "at": "2026-11-24", "seq": 1, "hash": "00"}\n'
-
-
-@pytest.fixture(params=[None, "", "x{\n", OF_ANOTHER], ids=["missing", "empty", "damaged", "of another"])
+@pytest.fixture(params=[None, "", "x{\n"], ids=["missing", "empty", "damaged"])
 def headless(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A file that is named as the anchor, and holds no head of this trail."""
     file = tmp_path / "heads.jsonl"
@@ -219,36 +215,13 @@ def test_a_moment_beyond_the_calendar_is_refused(settings: Settings, store: JobS
     assert "E-PARAMETER" in told
 
 
-@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
-@pytest.mark.parametrize(
-    "words", [("trail", "verify"), ("trail", "show"), ("retention",), ("hold", "end", "rec_00000000000000ff")]
-)
-@pytest.mark.parametrize("organisation", ["org_none", "../elsewhere"])
-def test_an_organisation_that_is_not_there_is_refused_by_name_and_gets_no_place(
-    settings: Settings,
-    store: JobStore,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    organisation: str,
-) -> None:
-    for name, value in settings.as_environment().items():
-        monkeypatch.setenv(name, value)
-
-    code, told = run(settings, *words, "--organisation", organisation)
-
-    assert code == 3
-    assert "E-NOT-FOUND" in told
-    assert organisation in told
-    assert find_organisations(settings, store.reader) == ()
-
-
 @pytest.mark.parametrize(
     "words", [("account", "list"), ("trail", "show"), ("retention",), ("version",), ("--help",)]
 )
 def test_a_command_whose_output_nobody_reads_any_more_ends_and_says_nothing(
     settings: Settings, accounts: AccountStore, store: JobStore, words: tuple[str, ...]
 ) -> None:
-    accounts.add_organisation("own", "Own")
+    accounts.add_person("boss", "Boss", ["manager"])
 
     done = run_unread(settings, *words)
 

@@ -370,7 +370,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
         asked = {"type": "start", "source": "recording", "recording": stored, "keeps": True}
         with connect(caller, **asked) as socket:
             read_until(socket, "update")
-        hub = find_hub(application.state.offices.own)
+        hub = find_hub(application.state.services)
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
@@ -417,7 +417,7 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
         while socket.receive_json()["status"]["frames"] < 1500:
             pass
 
-    hub = find_hub(client.app.state.offices.own)  # type: ignore[attr-defined]
+    hub = find_hub(client.app.state.services)  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
 
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
@@ -465,7 +465,7 @@ def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -
 def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
     client: TestClient, recording_id: str, store: JobStore
 ) -> None:
-    hooks = client.app.state.offices.own.webhooks  # type: ignore[attr-defined]
+    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
     told = hooks.add("https://hooks.example/cues", ("live.cue",))
     hooks.add("https://hooks.example/ends", ("analysis.finished",))
 
