@@ -510,17 +510,10 @@ class DatabaseLocked(ServerRefused):
     fact_meanings = name_facts(file="path", pid="process, where known")
 
 
-class DatabaseTooOld(ServerRefused):
-    """The tables are of an earlier release, and only the server migrates."""
+class WrongSchema(ServerRefused):
+    """The tables or a backup are of another version; they are left untouched."""
 
-    code = "E-DATABASE-OLD"
-    fact_meanings = name_facts(found="revision", needed="revision")
-
-
-class DatabaseTooNew(ServerRefused):
-    """The tables are of a later release."""
-
-    code = "E-DATABASE-NEW"
+    code = "E-SCHEMA"
     fact_meanings = name_facts(found="revision", needed="revision")
 
 
@@ -579,7 +572,7 @@ class NoHead(ServerRefused):
     """A file named as the trail's anchor cannot be read, or holds no head of this trail."""
 
     code = "E-TRAIL-ANCHOR"
-    fact_meanings = name_facts(file="path", organisation="whose trail")
+    fact_meanings = name_facts(file="path")
 
 
 class OtherOrganisation(ServerRefused):

@@ -20,7 +20,6 @@ OUR_FOLDERS = frozenset(
         "cache",
         "incoming",
         "inspections",
-        "organisations",
         "keys",
         "live",
         "opened",

@@ -16,7 +16,7 @@ from sqlalchemy import (
 
 from app.jobs.database.sealed_text import KeyedDigest, SealedText
 
-REVISION = "0012"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "b1"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 GONE_REQUEST = '{"file_name": ""}'
 """What is read of a request or a description whose key was destroyed."""
@@ -204,7 +204,7 @@ saved_views = Table(
     Column("created_at", String(32), nullable=False),
 )
 
-# Every act of an organisation, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
+# Every act, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
 trail = Table(
     "trail",
     metadata,
@@ -268,7 +268,7 @@ aggregate_blocks = Table(
     Column("figures", Text, nullable=False),
 )
 
-# The recordings of the people in each block: a person counts in one block of the organisation.
+# The recordings of the people in each block: a person counts in one block.
 aggregate_members = Table(
     "aggregate_members",
     metadata,
