@@ -572,7 +572,7 @@ class NoHead(ServerRefused):
     """A file named as the trail's anchor cannot be read, or holds no head of this trail."""
 
     code = "E-TRAIL-ANCHOR"
-    fact_meanings = name_facts(file="path")
+    fact_meanings = name_facts(file="path", organisation="whose trail")
 
 
 class OtherOrganisation(ServerRefused):

@@ -1,4 +1,4 @@
-"""The database of the accounts, apart from that of the recordings.
+"""The database of the accounts of an installation, apart from those of its organisations.
 
 DATA/accounts.sqlite3     made with the first account; on PostgreSQL the schema ``accounts``
 """

@@ -1,4 +1,4 @@
-"""The trail: a line for every act, chained by SHA-256.
+"""The trail: a line for every act on the data of an organisation, chained by SHA-256.
 
 A line stands in the commit of its act: :func:`record` notes it on the connection, and the engine writes what
 was noted when the transaction commits. The head of the chain is locked last, so that no deadlock comes of it;
@@ -78,6 +78,7 @@ Act = Literal[
     "retention.changed",
     "refused",
     "refused.more",
+    "organisation.added",
     "person.added",
     "person.changed",
     "person.ended",
@@ -197,7 +198,10 @@ def record_readings(
 
 
 def record_refusal(engine: Engine, kind: str, asked: str, other: Mapping[str, str | int]) -> None:
-    """Write the line of an id that was refused, with its kind (``rec``, ``an`` …); "" where there is none."""
+    """Write the line of an id that was refused, with its kind (``rec``, ``an`` …); "" where there is none.
+
+    An id of another organisation is written like one of nobody.
+    """
     with engine.begin() as connection:
         if kind == "an":
             record(connection, "refused", _find_recording(connection, asked), asked, other=other)

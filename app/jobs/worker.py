@@ -49,6 +49,7 @@ from app.storage.sealing import SealedStorage
 from app.storage.store import borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
+LOOK_S = 5.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0

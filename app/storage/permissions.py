@@ -20,6 +20,7 @@ OUR_FOLDERS = frozenset(
         "cache",
         "incoming",
         "inspections",
+        "organisations",
         "keys",
         "live",
         "opened",

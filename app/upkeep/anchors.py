@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 from app.delivery import Message, send_message
 from app.errors import NoHead
 from app.jobs.trail import Head, read_head
+from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
 from app.storage.permissions import create_file
 
@@ -29,12 +30,18 @@ def is_address(anchor: str) -> bool:
     return anchor.startswith("https://")
 
 
+def find_organisation(settings: Settings) -> str:
+    """Give the organisation whose settings these are."""
+    place = settings.data_dir
+    return place.name if place.parent.name == "organisations" else OWN_ORGANISATION
+
+
 async def anchor_trail(settings: Settings, reader: Any) -> bool:
     """Write the head down; False where no place is named, or it does not take it (that is logged)."""
     anchor, head = settings.trail_anchor, read_head(reader)
     if not anchor or not head.seq:
         return False
-    line = {"at": head.at, "seq": head.seq, "hash": head.hash}
+    line = {"organisation": find_organisation(settings), "at": head.at, "seq": head.seq, "hash": head.hash}
     if is_address(anchor):
         body = json.dumps({"type": "trail.head", "timestamp": head.at, "data": line})
         secret = "whsec_" + base64.b64encode(hashlib.sha256(anchor.encode()).digest()).decode()
@@ -61,13 +68,13 @@ def _append(path: Path, line: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def read_anchors(path: Path) -> tuple[Head, ...]:
-    """Read the heads from a file; lines that are none are left out.
+def read_anchors(path: Path, organisation: str) -> tuple[Head, ...]:
+    """Read the heads of an organisation from a file; lines that are none are left out.
 
     Raises
     ------
     NoHead
-        The file cannot be read, or holds no head.
+        The file cannot be read, or holds no head of the organisation.
     """
     try:
         lines = path.read_text("utf-8", errors="replace").splitlines()
@@ -77,11 +84,12 @@ def read_anchors(path: Path) -> tuple[Head, ...]:
     for line in lines:
         try:
             found = json.loads(line)
-            heads.append(Head(str(found["at"]), int(found["seq"]), str(found["hash"])))
+            if found["organisation"] == organisation:
+                heads.append(Head(str(found["at"]), int(found["seq"]), str(found["hash"])))
         except (ValueError, KeyError, TypeError):
             continue
     if not heads:
-        raise NoHead(file=str(path))
+        raise NoHead(file=str(path), organisation=organisation)
     return tuple(heads)
 
 
@@ -94,4 +102,4 @@ def find_anchors(settings: Settings, file: Path | None = None) -> Sequence[Head]
     """
     named = settings.trail_anchor
     place = file or (Path(named) if named and not is_address(named) else None)
-    return None if place is None else read_anchors(place)
+    return None if place is None else read_anchors(place, find_organisation(settings))

@@ -41,7 +41,7 @@ LISTED = frozenset({"/api/v1/webhooks"})
 MOST_NAMED = 20
 """So many ids of one refused request have a line."""
 _IDS = re.compile(r"\b(rec|an)_[0-9a-f]{16}\b", re.ASCII)
-_ANY_ID = re.compile(r"\b(rec|an|ba|up|wh|per|tok|view|live)_[0-9a-f]{16,28}\b", re.ASCII)
+_ANY_ID = re.compile(r"\b(rec|an|ba|up|wh|per|tok|org|view|live)_[0-9a-f]{16,28}\b", re.ASCII)
 _READ: dict[Needed, Act] = {
     "read": "list.read",
     "correct": "list.read",

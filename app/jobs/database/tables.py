@@ -204,7 +204,7 @@ saved_views = Table(
     Column("created_at", String(32), nullable=False),
 )
 
-# Every act, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
+# Every act of an organisation, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
 trail = Table(
     "trail",
     metadata,
@@ -268,7 +268,7 @@ aggregate_blocks = Table(
     Column("figures", Text, nullable=False),
 )
 
-# The recordings of the people in each block: a person counts in one block.
+# The recordings of the people in each block: a person counts in one block of the organisation.
 aggregate_members = Table(
     "aggregate_members",
     metadata,

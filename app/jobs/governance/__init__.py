@@ -1,1 +1,1 @@
-"""What is decided about the data: releases, terms, published group figures."""
+"""What an organisation decides about its data: releases, terms, published group figures."""

@@ -1,4 +1,4 @@
-"""Retention: how long each kind of data. Without a row a kind is kept for good.
+"""Retention: how long an organisation keeps each kind of data. Without a row a kind is kept for good.
 
 Ages are counted in the running time of the server, never by the clock: a clock that is put forward deletes
 nothing. What is on hold is not deleted.
@@ -91,7 +91,7 @@ class RetentionStore(RowStore):
         return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
 
     def find_trash_term_s(self, otherwise_s: float) -> float:
-        """Give how long the trash is kept; ``otherwise_s`` where no term is set."""
+        """Give how long the trash is kept; ``otherwise_s`` where the organisation has not said."""
         days = self.find_all()["trash"]
         return otherwise_s if days is None else days * DAY_S
 

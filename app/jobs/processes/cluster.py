@@ -11,8 +11,8 @@ import asyncio
 import logging
 import os
 import signal
+import threading
 from dataclasses import replace
-from functools import partial
 
 from procrastinate import App, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
@@ -26,7 +26,7 @@ from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
 from app.jobs.processes.leader import REVIVAL, Leader
 from app.jobs.processes.lease import WorkerHeartbeat
-from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
+from app.jobs.worker import TROUBLE_S, Bench, Benches, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
