@@ -568,13 +568,6 @@ class BackupRefused(ServerRefused):
     fact_meanings = name_facts(why="by the system")
 
 
-class NoHead(ServerRefused):
-    """A file named as the trail's anchor cannot be read, or holds no head of this trail."""
-
-    code = "E-TRAIL-ANCHOR"
-    fact_meanings = name_facts(file="path")
-
-
 class NotInstalled(ServerRefused):
     """What a setting needs is not installed."""
 

@@ -97,9 +97,6 @@ class Settings(BaseSettings):
     upload_term_s, trash_term_s
         How long the server keeps, while it runs, an upload that nobody goes on with, and what is
         in the trash.
-    trail_anchor
-        Where the head of the trail is written down daily and at each start and stop: a file outside the data
-        folder, or an ``https://`` address; empty: nowhere.
     """
 
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
@@ -147,7 +144,6 @@ class Settings(BaseSettings):
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0
-    trail_anchor: str = ""
 
     @property
     def host_names(self) -> frozenset[str]:

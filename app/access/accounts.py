@@ -18,8 +18,8 @@ from app.access.sealed_secrets import MARK, SecretSealer, is_sealed
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.access.tables import known_browsers, people, sessions, tickets, tokens
 from app.errors import BadParameter, KeyGone, NotHere
+from app.jobs.audit_log import NOBODY
 from app.jobs.queries import format_now
-from app.jobs.trail import NOBODY
 from app.settings import Settings
 from app.storage.keys import open_keys
 

@@ -15,9 +15,9 @@ from sqlalchemy import Connection, Engine, Row, delete, func, insert, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.tables import acts
+from app.jobs.audit_log import Act, find_actor, record
 from app.jobs.database.connect import connect, find_database_file, read_revision
-from app.jobs.database.tables import REVISION, trail
-from app.jobs.trail import Act, find_actor, record, write_codes
+from app.jobs.database.tables import REVISION, audit_log
 from app.settings import Settings
 
 if TYPE_CHECKING:
@@ -88,9 +88,9 @@ def _open_tables(settings: Settings) -> Engine | None:
 
 def _write_line(engine: Engine, row: Row[Any]) -> None:
     """Write the line of a note, unless it stands there."""
-    is_late = trail.c.seq > select(func.max(trail.c.seq)).scalar_subquery() - _LATE_LINES
-    told = json.loads(row.other) if row.other else {}
-    is_it = (trail.c.act == row.act, trail.c.other == write_codes(told, row.at))
+    is_late = audit_log.c.seq > select(func.max(audit_log.c.seq)).scalar_subquery() - _LATE_LINES
+    told = (json.loads(row.other) if row.other else {}) | {"done_at": row.at}
+    is_it = (audit_log.c.act == row.act, audit_log.c.other == json.dumps(told, sort_keys=True))
     with engine.begin() as connection:
-        if connection.execute(select(trail.c.seq).where(is_late, *is_it)).first() is None:
-            record(connection, row.act, other=told, who=row.who, done_at=row.at)
+        if connection.execute(select(audit_log.c.seq).where(is_late, *is_it)).first() is None:
+            record(connection, row.act, other=told, who=row.who)

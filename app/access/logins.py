@@ -18,7 +18,7 @@ from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
 from app.access.tickets import Ticket, TicketStore
 from app.errors import LoginRefused, SecondFactorSealed
-from app.jobs.trail import NOBODY, find_actor
+from app.jobs.audit_log import NOBODY, find_actor
 from app.settings import Settings
 from app.storage.open import load_extra
 

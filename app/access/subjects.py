@@ -32,7 +32,7 @@ SubjectKind = Literal["person", "token", "machine"]
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Who asks. ``id`` stands in rows and in the trail: ``per_…``, ``tok_…`` or ``machine``.
+    """Who asks. ``id`` stands in rows and in the audit log: ``per_…``, ``tok_…`` or ``machine``.
 
     ``session``: what ends the moment the login ends: an id of the session or token, "" for the machine.
     """

@@ -185,7 +185,7 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
     from app.access.acts import carry_acts_by_command  # noqa: PLC0415  the database, and only this needs it
     from app.access.logins import Logins  # noqa: PLC0415
     from app.access.opening import open_accounts  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
+    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.storage.permissions import make_folder  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415
 

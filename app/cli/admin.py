@@ -240,8 +240,6 @@ def recover(
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
     facts = {name: str(number) for name, number in counts.items()}
     print_sentence(lang, "recover", "done", **facts)
-    if done.is_trail_new:
-        print_sentence(lang, "recover", "trail_new")
     if done.troubles:
         print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
         raise typer.Exit(Exit.SOME_FAILED)

@@ -1,4 +1,4 @@
-"""The commands of trust: the trail proved and asked, terms, holds; and the original of a recording."""
+"""The commands of trust: the audit log, terms, holds; and the original of a recording."""
 
 import hashlib
 import json
@@ -29,32 +29,8 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 1000
 
-trail = typer.Typer(help="Who did what: prove the trail, ask it, export it.", no_args_is_help=True)
+trail = typer.Typer(help="The audit log: who did what.", no_args_is_help=True)
 hold = typer.Typer(help="Keep a recording whatever happens.", no_args_is_help=True)
-
-
-@trail.command("verify")
-def verify_trail(
-    data: DataOption = None,
-    anchor: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Heads written down; else ACROMION_TRAIL_ANCHOR.")
-    ] = None,
-    lang: LanguageOption = "en",
-) -> None:
-    """Prove the chain: a line altered, a line removed or the end cut off is named."""
-    from app.jobs.trail import check_chain  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.anchors import find_anchors  # noqa: PLC0415
-
-    with _opened(lang, data) as (settings, store):
-        anchors = find_anchors(settings, anchor)
-        number, faults = check_chain(store.reader, anchors or ())
-    for fault in faults:
-        print_sentence(lang, "trail", fault.finding, first=str(fault.first), last=str(fault.last))
-    if anchors is None:
-        print_sentence(lang, "trail", "unanchored")
-    if faults:
-        raise typer.Exit(Exit.SOME_FAILED)
-    print_sentence(lang, "trail", "whole", number=str(number))
 
 
 @trail.command("show")
@@ -69,8 +45,8 @@ def show_trail(
     lang: LanguageOption = "en",
 ) -> None:
     """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
+    from app.jobs.audit_log import AuditQuestion, find_lines  # noqa: PLC0415
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
-    from app.jobs.trail import TrailQuestion, find_lines  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
         if not value.isprintable():  # a broken byte of the terminal, which no database takes
@@ -79,7 +55,7 @@ def show_trail(
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:
             ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
-        question = TrailQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
+        question = AuditQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
         _record_asked(store)
         _print_lines(
             form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
@@ -94,8 +70,8 @@ def begin_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """Put a recording on hold: nothing of it is deleted for good."""
+    from app.jobs.audit_log import AT_MACHINE  # noqa: PLC0415
     from app.jobs.recordings import HOLD_REASONS  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE  # noqa: PLC0415
 
     with _opened_recordings(lang, data) as recordings:
         code = next((one for one in HOLD_REASONS if one == reason), None)
@@ -127,8 +103,8 @@ def get(
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
+    from app.jobs.audit_log import record_readings  # noqa: PLC0415
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
-    from app.jobs.trail import record_readings  # noqa: PLC0415
     from app.storage.open import open_storage  # noqa: PLC0415
     from app.storage.store import borrow_recording  # noqa: PLC0415
 
@@ -205,7 +181,7 @@ def _read_days(text: str) -> int | None:
 
 
 def _read_moment(text: str) -> str:
-    from app.jobs.trail import parse_moment  # noqa: PLC0415
+    from app.jobs.audit_log import parse_moment  # noqa: PLC0415
 
     try:
         return parse_moment(text)
@@ -214,17 +190,19 @@ def _read_moment(text: str) -> str:
 
 
 def _record_asked(store: "JobStore") -> None:
-    from app.jobs.trail import record_alone  # noqa: PLC0415
+    from app.jobs.audit_log import record_alone  # noqa: PLC0415
 
     record_alone(store.engine, "trail.read")
 
 
 def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
+    from app.jobs.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
+
     if form not in ("text", "csv", "jsonl"):
         raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
     acts, names = load_wording(language, "trail")["act"], load_wording(language, "trail")["who"]
     if form == "csv":
-        typer.echo("seq,at,who,act,recording_id,analysis_id,other,prev,hash")
+        typer.echo(",".join(AUDIT_COLUMNS))
     for line in lines:
         if form == "jsonl":
             typer.echo(json.dumps(line))
@@ -244,9 +222,9 @@ def _quote(value: str) -> str:
 @contextmanager
 def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
     """Open the database for whoever sits at the machine; a place without one is refused."""
+    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.jobs.database.connect import find_database_file  # noqa: PLC0415
     from app.jobs.store import JobStore  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)

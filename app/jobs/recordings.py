@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, StaleVersion
+from app.jobs.audit_log import Act, record
 from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, recordings, result_files, uploads
 from app.jobs.idempotency import drop_traces
@@ -31,7 +32,6 @@ from app.jobs.queries import (
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 from app.request import ReportRequest
 from app.storage.labels import LABELS, Label
 from app.storage.store import StoredRecording
@@ -39,7 +39,7 @@ from fusion.conventions import Side
 from fusion.diary import DiaryEntry
 
 HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
-"""Why a recording is kept whatever happens: codes, for the trail holds no sentence."""
+"""Why a recording is kept whatever happens: codes, for the audit log holds no sentence."""
 HOLD_REASONS: tuple[HoldReason, ...] = get_args(HoldReason)
 
 Place = tuple[str, str]

@@ -9,6 +9,7 @@ from sqlalchemy import Connection, Engine, Executable, Select, func, insert, sel
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StoreMismatch
+from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import analyses, facts, recordings, result_files
@@ -30,7 +31,6 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings

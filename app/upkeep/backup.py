@@ -40,6 +40,7 @@ from app.errors import (
     NotEmpty,
     WrongSchema,
 )
+from app.jobs.audit_log import AT_MACHINE, record
 from app.jobs.database.connect import (
     READ_ONLY,
     connect,
@@ -50,10 +51,9 @@ from app.jobs.database.connect import (
 )
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.sealed_text import use_sealer
-from app.jobs.database.tables import REVISION, analyses, facts, schema_revision, trail, uploads
+from app.jobs.database.tables import REVISION, analyses, audit_log, facts, schema_revision, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
-from app.jobs.trail import AT_MACHINE, record
 from app.settings import Settings
 from app.storage.keys import RecordingKey, open_keys, read_key_file
 from app.storage.labels import LABELS, LabelSealer
@@ -434,7 +434,7 @@ def _find_key_id(archive: zipfile.ZipFile, name: str) -> str | None:
 
 
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database that holds any row, except the id of its store and the trail of its starts."""
+    """Refuse a database that holds any row, except the id of its store and the audit log of its starts."""
     found = read_revision(connection)
     if found not in (None, REVISION):
         raise WrongSchema(found=found, needed=REVISION)
@@ -442,7 +442,7 @@ def _check_no_rows(connection: Connection) -> None:
         if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
         number = connection.execute(select(func.count()).select_from(table)).scalar_one()
-        if number and table.name not in (facts.name, trail.name):  # a start has left its line
+        if number and table.name not in (facts.name, audit_log.name):  # a start has left its line
             raise NotEmpty(number=number, where=table.name)
 
 
@@ -503,8 +503,8 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: froz
             row
             for row in rows
             if _is_restored(table.name, row)
-            # the trail outlives what it speaks of, and its chain holds only whole
-            and (table.name == trail.name or not _is_erased(row, erased, gone))
+            # the audit log outlives what it speaks of
+            and (table.name == audit_log.name or not _is_erased(row, erased, gone))
         ]
         if kept:
             connection.execute(insert(table), kept)

@@ -13,10 +13,11 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from app.errors import KeysNeeded, UnknownRecordings
+from app.jobs.audit_log import AT_MACHINE, record_alone
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
 from app.jobs.library.listing import SavedViews
@@ -31,7 +32,6 @@ from app.jobs.side_files import (
     quarantine_side_file,
 )
 from app.jobs.store import JobStore
-from app.jobs.trail import AT_MACHINE, is_of_no_recording, record_alone
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.sealing import SealedStorage
@@ -218,8 +218,6 @@ class Recovered:
     reports: int
     known: int
     troubles: tuple[Trouble, ...]
-    is_trail_new: bool = False
-    """Whether the trail began anew: its lines were in the database that was lost."""
 
 
 def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
@@ -243,9 +241,7 @@ def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
         bring_up_to_date(settings)
         with closing(JobStore(settings)) as store:
             store.check_belongs(storage.identify())
-            is_new = is_of_no_recording(store.reader)
             recovered = _recover(store, storage)
-            recovered = replace(recovered, is_trail_new=is_new and recovered.recordings > 0)
             record_alone(store.engine, "store.recovered", {"added": recovered.recordings}, AT_MACHINE)
             return recovered
     finally:

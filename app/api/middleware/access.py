@@ -19,13 +19,13 @@ from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.access.gate import Credentials, Gate
-from app.access.routes import CONFIRMED, Needed, find_needed
+from app.access.routes import ROUTE_TABLE
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
 from app.api.middleware.echoes import holds_token
 from app.api.middleware.readings import KnownLines, Recorder
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
-from app.jobs.trail import NOBODY, set_actor
+from app.jobs.audit_log import NOBODY, set_actor
 from app.services import SUBJECT
 
 LOOK_S = 2.0
@@ -126,21 +126,16 @@ async def check_permission(connection: HTTPConnection) -> None:
     NotSignedIn, NotPermitted, NotConfirmed
     """
     method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
+    route = ROUTE_TABLE.get((method, path))
     try:
-        _check_needed(connection, find_needed(method, path))
+        if route is None or (route.needed != "public" and not find_subject(connection).may(route.needed)):
+            raise NotPermitted(permission=str(route and route.needed))
     except AppError as refusal:
         if method != "WS":
             raise
         raise WebSocketException(WS_1008_POLICY_VIOLATION, refusal.code) from refusal
-    if (method, path) in CONFIRMED:
+    if route is not None and route.asks_again:
         await run_sync(check_confirmed, connection)
-
-
-def _check_needed(connection: HTTPConnection, needed: Needed | None) -> None:
-    if needed == "public":
-        return
-    if needed is None or not find_subject(connection).may(needed):
-        raise NotPermitted(permission=str(needed))
 
 
 def check_confirmed(connection: HTTPConnection) -> None:

@@ -24,8 +24,8 @@ from app.errors import (
     DiskFull,
     WrongSchema,
 )
+from app.jobs.audit_log import keep_audit_log
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
-from app.jobs.trail import keep_trail, record
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import check_folder, translate_folder_errors
@@ -95,12 +95,12 @@ def bring_up_to_date(settings: Settings) -> None:
 
 
 def connect(url: str) -> Engine:
-    """Give an engine whose commits outlast a power cut and take their lines of the trail with them.
+    """Give an engine whose commits outlast a power cut and take their lines of the audit log with them.
 
     Its errors hold no subject code.
     """
     engine = _connect(url)
-    keep_trail(engine)
+    keep_audit_log(engine)
     return engine
 
 
@@ -220,7 +220,6 @@ def _check_revision(connection: Connection) -> None:
     found = read_revision(connection)
     if found is None and not inspect(connection).has_table(analyses.name):
         create_tables(connection)
-        record(connection, "trail.began")
     elif found != REVISION:
         raise WrongSchema(found=found or "-", needed=REVISION)
 

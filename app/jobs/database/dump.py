@@ -69,6 +69,8 @@ def reset_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
     """Reset what holds only at a row's origin: a running analysis waits again, no side file is written."""
     if table == "recordings" and "side_revision" in row:
         return row | {"side_revision": 0}
+    if table == "audit_log":  # numbered again, in order
+        return {name: value for name, value in row.items() if name != "seq"}
     if table == "analyses" and row["state"] == "running":
         attempts = int(row["attempts"]) - 1
         return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0, "attempts": attempts}

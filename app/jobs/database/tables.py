@@ -204,29 +204,23 @@ saved_views = Table(
     Column("created_at", String(32), nullable=False),
 )
 
-# Every act, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
-trail = Table(
-    "trail",
+# Every act (app/jobs/audit_log.py). No key leads to other tables: its lines stay. ``since_s``: the running
+# time of the server at that moment, by which retention counts.
+audit_log = Table(
+    "audit_log",
     metadata,
-    Column("seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("seq", BigInteger().with_variant(Integer, "sqlite"), primary_key=True),
     Column("at", String(32), nullable=False),
-    Column("who", String(40), nullable=False),
+    Column("who", String(80), nullable=False),
     Column("act", String(32), nullable=False),
     Column("recording_id", String(32), nullable=False),
     Column("analysis_id", String(32), nullable=False),
     Column("other", Text, nullable=False),
-    Column("prev", String(64), nullable=False),
-    Column("hash", String(64), nullable=False),
-    Index("trail_by_recording", "recording_id", "seq"),
-    Index("trail_by_who", "who", "seq"),
-)
-
-# Heads of the trail with the running time of the server then: how old a part of it is, by no clock.
-trail_marks = Table(
-    "trail_marks",
-    metadata,
-    Column("seq", BigInteger, primary_key=True, autoincrement=False),
     Column("since_s", Float, nullable=False),
+    Index("audit_log_by_recording", "recording_id", "seq"),
+    Index("audit_log_by_who", "who", "seq"),
+    Index("audit_log_by_age", "since_s"),
+    sqlite_autoincrement=True,
 )
 
 # How long the server of this database has run in all; one row.

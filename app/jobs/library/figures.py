@@ -13,9 +13,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, insert, select, update
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.queries import format_diary, label_row, read_diary
-from app.jobs.trail import record
 from app.request import ReportRequest
 
 DAY_STEPS = 60

@@ -19,7 +19,7 @@ from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import ROLES, Permission, Role
 from app.access.tables import tokens
-from app.jobs.trail import TrailQuestion, find_lines
+from app.jobs.audit_log import AuditQuestion, find_lines
 from app.main import create_app
 from app.services import Services
 from app.settings import Settings
@@ -253,7 +253,7 @@ def house(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[House
     for role in ROLES:
         house.add_person(role, role)
     with TestClient(application):
-        while not any(find_lines(house.services.store.reader, TrailQuestion(act="server.started"))):
+        while not any(find_lines(house.services.store.reader, AuditQuestion(act="server.started"))):
             time.sleep(0.02)
         yield house
 

@@ -16,8 +16,8 @@ from app.access.logins import Caller, Logins
 from app.access.tables import acts
 from app.cli import app
 from app.errors import LoginRefused
+from app.jobs.audit_log import AuditLine, AuditQuestion, acting, find_lines
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailLine, TrailQuestion, acting, find_lines, read_done_at, record_alone
 from app.main import create_app
 from app.settings import Settings
 from tests.app.access.conftest import PASSWORD, AddPerson
@@ -33,10 +33,10 @@ def store(settings: Settings) -> Iterator[JobStore]:
     opened.close()
 
 
-def carry(accounts: AccountStore, store: JobStore) -> list[TrailLine]:
+def carry(accounts: AccountStore, store: JobStore) -> list[AuditLine]:
     """Carry what waits; gives the lines in order."""
     carry_acts(accounts.database, store.engine)
-    return list(find_lines(store.reader, TrailQuestion()))[::-1]
+    return list(find_lines(store.reader, AuditQuestion()))[::-1]
 
 
 def count_notes(accounts: AccountStore) -> int:
@@ -56,21 +56,6 @@ def test_a_line_names_the_person_and_who_did_it_and_neither_login_nor_name(
     assert (line.who, line.act) == ("per_boss", "person.ended")
     assert json.loads(line.other).keys() == {"done_at", "person"}
     assert json.loads(line.other)["person"] == anna.id
-
-
-def test_an_act_that_is_carried_late_has_its_line_last_with_the_later_time_and_its_own_moment(
-    accounts: AccountStore, add_person: AddPerson, store: JobStore
-) -> None:
-    add_person("anna", "clinician")
-    record_alone(store.engine, "trail.read")
-
-    lines = carry(accounts, store)
-
-    times = [line.at for line in lines]
-    read = next(line for line in lines if line.act == "trail.read")
-    assert times == sorted(times)
-    assert all(read_done_at(line.other) < read.at < line.at for line in lines if line.seq > read.seq)
-    assert lines[-1].seq > read.seq
 
 
 def test_a_login_a_refused_one_and_its_end_are_lines(
@@ -133,7 +118,7 @@ def test_a_command_writes_its_lines_itself(settings: Settings, store: JobStore, 
 
     assert CliRunner().invoke(app, typed, input=f"{PASSWORD}\n").exit_code == 0
 
-    lines = list(find_lines(store.reader, TrailQuestion(who="machine")))[::-1]
+    lines = list(find_lines(store.reader, AuditQuestion(who="machine")))[::-1]
     assert [line.act for line in lines if not line.act.startswith("trail.")] == [
         "person.added",
         "password.changed",
@@ -146,7 +131,7 @@ def test_a_list_by_command_leaves_the_line_of_the_page(settings: Settings, store
 
     CliRunner().invoke(app, ["account", "list", *data])
 
-    (line,) = find_lines(store.reader, TrailQuestion(who="machine", act="people.read"))
+    (line,) = find_lines(store.reader, AuditQuestion(who="machine", act="people.read"))
     assert (line.recording_id, line.analysis_id) == ("", "")
 
 
@@ -159,6 +144,6 @@ def test_a_server_writes_what_waits(
         pass
 
     reopened = JobStore(settings)
-    acts_told = [line.act for line in find_lines(reopened.reader, TrailQuestion())]
+    acts_told = [line.act for line in find_lines(reopened.reader, AuditQuestion())]
     reopened.close()
     assert "person.added" in acts_told

@@ -12,8 +12,8 @@ from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.access.tables import known_browsers, sessions, tickets, tries
 from app.errors import KeysNeeded, LoginRefused, WrongSchema
+from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailQuestion, find_lines
 from app.settings import Settings
 from app.upkeep.account_rows import CopiedPeople
 from app.upkeep.backup import back_up, find_damage, restore
@@ -167,7 +167,7 @@ def test_the_trail_says_how_many_people_came_back(move: Move, add_person: AddPer
     move.restore()
 
     store = JobStore(move.new)
-    lines = find_lines(store.reader, TrailQuestion(act="store.restored"))
+    lines = find_lines(store.reader, AuditQuestion(act="store.restored"))
     assert [line.other for line in lines] == ['{"people": "1"}']
     store.close()
 

@@ -10,7 +10,7 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from app.access.routes import NEEDED
+from app.access.routes import ROUTE_TABLE
 from app.access.subjects import ROLES, Permission, collect_permissions
 from app.jobs.recordings import Description
 from app.request import ReportRequest
@@ -97,11 +97,11 @@ def fill(path: str, ids: Mapping[str, str]) -> str:
 
 
 def list_http() -> Iterator[tuple[str, str]]:
-    return (line for line in NEEDED if line[0] != "WS")
+    return (line for line in ROUTE_TABLE if line[0] != "WS")
 
 
 def is_allowed(visitor: Visitor, method: str, path: str) -> bool:
-    needed = NEEDED[method, path]
+    needed = ROUTE_TABLE[method, path].needed
     return needed == "public" or (visitor.permissions is not None and needed in visitor.permissions)
 
 

@@ -10,8 +10,8 @@ from httpx2 import Response
 from app.access.accounts import AccountStore
 from app.access.acts import carry_acts
 from app.access.logins import Caller, Logins
+from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailQuestion, find_lines
 from app.settings import Settings
 from tests.app.access.conftest import AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
@@ -167,7 +167,7 @@ def test_the_trail_holds_who_made_the_link_and_from_where_it_was_used(
             line.act,
             {name: told for name, told in json.loads(line.other).items() if name != "done_at"},
         )
-        for line in find_lines(store.reader, TrailQuestion())
+        for line in find_lines(store.reader, AuditQuestion())
         if line.act == "link.made" or (line.act == "password.changed" and "link" in line.other)
     ]
     store.close()

@@ -16,7 +16,7 @@ from app.access.logins import Caller, Logins
 from app.access.tables import acts, tries
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
-from app.jobs.trail import NOBODY, acting
+from app.jobs.audit_log import NOBODY, acting
 from app.settings import Settings
 from app.storage.keys import open_keys
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket

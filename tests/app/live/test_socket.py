@@ -16,7 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.api.live import _find_limiter, find_hub
 from app.api.live_library import LIVE_FOLDER
-from app.jobs.database.tables import deliveries, recordings, trail
+from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
 from app.live.raw_file import RawFile, RawHeader, Wearer
@@ -323,7 +323,9 @@ def test_a_session_that_a_kill_cut_off_ends_in_the_trail_when_the_server_starts(
 
 def read_trail(store: JobStore, *acts: str) -> list[Row[Any]]:
     with store.engine.connect() as connection:
-        return list(connection.execute(select(trail).where(trail.c.act.in_(acts)).order_by(trail.c.seq)))
+        return list(
+            connection.execute(select(audit_log).where(audit_log.c.act.in_(acts)).order_by(audit_log.c.seq))
+        )
 
 
 def test_boards_that_are_silent_hold_up_no_other_request(

@@ -1,4 +1,4 @@
-"""The trail, terms and holds by command, and what the doctor says."""
+"""The audit log, terms and holds by command."""
 
 import json
 import os
@@ -7,16 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from sqlalchemy import delete, update
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
 from app.cli import app
-from app.jobs.database.tables import trail
+from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailQuestion, find_lines, read_head
 from app.settings import Settings
-from app.upkeep.doctor import examine
 from tests.app.conftest import AddJob
 
 
@@ -24,68 +21,6 @@ def run(settings: Settings, *words: str) -> tuple[int, str]:
     """Run a command over the folder; gives its exit code and what it prints."""
     done = CliRunner().invoke(app, [*words, "--data", str(settings.data_dir)])
     return done.exit_code, done.output
-
-
-@pytest.fixture
-def anchored(settings: Settings, store: JobStore, add_job: AddJob, tmp_path: Path) -> Settings:
-    """A trail whose head is written down."""
-    add_job()
-    head = read_head(store.reader)
-    line = {"at": head.at, "seq": head.seq, "hash": head.hash}
-    (tmp_path / "anchor").write_text(json.dumps(line) + "\n")
-    return settings.model_copy(update={"trail_anchor": str(tmp_path / "anchor")})
-
-
-def test_a_whole_trail_is_said_to_be_whole(settings: Settings, store: JobStore, add_job: AddJob) -> None:
-    add_job()
-
-    code, told = run(settings, "trail", "verify")
-
-    assert code == 0
-    assert "3 lines: none altered, none removed." in told
-    assert "ACROMION_TRAIL_ANCHOR" in told
-
-
-def test_the_command_names_a_line_that_was_altered(
-    settings: Settings, store: JobStore, add_job: AddJob
-) -> None:
-    add_job()
-    store.run(update(trail).where(trail.c.seq == 2).values(who="per_x"))
-
-    code, told = run(settings, "trail", "verify")
-
-    assert code == 1
-    assert "ALTERED line 2" in told
-
-
-def test_the_command_names_an_end_that_was_cut_off(
-    anchored: Settings, settings: Settings, store: JobStore
-) -> None:
-    store.run(delete(trail).where(trail.c.seq == 3))
-
-    code, told = run(settings, "trail", "verify", "--anchor", anchored.trail_anchor)
-
-    assert code == 1
-    assert "CUT OFF lines 3 to 3" in told
-
-
-def test_the_doctor_says_that_a_cut_end_cannot_be_seen_without_an_anchor(
-    settings: Settings, store: JobStore
-) -> None:
-    found = {one.name: one.healthy for one in examine(settings)}
-
-    assert found["trail"]
-    assert found["trail_unanchored"]
-    assert "trail_anchor" not in found
-
-
-def test_the_doctor_names_an_end_that_was_cut_off(anchored: Settings, store: JobStore) -> None:
-    store.run(delete(trail).where(trail.c.seq == 3))
-
-    found = {one.name: one for one in examine(anchored)}
-
-    assert not found["trail"].healthy
-    assert (found["trail"].facts["finding"], found["trail_anchor"].healthy) == ("cut", True)
 
 
 def test_the_command_answers_who_touched_a_subject(
@@ -107,14 +42,14 @@ def test_a_hold_by_command_is_of_the_machine(settings: Settings, store: JobStore
     assert run(settings, "hold", "begin", job.recording_id)[0] == 0
     assert run(settings, "hold", "end", job.recording_id)[0] == 0
 
-    held = list(find_lines(store.reader, TrailQuestion(who="machine")))
+    held = list(find_lines(store.reader, AuditQuestion(who="machine")))
     assert [line.act for line in held] == ["recording.let_go", "recording.held"]
 
 
 def test_a_term_is_changed_by_command(settings: Settings, store: JobStore) -> None:
-    assert "Lines of the trail: kept for good" in run(settings, "retention")[1]
-    assert "Lines of the trail: 400 days" in run(settings, "retention", "trail", "400")[1]
-    assert "Lines of the trail: kept for good" in run(settings, "retention", "trail", "never")[1]
+    assert "Lines of the audit log: kept for good" in run(settings, "retention")[1]
+    assert "Lines of the audit log: 400 days" in run(settings, "retention", "trail", "400")[1]
+    assert "Lines of the audit log: kept for good" in run(settings, "retention", "trail", "never")[1]
 
 
 def test_backup_verify_and_restore_leave_a_line(
@@ -135,7 +70,7 @@ def test_backup_verify_and_restore_leave_a_line(
     run(there, "restore", str(tmp_path / "copy.zip"), "--keys", str(tmp_path / "keys.zip"))
 
     restored = JobStore(there)
-    lines = [(line.who, line.act) for line in find_lines(restored.reader, TrailQuestion(who="machine"))]
+    lines = [(line.who, line.act) for line in find_lines(restored.reader, AuditQuestion(who="machine"))]
     restored.close()
     assert lines == [
         ("machine", "store.restored"),
@@ -147,49 +82,7 @@ def test_backup_verify_and_restore_leave_a_line(
 def test_the_backup_of_the_keys_leaves_a_line(settings: Settings, store: JobStore, tmp_path: Path) -> None:
     run(settings, "backup-keys", str(tmp_path / "keys.zip"))
 
-    assert [line.act for line in find_lines(store.reader, TrailQuestion(who="machine"))] == ["keys.backed_up"]
-
-
-@pytest.fixture(params=[None, "", "x{\n"], ids=["missing", "empty", "damaged"])
-def headless(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A file that is named as the anchor, and holds no head of this trail."""
-    file = tmp_path / "heads.jsonl"
-    if request.param is not None:
-        file.write_text(request.param)
-    return file
-
-
-def test_a_named_file_without_a_head_proves_nothing(
-    settings: Settings, store: JobStore, add_job: AddJob, headless: Path
-) -> None:
-    add_job()
-
-    code, told = run(settings, "trail", "verify", "--anchor", str(headless))
-
-    assert (code, told.split()[0]) == (3, "E-TRAIL-ANCHOR")
-    assert str(headless) in told
-    assert "none altered" not in told
-
-
-def test_nor_does_one_that_the_settings_name(
-    settings: Settings, store: JobStore, add_job: AddJob, headless: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    add_job()
-    monkeypatch.setenv("ACROMION_TRAIL_ANCHOR", str(headless))
-
-    code, told = run(settings, "trail", "verify")
-
-    assert (code, told.split()[0]) == (3, "E-TRAIL-ANCHOR")
-
-
-def test_the_doctor_fails_over_an_anchor_without_a_head(
-    settings: Settings, store: JobStore, add_job: AddJob, headless: Path
-) -> None:
-    add_job()
-
-    found = examine(settings.model_copy(update={"trail_anchor": str(headless)}))
-
-    assert [one.name for one in found if not one.healthy] == ["trail_anchor_lost"]
+    assert [line.act for line in find_lines(store.reader, AuditQuestion(who="machine"))] == ["keys.backed_up"]
 
 
 def test_a_place_without_a_database_is_refused_and_gets_none(settings: Settings, tmp_path: Path) -> None:
@@ -200,7 +93,7 @@ def test_a_place_without_a_database_is_refused_and_gets_none(settings: Settings,
         }
     )
 
-    code, told = run(nowhere, "trail", "verify")
+    code, told = run(nowhere, "trail", "show")
 
     assert code != 0
     assert "E-NOT-FOUND" in told
