@@ -547,6 +547,13 @@ class KeysNeeded(ServerRefused):
     )
 
 
+class AccountsLost(ServerRefused):
+    """The server of this data folder has accounts, and its database holds none."""
+
+    code = "E-ACCOUNTS-LOST"
+    fact_meanings = name_facts(file="path")
+
+
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 

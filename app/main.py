@@ -20,16 +20,14 @@ from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from app.access.acts import carry_acts
-from app.access.database import AccountDatabase
+from app.access.accounts import AccountStore
 from app.access.gate import Gate
 from app.access.logins import Logins
-from app.access.opening import open_accounts, open_gate
+from app.access.opening import open_gate
 from app.api.about import router as about_routes
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.library.analyses import router as analysis_routes
-from app.api.library.analyses import run_to_end
 from app.api.library.batches import router as batch_routes
 from app.api.library.mappings import router as mapping_routes
 from app.api.library.recordings import router as recording_routes
@@ -153,7 +151,6 @@ MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
-HOUSE_LOOK_S = 1.0
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2; uvicorn's own choice takes in those without forward secrecy."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -172,8 +169,13 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         generate_unique_id_function=_find_operation_id,
         lifespan=_live,
     )
-    application.state.services = open_services(settings)
-    accounts = open_accounts(settings, clock)
+    services = application.state.services = open_services(settings)
+    accounts = AccountStore(settings, clock, services.store.engine)
+    try:
+        accounts.check_kept()
+    except BaseException:
+        services.store.close()
+        raise
     gate = application.state.gate = open_gate(settings, accounts)
     logins = application.state.logins = Logins(accounts, settings)
     logins.credentials.seal_earlier()
@@ -209,7 +211,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_passwords(settings)
     start_logging()
     with translate_start_errors(settings):
-        check_exposure(settings, has_accounts=_have_accounts(settings))
+        check_exposure(settings, has_accounts=AccountStore(settings).exist())
     listener = listen(settings)
     application = _prepare(settings, listener)
     address = _write_address(settings, listener)
@@ -239,14 +241,6 @@ def _prepare(settings: Settings, listener: socket.socket) -> FastAPI:
     except BaseException:
         listener.close()
         raise
-
-
-def _have_accounts(settings: Settings) -> bool:
-    accounts = open_accounts(settings)
-    try:
-        return accounts.exist()
-    finally:
-        accounts.database.close()
 
 
 def _make_way_in(gate: Gate) -> str:
@@ -365,38 +359,17 @@ def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
 async def _live(application: FastAPI) -> AsyncIterator[None]:
     """Look after the server while it runs; first repair what a crash has left."""
     services: Services = application.state.services
-    accounts: AccountDatabase = application.state.logins.accounts.database
     with ExitStack() as stack:
         stack.callback(services.store.close)
-        stack.callback(accounts.close)
         stack.callback(prepare_house(services).release)
-        tasks = [
-            asyncio.create_task(keep_house(services)),
-            asyncio.create_task(_carry_all(accounts, services)),
-        ]
+        house = asyncio.create_task(keep_house(services))
         try:
             yield
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            house.cancel()
+            await asyncio.gather(house, return_exceptions=True)
             if services.live.made is not None:
                 await asyncio.to_thread(services.live.made.close)
-            await asyncio.to_thread(_carry_acts, accounts, services)
-
-
-async def _carry_all(accounts: AccountDatabase, services: Services) -> None:
-    while True:
-        await asyncio.sleep(HOUSE_LOOK_S)
-        await run_to_end(_carry_acts, accounts, services)
-
-
-def _carry_acts(accounts: AccountDatabase, services: Services) -> None:
-    """Write the lines of what was done about accounts."""
-    try:
-        carry_acts(accounts, services.store.engine)
-    except (DBAPIError, AppError):
-        logger.exception("what was done about accounts is not in the trail yet; trying again")
 
 
 def prepare_house(services: Services) -> FolderLock:

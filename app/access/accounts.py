@@ -1,32 +1,37 @@
 """The accounts: people, their sessions and tokens."""
 
 import json
+import os
 import secrets
 import time
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Select, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, Row, Select, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
 from app.access.sealed_secrets import MARK, SecretSealer, is_sealed
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
-from app.access.tables import known_browsers, people, sessions, tickets, tokens
-from app.errors import BadParameter, KeyGone, NotHere
-from app.jobs.audit_log import NOBODY
+from app.errors import AccountsLost, BadParameter, KeyGone, NotHere
+from app.jobs.audit_log import NOBODY, Act, record
+from app.jobs.database.tables import known_browsers, people, sessions, tickets, tokens
 from app.jobs.queries import format_now
 from app.settings import Settings
 from app.storage.keys import open_keys
+from app.storage.permissions import create_file, make_folder
+from app.storage.store import sync_folder
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
 CONFIRMED_S = 10 * 60.0
 """So long after a login, or after the password was given again, what cannot be undone is not asked about."""
+MARKER = "has_accounts"
+"""The file that says that the server of a data folder has accounts, whatever became of its database."""
 LOOK_S = 1.0
 """How long the existence of accounts is not looked up again."""
 NOTE_S = 30.0
@@ -74,22 +79,44 @@ class Session:
 
 
 class AccountStore:
-    """Rows of accounts; there is no database before the first account is made."""
+    """Rows of accounts."""
 
-    def __init__(self, settings: Settings, clock: Callable[[], float] = time.time) -> None:
-        self.database, self.clock = AccountDatabase(settings), clock
+    def __init__(
+        self, settings: Settings, clock: Callable[[], float] = time.time, engine: Engine | None = None
+    ) -> None:
+        self.database, self.clock = AccountDatabase(settings, engine), clock
+        self._marker = settings.data_dir / MARKER
         self.secrets = SecretSealer(open_keys(settings))
         self._names: dict[str, str] = {}  # as they are kept, and opened: one reading of the key each
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:
-        """Tell whether there is any account; looked up once a second until there is one."""
+        """Tell whether there is any account, or ever was; looked up once a second until there is one."""
         now_s = time.monotonic()
         if not self._exist and now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s
-            count = select(func.count()).select_from(people)
-            self._exist = self.database.is_there and bool(self.database.read_value(count))
+            if self.database.has_people():
+                self.mark()
+            self._exist = self._marker.exists()
         return self._exist
+
+    def mark(self) -> None:
+        """Note durably, in the data folder, that there are accounts."""
+        if not self._marker.exists():
+            make_folder(self._marker.parent)
+            with suppress(FileExistsError), create_file(self._marker) as file:
+                os.fsync(file.fileno())
+            sync_folder(self._marker.parent)
+
+    def check_kept(self) -> None:
+        """Refuse a database that has lost every account: without accounts a server lets others in.
+
+        Raises
+        ------
+        AccountsLost
+        """
+        if self._marker.exists() and not self.database.has_people():
+            raise AccountsLost(file=str(self._marker))
 
     # People.
 
@@ -178,12 +205,12 @@ class AccountStore:
 
     def seal_earlier(self) -> None:
         """Seal the names of an earlier release, and those given while the key was away."""
-        rows = self.database.read_all(select(people)) if self.database.is_there else ()
+        rows = self.database.read_all(select(people))
         for row in rows:
             kept = row.name if is_sealed(row.name) else self._seal_name(row.id, row.name)
             is_it = (people.c.id == row.id, people.c.name == row.name)
             if kept != row.name:
-                with self.database.write(is_act=False) as connection:
+                with self.database.write() as connection:
                     connection.execute(update(people).where(*is_it).values(name=kept))
 
     def end_person(self, person_id: str) -> None:
@@ -354,6 +381,7 @@ class AccountStore:
                 note_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
         except IntegrityError:
             raise BadParameter(name="login", value=login, allowed="a free one") from None
+        self.mark()
         self._exist = True
         return self.get_person(row["id"])
 
@@ -388,6 +416,13 @@ class AccountStore:
         """Note that a login was refused; ``person_id``: whose name was tried, "" for none that is known."""
         with self.database.write() as connection:
             note_act(connection, "login.failed", person_id, who=NOBODY)
+
+
+def note_act(
+    connection: Connection, act: Act, person_id: str, *, who: str | None = None, **codes: str
+) -> None:
+    """Note an act in its transaction; ``person_id`` is "" if it is about nobody."""
+    record(connection, act, other={"person": person_id} | codes if person_id else codes, who=who)
 
 
 def normalise_login(login: str) -> str:

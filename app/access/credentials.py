@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 from sqlalchemy import ColumnElement, delete, func, insert, select, update
 
-from app.access.accounts import AccountStore, Person, normalise_login
-from app.access.acts import note_act
+from app.access.accounts import AccountStore, Person, normalise_login, note_act
 from app.access.hashing import hash_secret
 from app.access.sealed_secrets import is_sealed
-from app.access.tables import known_browsers, link_uses, people, recovery_codes
 from app.errors import KeyGone
+from app.jobs.database.tables import known_browsers, link_uses, people, recovery_codes
 from app.jobs.queries import format_now
 
 UNOPENED = "?"
@@ -91,7 +90,7 @@ class CredentialStore:
 
     def note_told(self, person_id: str) -> None:
         """Note that a person knows of the link."""
-        with self._database.write(is_act=False) as connection:
+        with self._database.write() as connection:
             mine = update(link_uses).where(link_uses.c.person_id == person_id)
             connection.execute(mine.values(told_at=format_now()))
 
@@ -109,14 +108,12 @@ class CredentialStore:
 
     def seal_earlier(self) -> int:
         """Seal the authenticators of an earlier release; gives their number."""
-        if not self._database.is_there:
-            return 0
         rows = self._database.read_all(select(people.c.id, people.c.totp_secret))
         open_ones = [row for row in rows if row.totp_secret and not is_sealed(row.totp_secret.decode())]
         for row in open_ones:
             sealed = self._sealer.seal(row.id, row.totp_secret.decode()).encode()
             is_it = (people.c.id == row.id, people.c.totp_secret == row.totp_secret)
-            with self._database.write(is_act=False) as connection:
+            with self._database.write() as connection:
                 connection.execute(update(people).where(*is_it).values(totp_secret=sealed))
         return len(open_ones)
 

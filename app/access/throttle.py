@@ -13,11 +13,11 @@ from math import ceil
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from app.access.acts import note_act
+from app.access.accounts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
-from app.access.tables import tries
 from app.errors import TooManyTries
+from app.jobs.database.tables import tries
 
 FORGET_S = 3600.0
 """So long after the last wrong try nothing is held against anybody."""

@@ -182,9 +182,8 @@ def _read_permissions(given: list[str]) -> list[Permission]:
 @contextmanager
 def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
     """Open the accounts; ``may_begin``: the installation may begin with them."""
-    from app.access.acts import carry_acts_by_command  # noqa: PLC0415  the database, and only this needs it
+    from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
     from app.access.logins import Logins  # noqa: PLC0415
-    from app.access.opening import open_accounts  # noqa: PLC0415
     from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.storage.permissions import make_folder  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415
@@ -194,11 +193,9 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
         if not may_begin:
             check_used(settings)
         make_folder(settings.data_dir)
-        accounts = open_accounts(settings)
+        accounts = AccountStore(settings)
         try:
             with acting(AT_MACHINE):
                 yield _Desk(Logins(accounts, settings), lang)
         finally:
-            if accounts.database.is_there:
-                carry_acts_by_command(accounts.database, settings)
             accounts.database.close()

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +18,7 @@ from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
     from app.settings import Settings
-    from app.upkeep.account_rows import CopiedPeople
+    from app.upkeep.account_rows import Accounts
     from app.upkeep.backup import Copied
     from app.upkeep.key_backup import KeyBackup
     from app.upkeep.verify import Fault
@@ -134,7 +135,6 @@ def backup(
         record_command(settings, "store.backed_up")
         copied = back_up(settings, file, Recipients(tuple(recipient or ())))
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
-    _print_people(lang, "backup", copied.people)
     _print_copied(lang, "backup", copied, file=str(file))
     _exit_by(copied)
 
@@ -195,7 +195,7 @@ def restore(
     settings = find_settings(data)
     with refusals_printed(lang, settings):
         copied = put_back(settings, file, _read_keys(keys, identity), identity)
-    _print_people(lang, "restore", copied.people)
+    _print_accounts(lang, copied.accounts)
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
     _exit_by(copied)
 
@@ -240,6 +240,7 @@ def recover(
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
     facts = {name: str(number) for name, number in counts.items()}
     print_sentence(lang, "recover", "done", **facts)
+    _print_accounts(lang, done.accounts)
     if done.troubles:
         print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
         raise typer.Exit(Exit.SOME_FAILED)
@@ -310,11 +311,13 @@ def _exit_by(copied: "Copied") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _print_people(language: Language, command: str, people: "CopiedPeople | None") -> None:
-    if people is not None:
-        sentence = "people_kept" if people.present else "people"
-        facts = {"number": str(people.number), "present": str(people.present)}
-        print_sentence(language, command, sentence, **facts)
+def _print_accounts(language: Language, accounts: "Accounts") -> None:
+    """Print who may sign in, and which tokens work."""
+    for login, roles in accounts.people:
+        print_sentence(language, "restore", "person", login=login, roles=roles)
+    for name, login, permissions, expires_s in accounts.tokens:
+        end = datetime.fromtimestamp(expires_s, UTC).isoformat(timespec="minutes")
+        print_sentence(language, "restore", "token", name=name, login=login, permissions=permissions, end=end)
 
 
 def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:

@@ -29,7 +29,7 @@ OUR_FOLDERS = frozenset(
     }
 )
 OUR_FILES = frozenset(
-    {"erasures.jsonl", "organisation.key", "secret", "server.id", "server.lock", "store.id"}
+    {"erasures.jsonl", "has_accounts", "organisation.key", "secret", "server.id", "server.lock", "store.id"}
 )
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"

@@ -1,10 +1,9 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
     manifest.json            {"format": "acromion.backup/2", "revision", "version", "made_at",
-                              "accounts": their revision, where it holds them,
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
-    rows/<table>.jsonl       one row a line, all of one transaction
-    accounts/<table>.jsonl   who may log in (:mod:`app.upkeep.account_rows`)
+    rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
+                              (sessions, links, wrong tries, known browsers)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>, as they are stored: sealed
 
 The keys of the recordings are not in it (:mod:`app.upkeep.key_backup`); without them its files are closed. It
@@ -29,9 +28,8 @@ from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
-from app.access.database import AccountDatabase
+from app.access.accounts import AccountStore
 from app.access.sealed_secrets import ACCOUNTS as ACCOUNTS_KEY
-from app.access.tables import REVISION as ACCOUNTS_REVISION
 from app.errors import (
     BackupRefused,
     KeyFileMissing,
@@ -46,12 +44,11 @@ from app.jobs.database.connect import (
     connect,
     create_tables,
     lock_tables,
-    make_schema,
     read_revision,
 )
-from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
+from app.jobs.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.sealed_text import use_sealer
-from app.jobs.database.tables import REVISION, analyses, audit_log, facts, schema_revision, uploads
+from app.jobs.database.tables import REVISION, analyses, audit_log, facts, people, schema_revision, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.store import JobStore
 from app.settings import Settings
@@ -69,8 +66,7 @@ from app.storage.store import (
     translate_disk_full,
     translate_folder_errors,
 )
-from app.upkeep.account_rows import FOLDER as ACCOUNTS
-from app.upkeep.account_rows import AccountRows, CopiedPeople, write_accounts
+from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, check_account_keys, find_accounts
 from app.upkeep.envelope import Recipients, read_envelope, write_envelope
 from app.upkeep.key_backup import KeyBackup, import_key_backup
 from app.upkeep.recover import catch_up, find_unknown
@@ -91,11 +87,11 @@ FindKey = Callable[[str], RecordingKey]
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many files the rows promise, and which of them were not copied whole."""
+    """How many files the rows promise, which of them were not copied whole, and who may sign in then."""
 
     promised: int
     faults: tuple[Fault, ...]
-    people: CopiedPeople | None = None
+    accounts: Accounts = NO_ACCOUNTS
 
 
 class _PurgedMeanwhileError(Exception):
@@ -122,10 +118,7 @@ def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         manifest, files = _write_rows(settings, archive)
-        people = write_accounts(settings, archive)
-        if people is not None:
-            manifest[ACCOUNTS] = ACCOUNTS_REVISION
-        copied = replace(_write_files(settings, archive, files), people=people)
+        copied = _write_files(settings, archive, files)
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
         archive.writestr("manifest.json", json.dumps(manifest, indent=1))
     return copied
@@ -261,7 +254,7 @@ def find_damage(path: Path, keys: FindKey | None = None, identity: Path | None =
         files = tuple(_read_promised(archive))
         found = ((file, _read_file(archive, file.name, keys)) for file in files)
         faults = [fault for file, one in found if (fault := _find_fault(file, one, file.name in known))]
-        rows = (name for name in archive.namelist() if name.startswith(("rows/", f"{ACCOUNTS}/")))
+        rows = (name for name in archive.namelist() if name.startswith("rows/"))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
         return Copied(len(files), tuple(faults))
 
@@ -336,8 +329,8 @@ def restore(
 
     ``keys``: the backup of the keys, unless they are here. The files are written first, then all rows in one
     transaction: an interrupted restore leaves nothing visible, and can be repeated. Analyses that ran when
-    the backup was made wait again. What the ledger of erasures names does not come back. Accounts come back
-    where there are none; people who are there stay as they are.
+    the backup was made wait again. What the ledger of erasures names does not come back. Accounts and
+    tokens come back; everybody signs in again.
 
     Raises
     ------
@@ -346,21 +339,19 @@ def restore(
         Recordings are sealed and none of their keys is here or in ``keys``, or what wrapped those is not
         here; nothing is made then.
     """
-    accounts = AccountDatabase(settings)
-    with open_backup(path, identity) as (archive, manifest):
-        people = AccountRows(accounts, archive, manifest)
-        _check_keys(settings, archive, keys, people)
+    with open_backup(path, identity) as (archive, _):
+        _check_keys(settings, archive, keys)
         with translate_folder_errors(settings.data_dir):
             make_folder(settings.data_dir)
             lock = FolderLock(settings.data_dir)
         try:
-            people.prepare()
-            copied = _restore(settings, archive, keys, people)
+            copied = _restore(settings, archive, keys)
             with closing(JobStore(settings)) as store:
                 catch_up(store, open_storage(settings))
-            return copied
+                found = find_accounts(store.reader)
+            AccountStore(settings).exist()  # marks the folder of a server with accounts
+            return replace(copied, accounts=found)
         finally:
-            accounts.close()
             lock.release()
 
 
@@ -368,32 +359,27 @@ def _restore(
     settings: Settings,
     archive: zipfile.ZipFile,
     keys: KeyBackup | None,
-    accounts: AccountRows,
 ) -> Copied:
-    """Restore files and rows, and before the rows the people."""
-    make_schema(settings.database_url)
+    """Restore files and rows."""
     engine = connect(settings.database_url)
     try:
         with engine.begin() as connection:
             lock_tables(connection)
             _check_no_rows(connection)
             storage = _open_with_keys(settings, keys)
-            accounts.check(storage.keys.find(ACCOUNTS_KEY) is not None)
+            check_account_keys(archive, has_key=storage.keys.find(ACCOUNTS_KEY) is not None)
             use_sealer(engine, LabelSealer(storage.keys))
             copied = _restore_files(storage, archive)
-            people = accounts.restore()
             _drop_tables(connection)
             _restore_rows(connection, archive, storage.keys.find_erased())
-            added = {"people": str(people.number)} if people and not people.present else None
-            record(connection, "store.restored", other=added, who=AT_MACHINE)
-        return replace(copied, people=people)
+            number = connection.execute(select(func.count()).select_from(people)).scalar_one()
+            record(connection, "store.restored", other={"people": number}, who=AT_MACHINE)
+        return copied
     finally:
         engine.dispose()
 
 
-def _check_keys(
-    settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None, accounts: AccountRows
-) -> None:
+def _check_keys(settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None) -> None:
     """Check, before anything is made, that any sealed recording has its key, and that the accounts have."""
     here = open_keys(settings)
     if keys is not None and keys.organisation is None and read_key_file(here.key_file) is None:
@@ -409,7 +395,7 @@ def _check_keys(
         closed.update([key_id] if key_id else [])
     if closed:
         raise KeysNeeded(number=len(closed), first=min(closed))
-    accounts.check(ACCOUNTS_KEY in known)
+    check_account_keys(archive, has_key=ACCOUNTS_KEY in known)
 
 
 def _open_with_keys(settings: Settings, keys: KeyBackup | None) -> SealedStorage:
@@ -434,7 +420,7 @@ def _find_key_id(archive: zipfile.ZipFile, name: str) -> str | None:
 
 
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database that holds any row, except the id of its store and the audit log of its starts."""
+    """Refuse a database that holds any row, except the id of its store, what a start left, and logins."""
     found = read_revision(connection)
     if found not in (None, REVISION):
         raise WrongSchema(found=found, needed=REVISION)
@@ -442,7 +428,7 @@ def _check_no_rows(connection: Connection) -> None:
         if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
         number = connection.execute(select(func.count()).select_from(table)).scalar_one()
-        if number and table.name not in (facts.name, audit_log.name):  # a start has left its line
+        if number and table.name not in (facts.name, audit_log.name, *LEFT_OUT):
             raise NotEmpty(number=number, where=table.name)
 
 

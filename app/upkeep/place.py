@@ -1,13 +1,13 @@
 """Whether a place holds anything that a command of upkeep may work on."""
 
-from app.access.database import AccountDatabase
+from app.access.accounts import MARKER
 from app.errors import NotHere
 from app.jobs.database.connect import connect, read_revision
 from app.settings import Settings
 from app.storage.keys import KEY_FILE
 from app.storage.open import open_storage
 
-_KEPT = ("acromion.sqlite3", "accounts.sqlite3", KEY_FILE, "keys", "recordings")
+_KEPT = ("acromion.sqlite3", MARKER, KEY_FILE, "keys", "recordings")
 """What a folder that was ever used has one of."""
 
 
@@ -48,10 +48,10 @@ def _is_folder_used(settings: Settings) -> bool:
 
 
 def _has_tables(settings: Settings) -> bool:
-    """Tell whether there are tables, those of rows or those of accounts."""
+    """Tell whether there are tables."""
     engine = connect(settings.database_url)
     try:
         with engine.connect() as connection:
-            return read_revision(connection) is not None or AccountDatabase.is_in(connection)
+            return read_revision(connection) is not None
     finally:
         engine.dispose()

@@ -13,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from app.errors import KeysNeeded, UnknownRecordings
@@ -36,6 +36,7 @@ from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.sealing import SealedStorage
 from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
+from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.key_backup import KeyBackup, import_key_backup
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
@@ -218,6 +219,7 @@ class Recovered:
     reports: int
     known: int
     troubles: tuple[Trouble, ...]
+    accounts: Accounts = NO_ACCOUNTS
 
 
 def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
@@ -241,7 +243,7 @@ def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
         bring_up_to_date(settings)
         with closing(JobStore(settings)) as store:
             store.check_belongs(storage.identify())
-            recovered = _recover(store, storage)
+            recovered = replace(_recover(store, storage), accounts=find_accounts(store.reader))
             record_alone(store.engine, "store.recovered", {"added": recovered.recordings}, AT_MACHINE)
             return recovered
     finally:

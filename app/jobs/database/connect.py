@@ -14,7 +14,6 @@ from typing import Any
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspect, select, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
-from sqlalchemy.schema import CreateSchema
 
 from app.errors import (
     AppError,
@@ -30,7 +29,6 @@ from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import check_folder, translate_folder_errors
 
-_SEARCH_PATH = "-csearch_path="
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
 _CONNECT_TIMEOUT_S = 10
@@ -59,19 +57,6 @@ def open_database(url: str) -> Engine:
         engine.dispose()
         raise
     return engine
-
-
-def make_schema(url: str) -> None:
-    """Make the schema that the address of a PostgreSQL database chooses, where there is none."""
-    parts = make_url(url)
-    chosen = str(parts.query.get("options", ""))
-    if parts.get_backend_name() == "sqlite" or not chosen.startswith(_SEARCH_PATH):
-        return
-    engine = connect(url)
-    with engine.begin() as connection:
-        lock_tables(connection)
-        connection.execute(CreateSchema(chosen.removeprefix(_SEARCH_PATH), if_not_exists=True))
-    engine.dispose()
 
 
 def bring_up_to_date(settings: Settings) -> None:

@@ -11,7 +11,6 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
-from app.access.tables import sessions
 from app.api.middleware.refused_lines import MOST_LINES
 from app.jobs.audit_log import (
     ACTS,
@@ -21,7 +20,7 @@ from app.jobs.audit_log import (
     find_lines,
     record,
 )
-from app.jobs.database.tables import facts
+from app.jobs.database.tables import facts, sessions
 from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.worker import Bench, open_bench, run_next

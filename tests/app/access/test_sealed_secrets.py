@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select, text, update
+from sqlalchemy import select, update
 
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
-from app.access.tables import people, tickets
 from app.errors import KeysNeeded, SecondFactorSealed
+from app.jobs.database.tables import people, tickets
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
@@ -24,14 +24,12 @@ HERE = Caller("192.0.2.1", "")
 def dump(accounts: AccountStore) -> str:
     """Give every row of every table of the accounts, as bytes are."""
     found = []
-    with accounts.database.read() as connection:
-        for table in people.metadata.sorted_tables:
-            rows = connection.execute(text(f'SELECT * FROM "{table.name}"')).all()
-            found += [
-                bytes(value).decode() if isinstance(value, bytes | memoryview) else str(value)
-                for row in rows
-                for value in row
-            ]
+    for table in (people, tickets):
+        found += [
+            bytes(value).decode() if isinstance(value, bytes | memoryview) else str(value)
+            for row in accounts.database.read_all(table.select())
+            for value in row
+        ]
     return "\n".join(found)
 
 

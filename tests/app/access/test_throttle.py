@@ -7,16 +7,16 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import select
 
 from app.access import passwords
 from app.access.accounts import AccountStore
 from app.access.hashing import LOGINS
 from app.access.logins import Caller, Logins
-from app.access.tables import acts, tries
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.jobs.audit_log import NOBODY, acting
+from app.jobs.database.tables import audit_log, tries
 from app.settings import Settings
 from app.storage.keys import open_keys
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
@@ -207,8 +207,8 @@ def test_addresses_of_one_network_of_ipv6_share_a_budget() -> None:
 def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -> None:
     guess(logins, "my password by mistake")
 
-    kept = (settings.data_dir / "accounts.sqlite3").read_bytes()
-    kept += (settings.data_dir / "accounts.sqlite3-wal").read_bytes()
+    kept = (settings.data_dir / "acromion.sqlite3").read_bytes()
+    kept += (settings.data_dir / "acromion.sqlite3-wal").read_bytes()
     assert b"my password" not in kept
 
 
@@ -285,22 +285,6 @@ def test_tries_are_counted_where_the_key_of_the_names_does_not_open(
     assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
 
 
-@on_both_databases
-def test_names_that_an_earlier_release_counted_without_a_key_are_forgotten(
-    logins: Logins, accounts: AccountStore, settings: Settings, clock: Clock
-) -> None:
-    guess(logins, "clara")
-    kept, plain = find_keys(accounts), f"account:{hashlib.sha256(b'hunter2').hexdigest()}"
-    rows = [{"key": key, "failures": 1, "blocked_until_s": clock()} for key in (plain, f"told:{plain}")]
-    with accounts.database.write() as connection:
-        connection.execute(insert(tries), rows)
-
-    later = AccountStore(settings, clock)
-
-    assert sorted(find_keys(later)) == sorted(kept)
-    later.database.close()
-
-
 def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
     add_person()
     visitor = visit()
@@ -371,13 +355,13 @@ def test_throttling_starts_without_rows(logins: Logins) -> None:
     throttle.take([limit_address("203.0.113.1")])
 
 
-# What of it is in the trail.
+# What of it is in the audit log.
 
 
 def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
-    """Return what waits for the trail of tries that had to wait: who, codes."""
-    rows = logins.accounts.database.read_all(select(acts).where(acts.c.act == "login.throttled"))
-    return [(row.who, json.loads(row.other)) for row in rows]
+    """Return what the audit log says of tries that had to wait: who, codes."""
+    query = select(audit_log).where(audit_log.c.act == "login.throttled")
+    return [(row.who, json.loads(row.other)) for row in logins.accounts.database.read_all(query)]
 
 
 def test_tries_of_an_account_that_have_to_wait_are_one_line_with_the_person(
