@@ -37,7 +37,6 @@ from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
-from app.storage.sealing import SealedStorage
 from app.storage.store import FolderLock, Storage, check_folder, read_or_create_id
 
 if TYPE_CHECKING:
@@ -160,7 +159,7 @@ class Services:
     """The database, the folders and the settings of this server."""
 
     store: JobStore
-    storage: SealedStorage
+    storage: Storage
     settings: Settings
     recordings: RecordingStore
     uploads: UploadStore
@@ -195,7 +194,7 @@ def open_services(settings: Settings) -> Services:
         store.close()
         raise
     rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming", storage.keys)
+    incoming = Incoming(settings.data_dir / "incoming")
     inspector = Inspector(settings, settings.data_dir / "inspections")
     results = ResultReader(store, storage)
     incoming.prepare()
@@ -209,7 +208,7 @@ def open_services(settings: Settings) -> Services:
         incoming=incoming,
         inspector=inspector,
         results=results,
-        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs", storage.keys),
+        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
         batches=BatchStore(*rows),
         mappings=MappingStore(*rows),
         views=SavedViews(*rows, storage),

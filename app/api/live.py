@@ -191,17 +191,16 @@ def _find_limiter() -> CapacityLimiter:
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
     subject = _read_subject(asked.subject)
-    keys = services.storage.keys
     port = _open_port(asked, pushed)
-    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keys, keeps=asked.keeps)
+    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
-            port = EarlyPort(port, EarlyFile(files.early, files.key, _describe_asked(asked, subject)))
+            port = EarlyPort(port, EarlyFile(files.early, _describe_asked(asked, subject)))
         session = _start_with(services, asked, port, files)
     except BaseException:
         if port is not None:
             port.close()
-        files.remove(keys)
+        files.remove()
         raise
     played = asked.recording if asked.source == "recording" else ""
     with services.store.engine.begin() as connection:

@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 from sqlalchemy import Connection, Engine, and_, delete, exists, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
-from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, batch_items, batches, kept_answers, recordings
 from app.jobs.queries import RowStore
-from app.storage.labels import LABELS, Label
 
 UNFINISHED_TERM_S = 3600.0
 """After this time a request without a response counts as lost: its server has crashed."""
@@ -31,7 +29,7 @@ _TABLES = {"an": analyses, "rec": recordings, "ba": batches}  # in the order in 
 class KeptResponse:
     """A response as it was sent; ``status`` None: it is still being made.
 
-    ``fingerprint``: the digest of its request; keyed, where the response comes from its row.
+    ``fingerprint``: the digest of its request.
     """
 
     fingerprint: str
@@ -65,14 +63,14 @@ class ResponseStore(RowStore):
             values = {
                 "fingerprint": kept.fingerprint,
                 "status": kept.status,
-                "headers": Label(LABELS, json.dumps(kept.headers)),
-                "body": find_sealer(self._engine).seal_bytes(kept.body),
+                "headers": json.dumps(kept.headers),
+                "body": kept.body,
             }
             connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(values))
 
     def is_of(self, kept: KeptResponse, fingerprint: str) -> bool:
         """Tell whether a kept response answers the request of this fingerprint."""
-        return kept.fingerprint == find_sealer(self._engine).key_digest(fingerprint)
+        return kept.fingerprint == fingerprint
 
     def free(self, key: str) -> None:
         """Free a key whose request had no final response."""
@@ -97,7 +95,7 @@ class ResponseStore(RowStore):
         if row is None:
             return None
         headers = tuple((name, value) for name, value in json.loads(row.headers or "[]"))
-        body = find_sealer(self._engine).open_bytes(row.body or b"")
+        body = row.body or b""
         return KeptResponse(row.fingerprint, row.status, headers, body)
 
 
@@ -113,12 +111,7 @@ def empty_responses(connection: Connection, ids: Collection[str]) -> None:
     columns = (kept_answers.c.key, kept_answers.c.headers, kept_answers.c.body)
     successes = select(*columns).where(kept_answers.c.status < _FIRST_REFUSAL)
     rows = connection.execute(successes.execution_options(yield_per=_ROWS_AT_ONCE))
-    sealer = find_sealer(connection.engine)
-    keys = [
-        row.key
-        for row in rows
-        if not find_ids(row.headers, sealer.open_bytes(row.body or b"")).isdisjoint(ids)
-    ]
+    keys = [row.key for row in rows if not find_ids(row.headers, row.body).isdisjoint(ids)]
     emptied = {"status": GONE, "headers": "[]", "body": b""}
     for key in keys:
         connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(emptied))
@@ -146,10 +139,8 @@ def _is_gone(connection: Connection, response: KeptResponse) -> bool:
     return False
 
 
-def drop_traces(connection: Connection, ids: Collection[str]) -> tuple[str, ...]:
+def drop_traces(connection: Connection, ids: Collection[str]) -> None:
     """Delete what other tables hold of purged recordings and analyses: kept responses and empty batches.
-
-    Gives the empty batches.
 
     ``ids`` are those of the purged. Runs in the transaction that deletes their rows, after that: a batch is
     empty only then, and a response that is kept at the same time has either been committed or finds the
@@ -160,4 +151,3 @@ def drop_traces(connection: Connection, ids: Collection[str]) -> tuple[str, ...]
     if empty:
         connection.execute(delete(batches).where(batches.c.id.in_(empty), no_item))
     empty_responses(connection, {*ids, *empty})
-    return empty

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import AppError, Crashed, DiskFull, KeyGone, ResultDamaged, StoreAway, StoreDamaged
+from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
 from app.jobs.children.attempt import (
     Attempt,
     Died,
@@ -36,7 +36,6 @@ from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.library.mappings import MappingStore
 from app.jobs.organisations import find_organisations
 from app.jobs.processes.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
-from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
@@ -45,8 +44,7 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
-from app.storage.sealing import SealedStorage
-from app.storage.store import borrow_recording, borrow_result, check_folder
+from app.storage.store import TEMPORARY_S, Storage, borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
 LOOK_S = 5.0
@@ -66,7 +64,7 @@ class Bench:
     """
 
     store: JobStore
-    storage: SealedStorage
+    storage: Storage
     settings: Settings
     watch: LeaseWatch
     stopping: threading.Event
@@ -105,18 +103,9 @@ def run_next(bench: Bench) -> bool:
     with ClaimHeartbeat(bench.store, (job.id, job.token), bench.settings.heartbeat_s).running() as heartbeat:
         outcome = _attempt_or_delay(bench, job, job.token, heartbeat)
         _retry_until_done(bench, partial(_publish, bench, job, job.token, outcome))
-    _write_side_file(bench, job.recording_id)
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
-
-
-def _write_side_file(bench: Bench, recording_id: str) -> None:
-    """Write the side file from the rows of this moment; the server writes it later if this fails."""
-    try:
-        SideWriter(bench.store.engine, bench.store.reader, bench.storage).write(recording_id)
-    except (AppError, OSError, OperationalError):
-        logger.exception("side file of %s is not written", recording_id)
 
 
 def reclaim_abandoned(bench: Bench) -> None:
@@ -279,7 +268,7 @@ def _delay(bench: Bench, job: Job, heartbeat: ClaimHeartbeat, delay: Delay) -> O
 
 
 def _attempt(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> Outcome:
-    bench.storage.opened.sweep()  # a killed worker may have left copies in clear
+    bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
     out = bench.storage.open_attempt(job.id, token)
     own = borrow_recording(bench.storage, job.recording_id, job.sha256)
     with own as log, _borrow_reference(bench, job) as request:
@@ -313,7 +302,7 @@ def _report_unless_stopping(
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
     """Give the one road, with the digest that was just verified: the child need not compute it again."""
     digests = () if job.request.joined else (job.sha256,)
-    cache = bench.cache.of(bench.storage.find_key(job.recording_id))
+    cache = replace(bench.cache, recording_id=job.recording_id)
     return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
@@ -331,7 +320,8 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
-    if isinstance(outcome, Finished) and _keep(bench, job, token):
+    if isinstance(outcome, Finished):
+        bench.storage.keep_attempt(job.id, token)
         won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
@@ -345,15 +335,6 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
         bench.store.release(job.id, token, forgiven=True)
     if not kept:
         bench.storage.drop_attempt(job.id, token)
-
-
-def _keep(bench: Bench, job: Job, token: str) -> bool:
-    """Seal and keep the files of an attempt; False where the recording was erased meanwhile."""
-    try:
-        bench.storage.keep_attempt(job.id, token, job.recording_id)
-    except KeyGone:
-        return False
-    return True
 
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:

@@ -28,6 +28,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
+from app.upkeep.backup_term import find_backup_term
 from app.web.forms import first, read_form
 from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.recording.analysis import find_results
@@ -218,6 +219,8 @@ def ask_to_purge(
     """Ask once more before a recording is deleted for good."""
     row = services.recordings.get(recording_id, trashed=True)
     values = _describe(services, row, language) | {"for_good": True}
+    term = find_backup_term(services.storage)
+    values["backups"] = fill(values["t"]["backups"][term.kind], {"until": term.until})
     values |= _describe_hold(request, row, language)
     return render_page(request, "delete.html", language, values)
 

@@ -15,7 +15,6 @@ from app.services import find_services
 from app.settings import Settings
 from app.storage.incoming import Incoming
 from app.storage.open import open_storage
-from app.storage.sealing import SealedStorage
 from fusion.simulation import simulate_shift, write_shift
 from tests.app.test_api_uploads import TUS, URL, announce, append, files_of
 
@@ -150,8 +149,8 @@ def test_tails_of_uploads_under_way_outlast_a_restart_and_others_do_not(
     assert kept == [name]
 
 
-def test_a_tail_is_replaced_whole(tmp_path: Path, storage: SealedStorage) -> None:
-    incoming = Incoming(tmp_path / "incoming", storage.keys)
+def test_a_tail_is_replaced_whole(tmp_path: Path) -> None:
+    incoming = Incoming(tmp_path / "incoming")
     incoming.prepare()
     incoming.keep_tail("up_1", b"first")
 
