@@ -224,16 +224,6 @@ def test_metadata_that_cannot_be_is_refused(client: TestClient, metadata: str) -
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_a_network_that_lets_only_post_pass_can_upload_too(client: TestClient) -> None:
-    address = announce(client, 1)
-
-    answer = client.post(
-        address, content=b"x", headers=BODY | {"upload-offset": "0", "x-http-method-override": "PATCH"}
-    )
-
-    assert (answer.status_code, answer.headers["upload-offset"]) == (204, "1")
-
-
 def test_a_server_started_anew_goes_on_where_the_bytes_ended(settings: Settings) -> None:
     with TestClient(create_app(settings), base_url="http://localhost") as before:
         address = announce(before, 10)

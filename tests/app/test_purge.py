@@ -76,8 +76,6 @@ def send_by_tus(client: TestClient, content: bytes) -> None:
         "content-type": "application/offset+octet-stream",
     }
     address = client.post("/api/v1/uploads", content=content[:20], headers=headers).headers["location"]
-    tail = {"content-type": "application/octet-stream"}
-    assert client.put(f"{address}/tail", content=content[-10:], headers=tail).status_code == 204
     client.get(f"{address}/inspection")
     more = {name: headers[name] for name in ("tus-resumable", "content-type")} | {"upload-offset": "20"}
     assert client.patch(address, content=content[20:], headers=more).status_code == 204

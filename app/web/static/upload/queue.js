@@ -97,19 +97,16 @@ export class Queue {
     row.refuse({ title: tooBig, detail: fill(tooBigDetail, facts), fix: tooBigFix, code: "E-BIG", retryable: false });
   }
 
-  // Ask what the first bytes show, until they show it; and once more when the last ones have come beside them.
+  // Ask what the first bytes show, until they show it.
   async look(entry) {
     if (entry.looked) return;
     entry.looked = true;
     for (let k = 0; k < MOST_LOOKS && !entry.upload.stopped; k += 1) {
-      const isLast = entry.upload.isTailDone;
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
       if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
-      if (found.device) entry.row.understand(this.describe(found, entry.row.words));
-      if (found.device && (found.end || isLast)) return;
-      if (found.device) await entry.upload.tail;
-      else await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+      if (found.device) return entry.row.understand(this.describe(found, entry.row.words));
+      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
   }
 
@@ -121,17 +118,10 @@ export class Queue {
 
   describe(found, words) {
     const rate = found.rate_hz ? `${Math.round(found.rate_hz).toLocaleString(document.documentElement.lang)} Hz` : "";
-    const start = this.tellTime(found, words);
+    const start = (found.start || "").slice(0, 16).replace("T", " ");
     const zone = found.start && found.time_zone ? `(${found.time_zone})` : "";
     const device = JSON.parse(words.devices)[found.device] || found.device;
     return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
-  }
-
-  // The device's clock from start to end; the day of the end only where it is another.
-  tellTime({ start, end }, words) {
-    const [from, to] = [start, end].map((moment) => (moment || "").slice(0, 16).replace("T", " "));
-    if (!from || !to) return from;
-    return fill(words.fromTo, { start: from, end: to.startsWith(from.slice(0, 11)) ? to.slice(11) : to });
   }
 
   // The bytes are safe, and the analysis has begun, unless other bytes alike have one or no more may wait: then
