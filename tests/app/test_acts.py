@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import delete, update
 
 from app.jobs.database.tables import answers, saved_views
-from app.jobs.job import Claimer, Job, JobState
+from app.jobs.job import Job, JobState
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.library.listing import VIEWS_FILE, Library, LibraryFilter, SavedViews
 from app.jobs.recordings import RecordingStore
@@ -23,8 +23,6 @@ from app.settings import Settings
 from app.storage.store import ResultFile, Storage, describe_files
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob, find_study
-
-ME = Claimer("here", 1, "")
 
 
 @pytest.fixture
@@ -45,7 +43,7 @@ def views(store: JobStore, storage: Storage) -> SavedViews:
 
 def finish(store: JobStore, method_version: int = int(METHOD_VERSION)) -> None:
     """Let the job that waits end well, by a version of the method."""
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     figures = HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0, "smoothed", method_version)
     assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)], figures)
@@ -139,7 +137,7 @@ def test_a_failed_analysis_is_replaced_by_its_repetition(
     caller: TestClient, store: JobStore, add_job: AddJob
 ) -> None:
     job = add_job()
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     store.fail(job.id, str(claimed.token), "E-SHORT", {})
 
@@ -243,7 +241,7 @@ def test_what_an_earlier_release_did_not_keep_is_read_from_the_files_of_the_repo
     }
     findings = {"findings": {"exposure": {"minutes": {"p50_deg": [10.0, 20.0]}}}}
     job = add_job()
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     folder = storage.open_attempt(job.id, str(claimed.token))
     for name, content in (("results.json", results), ("findings.json", findings)):

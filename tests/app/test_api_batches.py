@@ -104,7 +104,7 @@ def test_batches_take_turns(client: TestClient, store: JobStore) -> None:
     first, second = start(client, 3)["id"], start(client, 3, settings={"side": "left"})["id"]
 
     order = []
-    while job := store.claim(stand_ins.NOBODY):
+    while job := store.claim():
         order.append(job.batch_id)
 
     assert order == [first, second] * 3
@@ -114,7 +114,7 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
     start(client, 50)
     single = client.post("/api/v1/analyze", content=b"single").json()["id"]
 
-    first_two = [store.claim(stand_ins.NOBODY) for _ in range(2)]
+    first_two = [store.claim() for _ in range(2)]
 
     assert single in [job.id for job in first_two if job]
 

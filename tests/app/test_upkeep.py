@@ -19,7 +19,6 @@ from app.cli import app
 from app.jobs.database.connect import connect
 from app.jobs.database.tables import REVISION, kept_answers
 from app.jobs.job import Job, JobState
-from app.jobs.processes.lease import identify_self
 from app.jobs.recordings import Description, RecordingStore, UploadStore
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore
@@ -239,7 +238,7 @@ def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
     store: JobStore, storage: SealedStorage, add_job: AddJob, acromion: Acromion
 ) -> None:
     add_job(b"the recording")
-    job = store.claim(identify_self())
+    job = store.claim()
     assert job is not None
     assert job.token is not None
     catch_up(store, storage)
@@ -682,7 +681,7 @@ def test_an_analysis_that_ran_waits_again_after_a_restore(
     store: JobStore, add_job: AddJob, acromion: Acromion, tmp_path: Path
 ) -> None:
     job = add_job()
-    store.claim(identify_self())
+    store.claim()
     acromion("backup", tmp_path / "b.zip")
     os.environ.pop("ACROMION_DATABASE_URL", None)  # put right again by the fixture that set it
 

@@ -67,10 +67,8 @@ analyses = Table(
     Column("progress", Float, nullable=False),
     Column("attempts", Integer, nullable=False),
     Column("token", String(32)),
-    Column("beats", BigInteger, nullable=False),
-    Column("claimer_place", Text),
-    Column("claimer_pid", BigInteger),
-    Column("claimer_started", Text),
+    Column("lease_until_s", Float),  # by the clock of the database
+    Column("is_lease_missed", Integer, nullable=False, server_default="0"),
     Column("created_at", String(32), nullable=False),
     Column("started_at", String(32)),
     Column("ended_at", String(32)),
