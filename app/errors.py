@@ -510,17 +510,10 @@ class DatabaseLocked(ServerRefused):
     fact_meanings = name_facts(file="path", pid="process, where known")
 
 
-class DatabaseTooOld(ServerRefused):
-    """The tables are of an earlier release, and only the server migrates."""
+class WrongSchema(ServerRefused):
+    """The tables or a backup are of another version; they are left untouched."""
 
-    code = "E-DATABASE-OLD"
-    fact_meanings = name_facts(found="revision", needed="revision")
-
-
-class DatabaseTooNew(ServerRefused):
-    """The tables are of a later release."""
-
-    code = "E-DATABASE-NEW"
+    code = "E-SCHEMA"
     fact_meanings = name_facts(found="revision", needed="revision")
 
 

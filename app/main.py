@@ -204,7 +204,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew,
+    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, WrongSchema,
     DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_certificate(settings)
@@ -283,14 +283,12 @@ def _prepare_database(settings: Settings) -> None:
         file = find_database_file(settings.database_url)
         restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
-        copy = bring_up_to_date(settings)
+        bring_up_to_date(settings)
         _check_recordings(settings)
     finally:
         lock.release()
     if settings.engine == "procrastinate":
         load_extra("app.jobs.processes.cluster").install(settings.database_url)
-    if copy:
-        logger.info("the tables were migrated; their rows from before are in %s", copy)
 
 
 def _check_recordings(settings: Settings) -> None:

@@ -734,7 +734,7 @@ def test_the_doctor_names_a_folder_that_others_may_read(
     assert f"chmod 700 {settings.data_dir}" in result.output
 
 
-def test_the_doctor_names_a_database_of_a_later_release(
+def test_the_doctor_names_a_database_of_another_version(
     store: JobStore, acromion: Acromion, settings: Settings
 ) -> None:
     engine = connect(settings.database_url)
@@ -742,7 +742,7 @@ def test_the_doctor_names_a_database_of_a_later_release(
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
     engine.dispose()
 
-    assert "E-DATABASE-NEW" in acromion("doctor").output
+    assert "E-SCHEMA" in acromion("doctor").output
 
 
 def test_the_doctor_speaks_both_languages() -> None:

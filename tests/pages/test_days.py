@@ -76,7 +76,9 @@ def visits(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> t
             start=datetime(2026, month, 24, 7, 0, 0),  # noqa: DTZ001 - the device's own clock
         )
         file = write_shift(folder / name, shift, actilife_csv=False)[0].rename(folder / f"{name}.gt3x")
-        made.append(finish(server, file, subject="S077", side="right", study="Bench moved"))
+        made.append(
+            finish(server, file, subject="S077", side="right", study="Bench moved", pose_held="start")
+        )
     return made[0], made[1]
 
 

@@ -16,7 +16,7 @@ from sqlalchemy import (
 
 from app.jobs.database.sealed_text import KeyedDigest, SealedText
 
-REVISION = "0012"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "b1"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 GONE_REQUEST = '{"file_name": ""}'
 """What is read of a request or a description whose key was destroyed."""

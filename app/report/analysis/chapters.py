@@ -219,14 +219,10 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
 
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
-    title = _start_small(describe_flag(flag, language).title, language)
+    title = describe_flag(flag, language).title
+    title = title[0].lower() + title[1:]
     lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
     return f"{title} ({lasted})" if lasted and lasted not in title else title
-
-
-def _start_small(text: str, language: Language) -> str:
-    """Write a title within a sentence; German nouns keep their capitals."""
-    return text if language == "de" else text[0].lower() + text[1:]
 
 
 def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
@@ -235,17 +231,13 @@ def _format_not_analysed(findings: Findings, words: Words, language: Language) -
     away_us = time.missing_us + time.excluded_us
     if away_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
         return ""
-    parts = sorted(_find_time_away(findings, words, language), key=lambda part: -part[1])
+    parts = [(format_reason(reason, words), us) for reason, us in _sum_exclusions(findings).items()]
+    if time.missing_us >= MICROSECONDS:
+        missing = words["time"]["missing"]
+        parts.append((missing[0].lower() + missing[1:], time.missing_us))
+    parts.sort(key=lambda part: -part[1])
     told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, language)}" for name, us in parts)
     return fill(words["heading"]["not_analysed"], {"parts": told})
-
-
-def _find_time_away(findings: Findings, words: Words, language: Language) -> Iterator[tuple[str, int]]:
-    """Give the name and the microseconds of each kind of time that was not analysed."""
-    for reason, us in _sum_exclusions(findings).items():
-        yield format_reason(reason, words), us
-    if findings.time.missing_us >= MICROSECONDS:
-        yield _start_small(words["time"]["missing"], language), findings.time.missing_us
 
 
 def _sum_exclusions(findings: Findings) -> dict[str, int]:
