@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import OperationalError
 
-from app.errors import Interrupted, NotHere, StoreMismatch
+from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import analyses, facts, recordings, result_files
@@ -41,7 +41,7 @@ from app.jobs.queue import (
     start_job,
     update_one_row,
 )
-from app.jobs.recordings import Description, Place, insert_recording, is_after
+from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
 from app.jobs.trail import Act, record
 from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
@@ -119,9 +119,15 @@ class JobStore(RowStore):
         external_id: str = "",
         study: str = "",
     ) -> Job:
-        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit."""
+        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit.
+
+        Raises
+        ------
+        PurgedSince
+        """
         about = Description(request.file_name, request.subject, request.side, external_id)
         with self._engine.begin() as connection:
+            check_not_purged(connection, stored, about)
             insert_recording(connection, stored, about)
             analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
             if study:
@@ -134,12 +140,38 @@ class JobStore(RowStore):
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
-    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
-        """Queue what a person corrected on the page; every study of the recording goes on with it."""
+    def correct(self, job: Job, asked: ReportRequest) -> Job:
+        """Queue what a person corrected of the current version; the same correction again is made once.
+
+        Raises
+        ------
+        StaleVersion
+            ``job`` is not the current version any more.
+        """
+        counted = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED, JobState.FAILED)
+        mine = (analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None))
+        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         with self._engine.begin() as connection:
-            asked = settle_conclusion(connection, job, asked)
-            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
-            follow_recording(connection, analysis_id)
+            # nobody else corrects this recording until the end of the transaction
+            of_it = select(recordings.c.id).where(recordings.c.id == job.recording_id)
+            connection.execute(of_it.with_for_update())
+            query = select_jobs().where(*mine, analyses.c.state.in_(counted)).order_by(*newest_first)
+            jobs = (read_job(row) for row in connection.execute(query).all())
+            newest = next((one for one in jobs if one.request.reference is None), job)
+            if newest.id != job.id:
+                key = identify_work(job.sha256, settle_conclusion(connection, job, asked))
+                same = select(analyses.c.id).where(analyses.c.id == newest.id, analyses.c.key == key)
+                if connection.execute(same).first() is not None:
+                    return newest
+            if newest.request.version != job.request.version:
+                raise StaleVersion
+            analysis_id = _queue_again(connection, job, asked)
+        return self.get(analysis_id)
+
+    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
+        """Queue another analysis of a recording; every study of the recording goes on with it."""
+        with self._engine.begin() as connection:
+            analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
@@ -493,6 +525,13 @@ class JobStore(RowStore):
         kept = (JobState.RUNNING, JobState.SUCCEEDED)
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         return frozenset((row.id, row.token) for row in self._read_all(query))
+
+
+def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
+    asked = settle_conclusion(connection, job, asked)
+    analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
+    follow_recording(connection, analysis_id)
+    return analysis_id
 
 
 def _select_files(analysis_id: str) -> Select[Any]:

@@ -301,6 +301,29 @@ def test_bytes_under_way_are_sealed_and_end_with_their_key(client: TestClient, s
     assert services.storage.keys.find(recording_id) is None
 
 
+def test_the_same_file_again_is_the_recording_that_there_is(client: TestClient, settings: Settings) -> None:
+    answers = []
+    for _ in range(2):
+        address = announce(client, 3, filename="a.csv", subject="S1")
+        append(client, address, 0, b"abc")
+        answers.append(client.get(address).json())
+
+    assert answers[1]["recording_id"] == answers[0]["recording_id"]
+    assert [answer["is_repeated"] for answer in answers] == [False, True]
+    assert len(list((settings.data_dir / "recordings").glob("rec_*"))) == 1
+
+
+def test_the_upload_of_what_was_deleted_for_good_says_so(client: TestClient) -> None:
+    address = announce(client, 3)
+    append(client, address, 0, b"abc")
+    recording_id = client.get(address).json()["recording_id"]
+    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+
+    assert client.head(address, headers=TUS).status_code == 410
+    assert append(client, address, 3, b"") == 410
+    assert client.delete(address, headers=TUS).status_code == 204
+
+
 def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:
     address = announce(client, 10)
     find_services(Request({"type": "http", "app": client.app})).incoming.acquire(address.rpartition("/")[2])

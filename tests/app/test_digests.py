@@ -35,7 +35,7 @@ from tests.app.test_lost_database import find_key_backup, lose_database
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
-STUDY, BYTES, KEY = "Packing line", b"one", "visit-7"
+STUDY, BYTES = "Packing line", b"one"
 ASKED = {"file_name": "nadia.csv", "subject": "W-17", "study": STUDY}
 QUERY = b"file_name=nadia.csv&subject=W-17&study=Packing%20line"
 HEADER, COLUMNS = "0123456789abcdef", {"acceleration": [2, 3, 4], "angular_rate": [5, 6, 7]}
@@ -49,9 +49,6 @@ def sha256(*parts: bytes) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
-PLAIN_KEY, PLAIN_FINGERPRINT = sha256(KEY.encode()), sha256(b"POST\n/api/v1/analyze\n", QUERY, b"\n", BYTES)
-
-
 @contextmanager
 def serving(settings: Settings) -> Iterator[TestClient]:
     with TestClient(create_app(settings), base_url="http://localhost:8080") as client:
@@ -59,8 +56,8 @@ def serving(settings: Settings) -> Iterator[TestClient]:
 
 
 def send(client: TestClient) -> str:
-    """Send the recording under its key; gives the id of its analysis."""
-    answer = client.post(f"/api/v1/analyze?{QUERY.decode()}", content=BYTES, headers={"idempotency-key": KEY})
+    """Send the recording; gives the id of its analysis."""
+    answer = client.post(f"/api/v1/analyze?{QUERY.decode()}", content=BYTES)
     assert answer.status_code == 202, answer.text
     return str(answer.json()["id"])
 
@@ -78,8 +75,7 @@ def dump(store: JobStore) -> str:
 def list_plain(store: JobStore) -> dict[str, str]:
     """Give the plain digests of what was asked, as an earlier release kept them."""
     works = {f"work of {job.id}": identify_work(job.sha256, job.request) for job in store.find_newest()}
-    others = {"key": PLAIN_KEY, "fingerprint": PLAIN_FINGERPRINT, "study": identify_earlier_study(STUDY)}
-    return works | others
+    return works | {"study": identify_earlier_study(STUDY)}
 
 
 def find_plain(store: JobStore, rows: str) -> list[str]:

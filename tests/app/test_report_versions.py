@@ -2,6 +2,9 @@
 
 from dataclasses import replace
 
+import pytest
+
+from app.errors import StaleVersion
 from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
@@ -114,3 +117,36 @@ def test_two_of_one_recording_are_made_one_after_the_other(store: JobStore, add_
     begun = [store.claim() for _ in range(3)]
 
     assert [job.id if job else None for job in begun] == [first.id, other.id, None]
+
+
+def test_the_same_correction_again_is_made_once(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    finish_next(store)
+
+    corrected = [store.correct(first, MOVED) for _ in range(2)]
+
+    assert corrected[0].id == corrected[1].id
+    assert len(store.find_newest()) == 2
+
+
+def test_a_correction_of_a_version_that_is_not_the_current_one_is_refused(
+    store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job()
+    finish_next(store)
+    store.correct(first, MOVED)
+
+    with pytest.raises(StaleVersion):
+        store.correct(first, replace(MOVED, side="left"))
+    assert len(store.find_newest()) == 2
+
+
+def test_a_correction_back_to_an_earlier_version_is_the_current_one(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    finish_next(store)
+    second = store.correct(first, MOVED)
+    finish_next(store)
+
+    back = store.correct(second, first.request)
+
+    assert (back.request.version, back.id != first.id) == (1, True)

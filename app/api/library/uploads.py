@@ -11,7 +11,7 @@ import hashlib
 import time
 import zlib
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
 from typing import Annotated
@@ -29,6 +29,7 @@ from app.errors import (
     BadChecksum,
     BadParameter,
     LockedUpload,
+    PurgedSince,
     UnknownProtocol,
     WrongDigest,
     WrongLength,
@@ -36,7 +37,7 @@ from app.errors import (
     WrongOffset,
 )
 from app.jobs.queue import WayIn
-from app.jobs.recordings import UploadRow
+from app.jobs.recordings import PURGED, UploadRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices, find_way_in
 from app.storage.incoming import GrowingFile
@@ -101,8 +102,14 @@ def get_upload_row(services: Services, upload_id: str) -> UploadRow:
     """Give the row of an upload; what counted and is not on the disk any more has to be sent again.
 
     Otherwise zeros would take the place of the bytes that are lost.
+
+    Raises
+    ------
+    NotHere, PurgedSince
     """
     row = services.uploads.get(upload_id)
+    if row.recording_id == PURGED:
+        raise PurgedSince
     found_bytes = services.incoming.measure(upload_id)
     if row.recording_id is None and found_bytes < row.offset_bytes:
         return services.uploads.step_back(row, found_bytes)
@@ -128,8 +135,10 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
         ("", None) if declared is None else (declared.study, _build_declared(services, row, declared))
     )
     counts = services.uploads.finish(row, stored, asked, way_in, study)  # its bytes say which id it gets
+    if counts != stored.id and not services.store.may_hold(stored.id):
+        services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
-    return replace(row, recording_id=counts)
+    return services.uploads.get(row.id)
 
 
 def _build_declared(services: Services, row: UploadRow, settings: DeclaredOptions) -> ReportRequest | None:
@@ -369,6 +378,9 @@ class UploadView(BaseModel):
     length_bytes: int
     file_name: str
     recording_id: str | None
+    is_repeated: Annotated[
+        bool, Field(description="The recording was there: the same bytes and words within 24 h.")
+    ]
     created_at: str
     links: dict[str, str]
 
@@ -478,7 +490,7 @@ def inspect_upload(
     rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None,
 ) -> HeadView:
     """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet."""
-    row = services.uploads.get(upload_id)
+    row = get_upload_row(services, upload_id)
     size_bytes = min(row.offset_bytes, PREVIEW_BYTES)
     if row.recording_id is None:
         head = services.incoming.read_first(row.id, size_bytes)
@@ -500,6 +512,7 @@ def view_upload(row: UploadRow) -> UploadView:
         length_bytes=row.length_bytes,
         file_name=row.about.file_name,
         recording_id=row.recording_id,
+        is_repeated=bool(row.is_repeated),
         created_at=row.created_at,
         links=links,
     )
@@ -512,4 +525,5 @@ def _build_headers(row: UploadRow, services: Services) -> dict[str, str]:
     headers = dict(TUS_HEADERS) | {"Upload-Offset": str(row.offset_bytes)}
     if row.recording_id is None:
         return headers | {"Upload-Expires": expires}
-    return headers | {"Acromion-Recording": row.recording_id}
+    repeated = {"Acromion-Repeated": "true"} if row.is_repeated else {}
+    return headers | repeated | {"Acromion-Recording": row.recording_id}

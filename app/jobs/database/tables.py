@@ -7,7 +7,6 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
-    LargeBinary,
     MetaData,
     String,
     Table,
@@ -46,6 +45,7 @@ recordings = Table(
     Column("tags", SealedText("[]"), nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Column("since_s", Float, nullable=False, server_default="0"),
+    Column("stored_by", String(40), nullable=False, server_default=""),
     Column("hold", String(32)),
     Column("hold_by", String(40)),
     Column("revision", Integer, nullable=False, server_default="1"),
@@ -101,6 +101,7 @@ batches = Table(
     Column("item_count", Integer, nullable=False),  # as it was asked for; those in it now are counted
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
+    Column("key", String(64), unique=True),
 )
 
 # The analyses of each batch, in order; an analysis may belong to several batches.
@@ -112,16 +113,12 @@ batch_items = Table(
     Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), nullable=False, index=True),
 )
 
-kept_answers = Table(
-    "kept_answers",
+# Hashes of what was uploaded and then deleted for good, for a day: a repeated request stores it not again.
+purged_uploads = Table(
+    "purged_uploads",
     metadata,
-    Column("key", KeyedDigest(), primary_key=True),
-    Column("fingerprint", KeyedDigest(), nullable=False),
-    Column("status", Integer),
-    Column("headers", SealedText("[]")),
-    Column("body", LargeBinary),
-    Column("age_s", Float, nullable=False),
-    Column("server", String(40), nullable=False, server_default=""),
+    Column("key", String(64), primary_key=True),
+    Column("since_s", Float, nullable=False),
 )
 
 webhooks = Table(
@@ -155,6 +152,7 @@ uploads = Table(
     Column("description", SealedText(GONE_REQUEST), nullable=False),
     Column("idle_s", Float, nullable=False),
     Column("recording_id", String(32)),
+    Column("is_repeated", Integer, nullable=False, server_default="0"),
     Column("created_at", String(32), nullable=False),
 )
 

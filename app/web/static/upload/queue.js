@@ -130,6 +130,8 @@ export class Queue {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
     const begun = (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items[0];
+    const upload = await this.get(`/uploads/${entry.upload.address.split("/").pop()}`);
+    if (upload.is_repeated) return this.handRepeated(entry, recordingId, begun, upload);
     const { subject, side } = entry.row.wishes();
     const isAsSaid = subject === recording.subject && side === (recording.side || "");
     if (begun && isAsSaid) return this.added(entry);
@@ -146,6 +148,19 @@ export class Queue {
     if (!isAsSaid) {
       await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
     }
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
+    this.added(entry);
+  }
+
+  // The same file was sent before: its recording is never taken away here.
+  async handRepeated(entry, recordingId, begun, upload) {
+    if (begun && begun.created_at >= upload.created_at) return this.added(entry);
+    if (begun && !["failed", "cancelled"].includes(begun.state)) {
+      forget(entry.file);
+      if (entry.study) await this.send("POST", "/analyses", { recording_ids: [recordingId], study: entry.study });
+      return this.offer(entry, recordingId, begun);
+    }
+    if (entry.isCancelled) return forget(entry.file);
     await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
     this.added(entry);
   }
@@ -176,6 +191,7 @@ export class Queue {
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
     await giveUp(address);
+    if (answer?.headers.get("Acromion-Repeated")) return;
     const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
     if (!found || found.items.length) return;
     await this.erase(recordingId).catch(() => null);
