@@ -21,7 +21,6 @@ from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold
 from app.jobs.database.seal_rows import COPIES_FOLDER, drop_open_copies, seal_rows
 from app.jobs.processes.leader import Leader
-from app.jobs.results import complete_headlines
 from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
 from app.jobs.webhooks import Delivery
 from app.services import Services
@@ -41,7 +40,6 @@ from app.upkeep.seal_earlier import EarlierFiles
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
-HEADLINES_AT_ONCE = 20
 ROWS_AT_ONCE = 200
 AGE_S = 60.0
 ANCHOR_S = 24 * 3600.0
@@ -106,9 +104,8 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
 
 def _complete_older(services: Services, earlier: EarlierFiles) -> bool:
     """Complete and seal some rows and files of an earlier release; False when none is left."""
-    completed = complete_headlines(services.store, services.results, HEADLINES_AT_ONCE)
     sealed = seal_rows(services.store.engine, ROWS_AT_ONCE)
-    if earlier.seal_next() or completed + sealed > 0:
+    if earlier.seal_next() or sealed > 0:
         return True
     for name in drop_open_copies(services.settings.data_dir / COPIES_FOLDER):
         logger.info("%s is removed: the words in it were in clear", name)

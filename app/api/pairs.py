@@ -429,8 +429,8 @@ TABLE_RESPONSE: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv":
 def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
     """Set one finished analysis beside another, and name the settings that differ."""
     before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
-    findings = [services.results.read(job, "findings.json") for job in (before, after)]
-    compared = services.inspector.compare(*findings)
+    results = [services.results.read(job, "results.json") for job in (before, after)]
+    compared = services.inspector.compare(*results)
     first, second = view_settings(before.request), view_settings(after.request)
     differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
     figures = {name: compared[name] for name in ("figures", "differences", "one_person", "source")}

@@ -11,9 +11,9 @@ from sqlalchemy.exc import OperationalError
 from app.errors import Interrupted, NotHere, StoreMismatch
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.sealed_text import use_sealer
-from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
+from app.jobs.database.tables import analyses, facts, recordings, result_files
 from app.jobs.job import Claim, Claimer, Job, JobState
-from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline, update_headline
+from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline
 from app.jobs.library.studies import follow_recording, join_study
 from app.jobs.library.words import WordIndex, use_index
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
@@ -204,17 +204,6 @@ class JobStore(RowStore):
                     replace_job(connection, job.id, again)
                 follow_recording(connection, again)
         return len(asked)
-
-    def find_incomplete(self, limit: int) -> tuple[Job, ...]:
-        """Give analyses whose headline figures an earlier release wrote, without method and day."""
-        mine = select(answers.c.analysis_id).where(answers.c.method.is_(None)).limit(limit)
-        return tuple(read_job(row) for row in self._read_all(select_jobs().where(analyses.c.id.in_(mine))))
-
-    def complete_headline(self, job: Job, headline: HeadlineFigures | None) -> None:
-        """Complete the headline figures of an analysis."""
-        with self._engine.begin() as connection:
-            update_headline(connection, job.id, headline)
-            increment_revision(connection, job.recording_id)
 
     def withdraw(self, analysis_id: str) -> Job:
         """Replace a failed analysis by the report before it; gives the analysis of that report.

@@ -12,7 +12,8 @@ from typing import Any
 
 from app.errors import CannotPair
 from app.report.change import build_comparison, describe_comparison, refuse_no_comparison
-from app.report.findings import Kept, decode_findings
+from app.report.export.results import decode_results
+from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
 from app.report.pairs import are_mixed, encode_document, is_confirmed, judge_person, read_code
@@ -60,9 +61,9 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
 
 
 def write_comparison(log: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Compare the two findings in the list ``log``: ``comparison.json`` in ``out``, without a report."""
+    """Compare the two results in the list ``log``: ``comparison.json`` in ``out``, without a report."""
     on_stage("counting", 0.0)
-    before, after = (decode_findings(json.dumps(kept).encode()) for kept in json.loads(log.read_bytes()))
+    before, after = (decode_results(json.dumps(kept).encode()) for kept in json.loads(log.read_bytes()))
     (out / "comparison.json").write_text(json.dumps(describe_comparison(before, after)), "utf-8")
 
 

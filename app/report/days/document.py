@@ -10,7 +10,7 @@ from typing import Any
 
 from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.export.csv import Row, encode_table
-from app.report.export.results import round_all
+from app.report.figures import round_all
 from app.report.pairs import describe_source
 from fusion.comparison import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
 from fusion.days import (

@@ -235,9 +235,7 @@ def _place_in_time(day: MeasuredDay) -> tuple[bool, datetime, str]:
 
 
 def _name_pose(findings: Findings) -> str:
-    if findings.calibration is None:
-        return ""
-    return "axis" if findings.settings.arm_axis else findings.calibration.pose
+    return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 
 def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from app.report.days.document import FIGURES, describe_arm, find_group_pose, list_changes, list_groups
 from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
-from app.report.export.results import identify_report
 from app.report.figures import format_figure, format_figure_range
 from app.report.model import Section, Table
-from app.report.pairs import load_pair_words
+from app.report.pairs import format_pose, load_pair_words
 from app.report.words.numbers import (
     NONE,
     Clock,
@@ -209,7 +208,7 @@ def build_sources(studied: StudiedDays, words: Words, language: Language) -> Sec
 
 def _lay_source(day: MeasuredDay, words: Words, language: Language) -> tuple[str, ...]:
     findings, report_words = day.kept.findings, load_wording(language)
-    method, pose = findings.method, findings.calibration
+    method = findings.method
     begins = words["no_clock"]
     if day.start:
         begins = f"{format_date(day.start, language)}, {Clock(day.start, language).format(0)}"
@@ -219,6 +218,6 @@ def _lay_source(day: MeasuredDay, words: Words, language: Language) -> tuple[str
         find_device_name(report_words, findings.recording.device),
         begins,
         f"{method.name} {method.version}" if method else NONE,
-        report_words["pose"][pose.pose] if pose else NONE,
-        identify_report(findings, day.kept.subject)[:8] + "…",
+        format_pose(findings, report_words),
+        day.kept.subject.report_id[:8] + "…",
     )
