@@ -447,7 +447,6 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 @pytest.mark.parametrize(
     "path",
     [
-        "/api/v1/compare?analysis={0}&analysis={1}",
         "/api/v1/compare/report.pdf?analysis={0}&analysis={1}",
         "/api/v1/pair/pair.json?left={0}&right={1}",
         "/beside/pair?first={0}&second={1}",
