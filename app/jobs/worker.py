@@ -290,14 +290,8 @@ def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -
     if "results.json" not in files:
         return None
     try:
-        with ExitStack() as stack:
-            results, findings = (
-                stack.enter_context(borrow_result(bench.storage, analysis_id, token, files[name]))
-                if name in files
-                else None
-                for name in ("results.json", "findings.json")
-            )
-            return read_headline(results, findings) if results else None
+        with borrow_result(bench.storage, analysis_id, token, files["results.json"]) as results:
+            return read_headline(results)
     except ResultDamaged:  # every reader of the file gets this error
         return None
 

@@ -14,7 +14,8 @@ RESULTS = (
     b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['
     b'{"threshold_deg": 30, "percent": 40.0}, '
     b'{"threshold_deg": 60, "percent": 12.34}, {"threshold_deg": 90, "percent": 3.0}], "entries": ['
-    b'{"threshold_deg": 60, "count": 512}], "percentiles_deg": {"50": 24.3, "90": 63.2}},'
+    b'{"threshold_deg": 60, "count": 512}], "percentiles_deg": {"50": 24.3, "90": 63.2},'
+    b' "minutes": {"p50_deg": []}},'
     b' "quality": {"verdict": "good", "warnings": []}}'
 )
 
@@ -107,12 +108,6 @@ def spoil_recording(log: Path, request: ReportRequest, out: Path, on_stage: OnSt
     """Alter the recording while it is analysed."""
     write_report(log, request, out, on_stage)
     log.write_bytes(b"something else")
-
-
-def write_findings(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write what reports of two are made from, too."""
-    write_report(log, request, out, on_stage)
-    (out / "findings.json").write_bytes(b"{}")
 
 
 def write_pair(*given: object) -> None:

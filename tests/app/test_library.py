@@ -243,7 +243,7 @@ def test_pages_of_a_reversed_order_follow_one_another(library: Library, add_job:
 
 
 def test_a_day_is_kept_in_60_steps_of_whole_minutes_and_a_gap_stays_a_gap() -> None:
-    nothing = float("nan")
+    nothing = None
 
     assert summarise_day([10.0, nothing, 20.4]) == "10,,20"
     assert summarise_day([10.0, 30.0, nothing] * 40) == ",".join(["20", "10", "30"] * 20)

@@ -28,11 +28,6 @@ def load_and_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnS
     importlib.import_module("app.roads.inspect").write_preview(log, request, out, on_stage)
 
 
-def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Compare two results."""
-    importlib.import_module("app.roads.pair").write_comparison(log, request, out, on_stage)
-
-
 def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write angles as text."""
     importlib.import_module("app.roads.analyse").write_elevation_csv(log, request, out, on_stage)
@@ -101,20 +96,9 @@ class Inspector:
         """
         return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
 
-    def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
-        """Compare the results of two analyses."""
-        both = b"[" + before + b"," + after + b"]"
-        return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
-
     def write_angles(self, parquet: Path) -> bytes:
         """Write the angles as CSV in gzip."""
         return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
-
-    def _run_on(self, content: bytes, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
-            file.write(content)
-            file.flush()
-            return self._run(Path(file.name), request, make, name)
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
         """Give the content of the file of this name that the child has written."""
