@@ -85,7 +85,10 @@ class Inspector:
         ------
         RecordedProblem
         """
-        return _read(self._run_on(head, request, self.make_preview, "inspection.json"))
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(head)
+            file.flush()
+            return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
         """Give the names of a table's columns, and what they may be.
