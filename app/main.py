@@ -40,7 +40,6 @@ from app.api.live_library import take_in_cut
 from app.api.middleware.access import CHECKED, Access
 from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
-from app.api.middleware.idempotency import Idempotency
 from app.api.middleware.plain_text import PlainText
 from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
 from app.api.pairs import router as pair_routes
@@ -182,7 +181,6 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_error_handlers(application)
-    application.add_middleware(Idempotency, respond=respond_to_error)
     application.add_middleware(Access, gate=gate, offices=offices, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)
     application.add_middleware(
@@ -441,7 +439,6 @@ def prepare_house(services: Services) -> FolderLock:
         reconcile(services)
         services.inspector.sweep()
         services.pairs.sweep()
-        services.responses.free_unfinished()
         _report_cut(services)
     except BaseException:
         lock.release()

@@ -41,7 +41,6 @@ LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
 ANCHOR_S = 24 * 3600.0
-RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
 MOST_AT_ONCE = 16
@@ -226,7 +225,7 @@ class WebhookSender:
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
-    """Age uploads, trash and kept responses by ``elapsed_s``; delete what has reached its term."""
+    """Age uploads and trash by ``elapsed_s``; delete what has reached its term."""
     settings = services.settings
     for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):
         try:
@@ -252,6 +251,6 @@ def grow_older(services: Services, elapsed_s: float) -> None:
         renew_copies(settings, services.store.engine, ())
     services.retention.shorten_trail()
     forget_samples(services)  # a child may have written some while its recording was being purged
-    services.responses.age(elapsed_s, RESPONSE_TERM_S)
+    services.recordings.forget_purged()
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantine.names = find_strange(services.storage)

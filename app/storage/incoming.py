@@ -1,7 +1,6 @@
 """The bytes of resumable uploads (tus): one growing file for each.
 
     root/incoming/<upload>          the bytes that have come
-    root/incoming/<upload>.tail     the file's last bytes, sent ahead to show when the recording ends
 
 Nothing here is a recording. The row of the upload states how many of the bytes count: bytes after them were
 written but never acknowledged, and are cut off before more are written.
@@ -10,7 +9,6 @@ written but never acknowledged, and are cut off before more are written.
 import hashlib
 import os
 import re
-import secrets
 import threading
 import time
 from collections.abc import Collection, Iterator
@@ -23,8 +21,6 @@ from app.errors import TooMany
 from app.storage.permissions import create_file
 from app.storage.store import sync_folder, translate_disk_full
 
-TAIL_SUFFIX = ".tail"
-"""The suffix of the file that holds the last bytes, beside the one that holds the first."""
 _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 
 
@@ -184,39 +180,10 @@ class Incoming:
                 return running.sha256.hexdigest()
             return hashlib.file_digest(file, "sha256").hexdigest()
 
-    def keep_tail(self, upload_id: str, tail: bytes) -> None:
-        """Keep the last bytes of a file whose upload is under way, whole or not at all.
-
-        Raises
-        ------
-        DiskFull
-        """
-        part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
-        try:
-            with translate_disk_full():
-                part.write_bytes(tail)
-                part.replace(self._tail_path(upload_id))
-        finally:
-            part.unlink(missing_ok=True)
-
-    def read_tail(self, upload_id: str) -> bytes | None:
-        """Give the last bytes of a file; None where they were not sent ahead."""
-        with suppress(FileNotFoundError):
-            return self._tail_path(upload_id).read_bytes()
-        return None
-
-    def forget_tail(self, upload_id: str) -> None:
-        """Remove the last bytes that were sent ahead."""
-        self._tail_path(upload_id).unlink(missing_ok=True)
-
-    def _tail_path(self, upload_id: str) -> Path:
-        return self.folder / f"{upload_id}{TAIL_SUFFIX}"
-
     def forget(self, upload_id: str) -> None:
         """Remove the bytes of an upload."""
         self._hashes.pop(upload_id, None)
         self.path(upload_id).unlink(missing_ok=True)
-        self.forget_tail(upload_id)
 
     def find_stale(
         self, growing: Collection[str], known: Collection[str], min_age_s: float

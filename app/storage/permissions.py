@@ -27,9 +27,7 @@ OUR_FOLDERS = frozenset(
         "uploads",
     }
 )
-OUR_FILES = frozenset(
-    {"backups.json", "erasures.jsonl", "secret", "server.id", "server.key", "server.lock", "store.id"}
-)
+OUR_FILES = frozenset({"backups.json", "erasures.jsonl", "secret", "server.key", "server.lock", "store.id"})
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

@@ -50,7 +50,7 @@ from app.jobs.database.connect import (
 )
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.tables import REVISION, analyses, facts, schema_revision, trail, uploads
-from app.jobs.idempotency import drop_traces
+from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
 from app.organisation import OWN_ORGANISATION, is_organisation
@@ -500,7 +500,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: froz
         if kept:
             connection.execute(insert(table), kept)
     if erased:
-        drop_traces(connection, {*erased, *gone})
+        drop_empty_batches(connection)
 
 
 def _is_erased(row: Mapping[str, object], erased: frozenset[str], gone: Collection[str]) -> bool:

@@ -152,17 +152,17 @@ def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
 def test_the_answer_to_an_erasure_says_until_when_backups_can_hold_the_person(
     client: TestClient, settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def erase() -> dict[str, str]:
-        kept = client.post("/api/v1/recordings", content=b"one").json()["id"]
+    def erase(content: bytes) -> dict[str, str]:
+        kept = client.post("/api/v1/recordings", content=content).json()["id"]
         return dict(client.delete(f"/api/v1/recordings/{kept}", params={"purge": True}).json())
 
     for name, value in settings.as_environment().items():
         monkeypatch.setenv(name, value)
-    before = erase()
+    before = erase(b"1")
     CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip")])
-    unlimited = erase()
+    unlimited = erase(b"2")
     CliRunner().invoke(app, ["backup", str(tmp_path / "b-1.zip"), "--keep", "3"])
-    kept = erase()
+    kept = erase(b"3")
 
     assert (before["backups"], unlimited["backups"], kept["backups"]) == ("none", "unlimited", "until")
     assert kept["backups_until"] > time.strftime("%Y-%m-%d")

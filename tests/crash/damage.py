@@ -58,7 +58,7 @@ LIMITS: Mapping[tuple[Part, Damage], str] = {
     ("inspection", "foreign"): "it is a value of a row, and rows have no digest",
 }
 """Damage that nothing can tell, and why."""
-VANISHING = ("cache", "server.lock", "server.id", "inspections", "acromion.sqlite3", "copies")
+VANISHING = ("cache", "server.lock", "inspections", "acromion.sqlite3", "copies")
 _STRANGERS = (
     "recordings/notes.txt",
     "recordings/holiday/photo.jpg",
