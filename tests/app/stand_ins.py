@@ -1,16 +1,14 @@
 """Small takers of ``make_report``'s place: an attempt's child process imports them by name."""
 
 import errno
+import itertools
 import os
 import signal
 import time
 from pathlib import Path
 
-from app.jobs.job import Claimer
 from app.request import OnStage, ReportRequest
 from fusion.errors import TooShort, UnknownColumns
-
-NOBODY = Claimer("nowhere", 1, "")
 
 RESULTS = (
     b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['
@@ -52,6 +50,13 @@ def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
     (out / "results.json").write_bytes(b"{")
     time.sleep(30)
     write_report(log, request, out, on_stage)
+
+
+def never_end(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Go on for ever, with progress."""
+    for step in itertools.count():
+        on_stage("fusing", 1.0 - 1.0 / (step + 2))
+        time.sleep(0.2)
 
 
 def stand_still(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

@@ -299,10 +299,14 @@ def group_of(people: int, *, both_sides: int | None = None) -> list[MeasuredDay]
         if both_sides is None:
             days += week(first, second, subject=subject)
         else:
-            stages = ("before", "after") if person < both_sides else ("before", "before")
             days += [
-                make_day(0, first, subject=subject, stage=stages[0]),
-                make_day(30, second + person / 2, subject=subject, stage=stages[1]),
+                make_day(0, first, subject=subject, stage="before"),
+                make_day(
+                    30,
+                    second + person / 2,
+                    subject=subject,
+                    stage="after" if person < both_sides else "before",
+                ),
             ]
     return days
 

@@ -13,7 +13,6 @@ from app.jobs.children.attempt import Attempt, MakeReport, choose_limits, make_n
 from app.jobs.children.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
-from app.storage.incoming import TAIL_SUFFIX
 
 MOST_CONCURRENT = 2
 PREFIX = "look_"
@@ -79,19 +78,17 @@ class Inspector:
         """
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
-    def preview(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
-        """Inspect the first bytes of a recording and, where they are known, its last.
+    def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
+        """Inspect the first bytes of a recording.
 
         Raises
         ------
         RecordedProblem
         """
-        with tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
-            log = Path(folder) / "head"
-            log.write_bytes(head)
-            if tail is not None:
-                log.with_suffix(TAIL_SUFFIX).write_bytes(tail)
-            return _read(self._run(log, request, self.make_preview, "inspection.json"))
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(head)
+            file.flush()
+            return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
         """Give the names of a table's columns, and what they may be.
