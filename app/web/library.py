@@ -88,12 +88,7 @@ def take_recordings(request: Request, services: UsedServices, language: UsedLang
 
 @router.post("/library/views")
 async def save_view(request: Request, services: UsedServices) -> Response:
-    """Save the filter and order of the list under a name.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Save the filter and order of the list under a name. Raises BadParameter."""
     form = await read_form(request)
     name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
     known = {view.name for view in services.views.find_all()}

@@ -265,12 +265,7 @@ def find_clock(services: Services, history: History) -> DayClock | None:
 
 
 def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
-    """Read ``results.json`` of a finished analysis.
-
-    Raises
-    ------
-    ResultDamaged
-    """
+    """Read ``results.json`` of a finished analysis. Raises ResultDamaged."""
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
     return read_results(services.results.read(job, "results.json"))

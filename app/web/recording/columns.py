@@ -164,12 +164,7 @@ def _read_header(form: Form) -> str:
 
 
 def read_profile(form: Form) -> dict[str, Any]:
-    """Give the profile of the form, as :func:`fusion.readers.parse_profile` reads it.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Give the profile of the form, as :func:`fusion.readers.parse_profile` reads it. Raises BadParameter."""
     names = form.get("column", [])
     stated: dict[str, Any] = {name: first(form, name) for name in UNITS if first(form, name)}
     if rate := first(form, "rate_hz"):

@@ -48,9 +48,7 @@ def correct_request(
 ) -> ReportRequest:
     """Give the request of the next analysis; ``used_s``: the windows that the one before used.
 
-    Raises
-    ------
-    BadParameter, fusion.errors.UnusableDiary, fusion.errors.UnusableCalibration
+    Raises BadParameter, UnusableDiary or UnusableCalibration.
     """
     known = _read_pose(before, form, clock, used_s)
     hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
@@ -327,9 +325,7 @@ async def export_diary(analysis_id: str, request: Request, services: UsedService
 def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
     """Open the day of a finished analysis, or one of the two curves of a comparison.
 
-    Raises
-    ------
-    NoSuchFile, ResultDamaged
+    Raises NoSuchFile or ResultDamaged.
     """
     if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=name)

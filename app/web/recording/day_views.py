@@ -63,12 +63,7 @@ class DayClock:
         return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
     def read(self, text: str, name: str) -> float:
-        """Read a moment that a person typed, in seconds from the first sample.
-
-        Raises
-        ------
-        BadParameter
-        """
+        """Read a moment that a person typed, in seconds from the first sample. Raises BadParameter."""
         clock, seconds = ("", text) if self.start is None else (text, "")
         try:
             moment = read_moment(0, clock, seconds)
@@ -83,9 +78,7 @@ class DayClock:
 def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[dict[str, Any]]:
     """Give the rows of a diary as the form shows them: clock times that can be typed again.
 
-    Raises
-    ------
-    fusion.errors.UnusableDiary
+    Raises UnusableDiary.
     """
     periods = place_diary(entries, clock.start, clock.duration_us).periods
     return [
