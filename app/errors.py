@@ -233,22 +233,8 @@ class LiveSourceFailed(AppError):
     fact_meanings = name_facts(name="of the port", why=TERM)
 
 
-class KeyReused(AppError):
-    """The idempotency key was used for another request."""
-
-    code = "E-KEY-REUSED"
-    outcome = Outcome(422, 2)
-
-
-class KeyInUse(AppError):
-    """The request with this idempotency key is still under way."""
-
-    code = "E-KEY-IN-USE"
-    outcome = Outcome(409, 3, retryable=True)
-
-
 class PurgedSince(AppError):
-    """What a request with this idempotency key made has been deleted for good."""
+    """The recording of this upload has been deleted for good."""
 
     code = "E-PURGED"
     outcome = Outcome(410, 3)
@@ -274,7 +260,7 @@ class StaleVersion(AppError):
     """Somebody else has changed it meanwhile."""
 
     code = "E-STALE"
-    outcome = Outcome(412, 3)
+    outcome = Outcome(409, 3)
 
 
 class NotHere(AppError):
@@ -510,17 +496,10 @@ class DatabaseLocked(ServerRefused):
     fact_meanings = name_facts(file="path", pid="process, where known")
 
 
-class DatabaseTooOld(ServerRefused):
-    """The tables are of an earlier release, and only the server migrates."""
+class WrongSchema(ServerRefused):
+    """The tables or a backup are of another version; they are left untouched."""
 
-    code = "E-DATABASE-OLD"
-    fact_meanings = name_facts(found="revision", needed="revision")
-
-
-class DatabaseTooNew(ServerRefused):
-    """The tables are of a later release."""
-
-    code = "E-DATABASE-NEW"
+    code = "E-SCHEMA"
     fact_meanings = name_facts(found="revision", needed="revision")
 
 

@@ -40,7 +40,6 @@ from app.api.live_library import take_in_cut
 from app.api.middleware.access import CHECKED, Access
 from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
-from app.api.middleware.idempotency import Idempotency
 from app.api.middleware.plain_text import PlainText
 from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
 from app.api.middleware.side_files import SideFiles
@@ -185,7 +184,6 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_error_handlers(application)
-    application.add_middleware(Idempotency, respond=respond_to_error)
     application.add_middleware(SideFiles)
     application.add_middleware(Access, gate=gate, offices=offices, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)
@@ -204,7 +202,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew,
+    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, WrongSchema,
     DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_certificate(settings)
@@ -283,14 +281,12 @@ def _prepare_database(settings: Settings) -> None:
         file = find_database_file(settings.database_url)
         restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
-        copy = bring_up_to_date(settings)
+        bring_up_to_date(settings)
         _check_recordings(settings)
     finally:
         lock.release()
     if settings.engine == "procrastinate":
         load_extra("app.jobs.processes.cluster").install(settings.database_url)
-    if copy:
-        logger.info("the tables were migrated; their rows from before are in %s", copy)
 
 
 def _check_recordings(settings: Settings) -> None:
@@ -445,7 +441,6 @@ def prepare_house(services: Services) -> FolderLock:
         reconcile(services)
         services.inspector.sweep()
         services.pairs.sweep()
-        services.responses.free_unfinished()
         _report_cut(services)
     except BaseException:
         lock.release()

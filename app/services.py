@@ -21,7 +21,6 @@ from app.jobs.database.connect import bring_up_to_date, check_writable, make_sch
 from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
 from app.jobs.governance.retention import RetentionStore
-from app.jobs.idempotency import ResponseStore
 from app.jobs.library.listing import SavedViews
 from app.jobs.library.mappings import MappingStore
 from app.jobs.queue import WayIn
@@ -38,7 +37,7 @@ from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.storage.sealing import SealedStorage
-from app.storage.store import FolderLock, Storage, check_folder, read_or_create_id
+from app.storage.store import FolderLock, Storage, check_folder
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
@@ -171,7 +170,6 @@ class Services:
     batches: BatchStore
     mappings: MappingStore
     views: SavedViews
-    responses: ResponseStore
     webhooks: WebhookStore
     upload_slots: UploadSlots
     side_files: SideWriter
@@ -213,7 +211,6 @@ def open_services(settings: Settings) -> Services:
         batches=BatchStore(*rows),
         mappings=MappingStore(*rows),
         views=SavedViews(*rows, storage),
-        responses=ResponseStore(*rows, read_or_create_id(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         upload_slots=UploadSlots(settings.max_uploads_at_once),
         side_files=SideWriter(*rows, storage),

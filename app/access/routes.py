@@ -106,7 +106,6 @@ _ROUTES: Mapping[Needed, str] = {
         GET  /api/v1/columns
         GET  /api/v1/columns/{header}
         GET  /api/v1/columns/{header}/profile.json
-        GET  /api/v1/compare
         GET  /api/v1/compare/{name}
         GET  /api/v1/pair/{name}
         GET  /api/v1/profile/{name}

@@ -19,9 +19,7 @@ from app.api.library.uploads import drop_upload, forget_unfinished
 from app.api.middleware.side_files import write_side_files
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold
-from app.jobs.database.seal_rows import COPIES_FOLDER, drop_open_copies, seal_rows
 from app.jobs.processes.leader import Leader
-from app.jobs.results import complete_headlines
 from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
 from app.jobs.webhooks import Delivery
 from app.services import Services
@@ -37,15 +35,11 @@ from app.upkeep.recover import (
     quarantine_strange,
     restore_known,
 )
-from app.upkeep.seal_earlier import EarlierFiles
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
-HEADLINES_AT_ONCE = 20
-ROWS_AT_ONCE = 200
 AGE_S = 60.0
 ANCHOR_S = 24 * 3600.0
-RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
 MOST_AT_ONCE = 16
@@ -78,8 +72,6 @@ async def _anchor(services: Services, act: Act | None = None) -> None:
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
     looked_s = aged_s = anchored_s = time.monotonic()
-    may_have_older = True  # of an earlier release: none comes while this one serves
-    earlier = EarlierFiles(services.settings, services.store, services.storage, services.side_files)
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
@@ -88,8 +80,6 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                 looked_s = aged_s = now_s  # another counts this time
                 continue
             await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
-            if may_have_older:
-                may_have_older = await run_to_end(_complete_older, services, earlier)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
@@ -102,17 +92,6 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             logger.exception("the database does not answer; trying again")
         except (AppError, OSError):
             logger.exception("housekeeping is not done; trying again")
-
-
-def _complete_older(services: Services, earlier: EarlierFiles) -> bool:
-    """Complete and seal some rows and files of an earlier release; False when none is left."""
-    completed = complete_headlines(services.store, services.results, HEADLINES_AT_ONCE)
-    sealed = seal_rows(services.store.engine, ROWS_AT_ONCE)
-    if earlier.seal_next() or completed + sealed > 0:
-        return True
-    for name in drop_open_copies(services.settings.data_dir / COPIES_FOLDER):
-        logger.info("%s is removed: the words in it were in clear", name)
-    return False
 
 
 def reconcile(services: Services) -> None:
@@ -234,7 +213,7 @@ class WebhookSender:
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
-    """Age uploads, trash and kept responses by ``elapsed_s``; delete what has reached its term."""
+    """Age uploads and trash by ``elapsed_s``; delete what has reached its term."""
     settings = services.settings
     for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):
         try:
@@ -252,6 +231,6 @@ def grow_older(services: Services, elapsed_s: float) -> None:
             services.storage.drop_analysis(analysis_id)
     services.retention.shorten_trail()
     forget_samples(services)  # a child may have written some while its recording was being purged
-    services.responses.age(elapsed_s, RESPONSE_TERM_S)
+    services.recordings.forget_purged()
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantine.names = find_strange(services.storage)

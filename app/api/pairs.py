@@ -6,10 +6,9 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.library.analysis_models import view_settings
 from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.errors import BadParameter, CannotCompare
+from app.errors import BadParameter
 from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
@@ -42,18 +41,6 @@ class FigureView(BaseModel):
     change: float
     detectable: float | None
     verdict: str
-
-
-class ComparisonView(BaseModel):
-    """Two analyses beside one another. With any ``differences``, the figures are to be read with care."""
-
-    before: str
-    after: str
-    figures: list[FigureView]
-    differences: list[str]
-    settings: dict[str, list[Any]]
-    one_person: OnePersonView
-    source: str
 
 
 class _Exact(BaseModel):
@@ -275,17 +262,12 @@ class ProfileView(_Exact):
     source: str
 
 
-class ComparisonQuery(_Exact):
-    """The two analyses, the earlier first."""
+class ChangeQuery(_Exact):
+    """The two analyses, the earlier first, and the paper of their report."""
 
     analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
     same_subject: SameSubject = False
     lang: Language | None = None
-
-
-class ChangeQuery(ComparisonQuery):
-    """The two analyses, the earlier first, and the paper of their report."""
-
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
 
@@ -370,22 +352,6 @@ REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
 
 
 TABLE_RESPONSE: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {}}}}
-
-
-@router.get("/compare", tags=["about"])
-def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
-    """Set one finished analysis beside another, and name the settings that differ."""
-    before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
-    findings = [services.results.read(job, "findings.json") for job in (before, after)]
-    compared = services.inspector.compare(*findings)
-    first, second = view_settings(before.request), view_settings(after.request)
-    differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
-    figures = {name: compared[name] for name in ("figures", "differences", "one_person", "source")}
-    if figures["one_person"] == "unknown":
-        if not asked.same_subject:
-            raise CannotCompare(why="person")
-        figures["one_person"] = "person"
-    return ComparisonView(before=before.id, after=after.id, settings=differing, **figures)
 
 
 @router.get(

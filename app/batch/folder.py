@@ -26,7 +26,6 @@ if sys.platform != "win32":
 
 _FIGURES = (
     "results.json",
-    "findings.json",
     "elevation.parquet",
     "pair.json",
     "comparison.json",

@@ -31,6 +31,7 @@ from app.report.export.csv import (
 from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.methods_text import write_methods
 from app.report.export.xlsx import encode_workbook
+from app.report.figures import load_results
 from app.report.render.html import IndexRow, render_index
 from app.report.words.messages import describe_problem
 from app.report.words.wording import load_wording
@@ -122,7 +123,7 @@ def _summarise(outcome: Outcome) -> Row:
 
 
 def _read_results(outcome: Outcome) -> dict[str, Any]:
-    results = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    results = load_results((outcome.task.folder / "results.json").read_bytes())
     return add_origin(results, outcome.task.origin)
 
 

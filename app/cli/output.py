@@ -25,6 +25,7 @@ from app.batch.shards import Collected, ShardRecord
 from app.errors import UNREADABLE_PATH, AppError, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
+from app.report.figures import load_results
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import Clock, format_duration, format_number
 from app.report.words.wording import fill, load_wording
@@ -291,7 +292,7 @@ def _read_assumed(outcome: Outcome) -> dict[str, Any] | None:
     """Return the results of a recording whose pose is assumed."""
     if outcome.code:
         return None
-    results: dict[str, Any] = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    results: dict[str, Any] = load_results((outcome.task.folder / "results.json").read_bytes())
     return results if (results["calibration"] or {}).get("state") == "assumed" else None
 
 

@@ -10,10 +10,12 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Update, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Float, Update, exists, func, insert, select, update
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.functions import FunctionElement
 
 from app.jobs.database.tables import analyses, batch_items, recordings
-from app.jobs.job import TRANSITIONS, Claimer, JobState, find_sources
+from app.jobs.job import TRANSITIONS, JobState, find_sources
 from app.jobs.queries import format_now, select_running_s
 from app.jobs.side_files import increment_revision, increment_revision_of
 from app.jobs.trail import Act, find_actor, record
@@ -31,8 +33,25 @@ _ENDS: Mapping[JobState, Act] = {
 }
 
 
-def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
-    """Give a queued job to a worker, with a new token for the attempt."""
+class DatabaseClock(FunctionElement[float]):
+    """The time by the clock of the database, in seconds: no clocks of two computers are compared."""
+
+    type = Float()
+    inherit_cache = True
+
+
+@compiles(DatabaseClock, "sqlite")
+def _tell_time_in_sqlite(*_: object, **__: object) -> str:
+    return "((julianday('now') - 2440587.5) * 86400.0)"
+
+
+@compiles(DatabaseClock, "postgresql")
+def _tell_time_in_postgresql(*_: object, **__: object) -> str:
+    return "CAST(extract(epoch FROM clock_timestamp()) AS double precision)"
+
+
+def start_job(connection: Connection, analysis_id: str, lease_s: float) -> None:
+    """Give a queued job to a worker, with a new token for the attempt and a lease."""
     started: dict[str, object] = {
         "token": secrets.token_hex(8),
         "stage": None,
@@ -41,10 +60,8 @@ def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> Non
         "problem_facts": None,
         "awaits": None,
         "attempts": analyses.c.attempts + 1,
-        "beats": analyses.c.beats + 1,
-        "claimer_place": claimer.place,
-        "claimer_pid": claimer.pid,
-        "claimer_started": claimer.started,
+        "lease_until_s": DatabaseClock() + lease_s,
+        "is_lease_missed": 0,
         "started_at": func.coalesce(analyses.c.started_at, format_now()),
     }
     change_state(connection, analysis_id, JobState.RUNNING, started)
@@ -125,7 +142,6 @@ def enqueue_all(
             "state": JobState.QUEUED,
             "progress": 0.0,
             "attempts": 0,
-            "beats": 0,
             "created_at": format_now(),
             "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
             "turn": first + place,

@@ -11,8 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.errors import CannotCompare
-from app.report.export.results import round_all
-from app.report.figures import format_figure
+from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
@@ -167,9 +166,7 @@ def _build_day(kept: Kept) -> ComparedDay:
 
 def _find_pose(findings: Findings) -> str:
     """Name what the angle rests on; a day without a pose is not like one with."""
-    if findings.calibration is None:
-        return ""
-    return "axis" if findings.settings.arm_axis else findings.calibration.pose
+    return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 
 def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Pair, ...]:

@@ -13,7 +13,7 @@ from app.report.analysis.charts import build_day_labels
 from app.report.analysis.day import Day, build_timeline, shift_day
 from app.report.charts.day import draw_two_days
 from app.report.charts.svg import NARROW, WIDE
-from app.report.export.results import round_all
+from app.report.figures import round_all
 from app.report.findings import Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (

@@ -2,8 +2,6 @@
 
     root/incoming/<upload>          an unfinished sealed file (:mod:`app.storage.sealed`); its head names the
                                     recording that it will be, whose key exists from the first byte on
-    root/incoming/<upload>.tail     the file's last bytes, sent ahead to show when the recording ends; sealed
-                                    with a key of the upload's own, which goes with them
 
 Nothing here is a recording. The row of the upload states how many of the bytes count: bytes after them were
 written but never acknowledged, and are cut off before more are written. What an earlier release took in clear
@@ -37,8 +35,6 @@ from app.storage.sealed import (
 )
 from app.storage.store import COPY_BYTES, BrokenSeal, sync_file, sync_folder, translate_disk_full
 
-TAIL_SUFFIX = ".tail"
-"""The suffix of the file that holds the last bytes, beside the one that holds the first."""
 _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 
 
@@ -275,43 +271,10 @@ class Incoming:
             sha256.update(piece)
         return sha256.hexdigest()
 
-    def keep_tail(self, upload_id: str, tail: bytes) -> None:
-        """Keep the last bytes of a file whose upload is under way, whole or not at all.
-
-        Raises
-        ------
-        DiskFull
-        """
-        part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
-        try:
-            with translate_disk_full():
-                sealed = self.keys.create(upload_id).seal(tail, TAIL_SUFFIX)
-                part.write_bytes(sealed)
-                part.replace(self._tail_path(upload_id))
-        finally:
-            part.unlink(missing_ok=True)
-
-    def read_tail(self, upload_id: str) -> bytes | None:
-        """Give the last bytes of a file; None where they were not sent ahead."""
-        key = self.keys.find(upload_id)
-        with suppress(FileNotFoundError, BrokenSeal):
-            return None if key is None else key.open(self._tail_path(upload_id).read_bytes(), TAIL_SUFFIX)
-        return None
-
-    def forget_tail(self, upload_id: str) -> None:
-        """Destroy the key of the last bytes that were sent ahead, and remove them."""
-        if self._tail_path(upload_id).exists():
-            self.keys.destroy(upload_id)
-        self._tail_path(upload_id).unlink(missing_ok=True)
-
-    def _tail_path(self, upload_id: str) -> Path:
-        return self.folder / f"{upload_id}{TAIL_SUFFIX}"
-
     def forget(self, upload_id: str) -> None:
         """Remove the bytes of an upload; the key is that of the recording, if it is one now."""
         self._hashes.pop(upload_id, None)
         self.path(upload_id).unlink(missing_ok=True)
-        self.forget_tail(upload_id)
 
     def find_stale(
         self, growing: Collection[str], known: Collection[str], min_age_s: float
@@ -330,7 +293,6 @@ class Incoming:
 
     def sweep(self, upload_id: str) -> int:
         """Remove every file of an upload; gives their number."""
-        self.forget_tail(upload_id)
         left = [path for path in self.folder.glob(f"{upload_id}*") if _OWN_NAME.fullmatch(path.name)]
         for path in left:
             path.unlink(missing_ok=True)

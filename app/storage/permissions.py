@@ -29,9 +29,7 @@ OUR_FOLDERS = frozenset(
         "uploads",
     }
 )
-OUR_FILES = frozenset(
-    {"erasures.jsonl", "organisation.key", "secret", "server.id", "server.lock", "store.id"}
-)
+OUR_FILES = frozenset({"erasures.jsonl", "organisation.key", "secret", "server.lock", "store.id"})
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

@@ -16,7 +16,7 @@ from sqlalchemy import Connection, Table, func, insert, select
 from app.access.database import AccountDatabase
 from app.access.sealed_secrets import is_sealed
 from app.access.tables import REVISION, organisations, people, recovery_codes, tokens
-from app.errors import DatabaseTooNew, KeysNeeded
+from app.errors import KeysNeeded, WrongSchema
 from app.jobs.database.dump import read_lines, write_rows
 from app.settings import Settings
 
@@ -61,7 +61,7 @@ class AccountRows:
 
         Raises
         ------
-        DatabaseTooNew
+        WrongSchema
         """
         if holds_accounts(self.manifest):
             self.database.prepare()
@@ -97,12 +97,12 @@ def holds_accounts(manifest: Mapping[str, Any]) -> bool:
 
     Raises
     ------
-    DatabaseTooNew
-        They are of a later release.
+    WrongSchema
+        They are of another version.
     """
     found = manifest.get(FOLDER)
-    if found is not None and int(found) > int(REVISION):
-        raise DatabaseTooNew(found=f"accounts {found}", needed=f"accounts {REVISION}")
+    if found is not None and found != REVISION:
+        raise WrongSchema(found=f"accounts {found}", needed=f"accounts {REVISION}")
     return found is not None
 
 

@@ -13,9 +13,7 @@ may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`).
 
 Files never change once a row promises them, so that they can be copied after the rows were read. A file that
 is purged meanwhile makes the backup start again. A damaged file is copied as it is; the manifest lists
-damaged and missing files. Later releases read the format: rows are inserted into tables of the backup's own
-revision, which are then migrated. Releases before "faults" refuse to restore a backup that has any, and read
-every other.
+damaged and missing files.
 """
 
 import hashlib
@@ -37,12 +35,12 @@ from app.access.sealed_secrets import ACCOUNTS as ACCOUNTS_KEY
 from app.access.tables import REVISION as ACCOUNTS_REVISION
 from app.errors import (
     BackupRefused,
-    DatabaseTooNew,
     KeyFileMissing,
     KeyGone,
     KeysNeeded,
     NotEmpty,
     OtherOrganisation,
+    WrongSchema,
 )
 from app.jobs.database.connect import (
     READ_ONLY,
@@ -53,10 +51,9 @@ from app.jobs.database.connect import (
     read_revision,
 )
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
-from app.jobs.database.migrate import upgrade
 from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import REVISION, analyses, facts, schema_revision, trail, uploads
-from app.jobs.idempotency import drop_traces
+from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
 from app.jobs.trail import AT_MACHINE, record
 from app.organisation import OWN_ORGANISATION, is_organisation
@@ -245,15 +242,15 @@ def open_backup(
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew
+    BackupRefused, WrongSchema
     """
     try:
         with read_envelope(path, identity) as file, zipfile.ZipFile(file) as archive:
             manifest = json.loads(archive.read("manifest.json"))
             if manifest["format"] not in READABLE:
                 raise BackupRefused(why=str(manifest["format"])[:80])
-            if manifest["revision"] > REVISION:
-                raise DatabaseTooNew(found=manifest["revision"], needed=REVISION)
+            if manifest["revision"] != REVISION:
+                raise WrongSchema(found=manifest["revision"], needed=REVISION)
             yield archive, manifest
     except (zipfile.BadZipFile, KeyError, TypeError, ValueError, OSError) as error:
         raise BackupRefused(why=str(error)[:200]) from error
@@ -267,7 +264,7 @@ def find_damage(path: Path, keys: FindKey | None = None, identity: Path | None =
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew
+    BackupRefused, WrongSchema
     """
     with open_backup(path, identity) as (archive, manifest):
         known = {fault["name"] for fault in manifest.get("faults", ())}
@@ -359,7 +356,7 @@ def restore(
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
+    BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway
     OtherOrganisation
         The backup is that of another organisation; nothing is made then.
     KeysNeeded, KeyFileMissing
@@ -380,7 +377,7 @@ def restore(
         try:
             if people:
                 people.prepare()
-            copied = _restore(place, archive, manifest["revision"], keys, people)
+            copied = _restore(place, archive, keys, people)
             with closing(JobStore(place)) as store:
                 catch_up(store, open_storage(place))
             return replace(copied, organisation=found)
@@ -400,7 +397,6 @@ def _find_organisation(manifest: Mapping[str, Any]) -> str:
 def _restore(
     settings: Settings,
     archive: zipfile.ZipFile,
-    revision: str,
     keys: KeyBackup | None,
     accounts: AccountRows | None,
 ) -> Copied:
@@ -418,7 +414,7 @@ def _restore(
             copied = _restore_files(storage, archive)
             people = accounts.restore() if accounts else None
             _drop_tables(connection)
-            _restore_rows(connection, archive, revision, storage.keys.find_erased())
+            _restore_rows(connection, archive, storage.keys.find_erased())
             added = {"people": str(people.number)} if people and not people.present else None
             record(connection, "store.restored", other=added, who=AT_MACHINE)
         return replace(copied, people=people)
@@ -472,8 +468,8 @@ def _find_key_id(archive: zipfile.ZipFile, name: str) -> str | None:
 def _check_no_rows(connection: Connection) -> None:
     """Refuse a database that holds any row, except the id of its store and the trail of its starts."""
     found = read_revision(connection)
-    if found is not None and found > REVISION:
-        raise DatabaseTooNew(found=found, needed=REVISION)
+    if found not in (None, REVISION):
+        raise WrongSchema(found=found, needed=REVISION)
     for table in reflect_tables(connection):
         if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
@@ -529,14 +525,9 @@ def _is_whole(storage: SealedStorage, file: KeptFile) -> bool:
         return False
 
 
-def _restore_rows(
-    connection: Connection, archive: zipfile.ZipFile, revision: str, erased: frozenset[str]
-) -> None:
+def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: frozenset[str]) -> None:
     """Add the rows of a backup, but for those of erased recordings."""
-    if revision == REVISION:
-        create_tables(connection)
-    else:
-        upgrade(connection, to=revision)
+    create_tables(connection)
     gone = {row["id"] for row in read_rows(archive, analyses.name) if row["recording_id"] in erased}
     for table in reflect_tables(connection):
         rows = [reset_row(table.name, row) for row in read_rows(archive, table.name)]
@@ -549,10 +540,8 @@ def _restore_rows(
         ]
         if kept:
             connection.execute(insert(table), kept)
-    if revision != REVISION:
-        upgrade(connection)
     if erased:
-        drop_traces(connection, {*erased, *gone})
+        drop_empty_batches(connection)
 
 
 def _is_erased(row: Mapping[str, object], erased: frozenset[str], gone: Collection[str]) -> bool:

@@ -30,7 +30,7 @@ def drill(
 
     Raises
     ------
-    BackupRefused, KeysNeeded, DatabaseTooNew, DiskFull, NotInstalled
+    BackupRefused, KeysNeeded, WrongSchema, DiskFull, NotInstalled
     """
     begun_s = time.monotonic()
     with tempfile.TemporaryDirectory(

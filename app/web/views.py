@@ -1,6 +1,5 @@
 """Views of a job for the pages: words and formatted numbers, so that the templates only place them."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -276,12 +275,6 @@ def format_time(moment: datetime) -> str:
 def format_moment(text: str) -> str:
     """Write a time that a row holds."""
     return format_time(datetime.fromisoformat(text))
-
-
-def read_results(body: bytes) -> Mapping[str, Any]:
-    """Read a stored ``results.json``."""
-    results: Mapping[str, Any] = json.loads(body)
-    return results
 
 
 def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:

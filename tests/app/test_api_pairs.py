@@ -56,7 +56,7 @@ def two(client: TestClient, bench: OpenBench, monkeypatch: pytest.MonkeyPatch) -
     """Two analyses whose report of two is a stand-in."""
     monkeypatch.setattr(pairs, "load_and_make_pair", stand_ins.write_pair)
     ids = send(client, b"one", "left"), send(client, b"two", "right")
-    at_work = bench(stand_ins.write_findings)
+    at_work = bench(stand_ins.write_report)
     assert run_next(at_work)
     assert run_next(at_work)
     return ids
@@ -74,7 +74,7 @@ def take_folder(client: TestClient, analysis_id: str, out: Path) -> Path:
     """Fetch what ``acromion run`` would have left in its folder."""
     services = services_of(client)
     out.mkdir()
-    for name in ("results.json", "findings.json", "elevation.parquet"):
+    for name in ("results.json", "elevation.parquet"):
         with services.results.borrow(services.store.get(analysis_id), name) as path:
             shutil.copyfile(path, out / name)
     return out

@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
-from app.jobs.database.tables import recordings
+from app.jobs.database.tables import purged_uploads, recordings
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
@@ -54,12 +54,68 @@ def test_a_raw_body_becomes_a_recording(client: TestClient) -> None:
     )
 
 
-def test_the_same_bytes_again_are_flagged_as_a_duplicate(client: TestClient) -> None:
-    first, second = keep(client), keep(client)
+def test_the_same_bytes_with_other_words_are_flagged_as_a_duplicate(client: TestClient) -> None:
+    first, second = keep(client), keep(client, note="again")
 
     assert (first["warnings"], second["warnings"]) == ([], ["W-DUP-UPLOAD"])
     assert second["duplicate_of"] == first["id"]
     assert second["id"] != first["id"]
+
+
+@pytest.mark.parametrize("way", ["raw", "form"])
+def test_the_same_upload_again_is_the_recording_that_there_is(
+    client: TestClient, settings: Settings, way: str
+) -> None:
+    words = {"subject": "S1", "file_name": "a.csv"}
+    sent: dict[str, Any] = (
+        {"content": b"abc", "params": words}
+        if way == "raw"
+        else {"files": {"file": ("a.csv", b"abc")}, "data": {"subject": "S1"}}
+    )
+
+    answers = [client.post(URL, **sent) for _ in range(2)]
+
+    assert [answer.status_code for answer in answers] == [201, 200]
+    assert len({answer.json()["id"] for answer in answers}) == 1
+    assert len([path for path in files_of(settings) if path.parent.name == "recordings"]) == 1
+
+
+def test_the_same_upload_after_a_day_is_another_recording(client: TestClient, store: JobStore) -> None:
+    first = keep(client)
+    store.run(update(recordings).values(since_s=-25 * 3600.0))
+
+    assert keep(client)["id"] != first["id"]
+
+
+def test_the_same_upload_of_somebody_else_is_another_recording(client: TestClient, store: JobStore) -> None:
+    first = keep(client)
+    store.run(update(recordings).values(stored_by="usr_other"))
+
+    assert keep(client)["id"] != first["id"]
+
+
+@pytest.mark.parametrize("address", [URL, "/api/v1/analyze"])
+def test_a_repeated_request_never_brings_back_what_was_deleted_for_good(
+    client: TestClient, settings: Settings, address: str
+) -> None:
+    sent = {"content": b"abc", "params": {"subject": "S1"}}
+    answer = client.post(address, **sent).json()  # type: ignore[arg-type]
+    recording_id = answer.get("recording_id", answer["id"])
+    client.delete(f"{URL}/{recording_id}", params={"purge": True})
+
+    again = client.post(address, **sent)  # type: ignore[arg-type]
+
+    assert (again.status_code, again.json()["code"]) == (410, "E-PURGED")
+    assert files_of(settings) == []
+    assert client.post(address, content=b"abc", params={"subject": "S2"}).is_success
+
+
+def test_what_was_deleted_for_good_can_be_sent_again_after_a_day(client: TestClient, store: JobStore) -> None:
+    client.delete(f"{URL}/{keep(client)['id']}", params={"purge": True})
+    store.run(update(purged_uploads).values(since_s=-25 * 3600.0))
+    RecordingStore(store.engine, store.reader).forget_purged()
+
+    assert keep(client)["sha256"]
 
 
 def test_an_upload_can_be_described_when_it_is_whole(client: TestClient) -> None:
@@ -96,7 +152,7 @@ def test_recordings_are_found_by_what_they_are(client: TestClient, name: str) ->
 
 
 def test_recordings_are_found_by_their_start(client: TestClient, store: JobStore) -> None:
-    early, late = keep(client), keep(client)
+    early, late = keep(client, b"early"), keep(client, b"late")
     with store.engine.begin() as connection:
         for recording, start in ((early, "2026-03-02T07:00:00"), (late, "2026-03-03T07:00:00")):
             connection.exec_driver_sql(
@@ -166,7 +222,7 @@ def test_a_change_on_top_of_something_older_is_refused(client: TestClient) -> No
 
     answer = client.patch(f"{URL}/{kept['id']}", json={"subject": "S3"}, headers={"if-match": '"1"'})
 
-    assert (answer.status_code, answer.json()["code"]) == (412, "E-STALE")
+    assert (answer.status_code, answer.json()["code"]) == (409, "E-STALE")
 
 
 def test_a_recording_thrown_away_is_in_no_list_and_can_be_brought_back(client: TestClient) -> None:

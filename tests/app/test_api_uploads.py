@@ -224,16 +224,6 @@ def test_metadata_that_cannot_be_is_refused(client: TestClient, metadata: str) -
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_a_network_that_lets_only_post_pass_can_upload_too(client: TestClient) -> None:
-    address = announce(client, 1)
-
-    answer = client.post(
-        address, content=b"x", headers=BODY | {"upload-offset": "0", "x-http-method-override": "PATCH"}
-    )
-
-    assert (answer.status_code, answer.headers["upload-offset"]) == (204, "1")
-
-
 def test_a_server_started_anew_goes_on_where_the_bytes_ended(settings: Settings) -> None:
     with TestClient(create_app(settings), base_url="http://localhost") as before:
         address = announce(before, 10)
@@ -309,6 +299,29 @@ def test_bytes_under_way_are_sealed_and_end_with_their_key(client: TestClient, s
     client.delete(address, headers=TUS)
 
     assert services.storage.keys.find(recording_id) is None
+
+
+def test_the_same_file_again_is_the_recording_that_there_is(client: TestClient, settings: Settings) -> None:
+    answers = []
+    for _ in range(2):
+        address = announce(client, 3, filename="a.csv", subject="S1")
+        append(client, address, 0, b"abc")
+        answers.append(client.get(address).json())
+
+    assert answers[1]["recording_id"] == answers[0]["recording_id"]
+    assert [answer["is_repeated"] for answer in answers] == [False, True]
+    assert len(list((settings.data_dir / "recordings").glob("rec_*"))) == 1
+
+
+def test_the_upload_of_what_was_deleted_for_good_says_so(client: TestClient) -> None:
+    address = announce(client, 3)
+    append(client, address, 0, b"abc")
+    recording_id = client.get(address).json()["recording_id"]
+    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+
+    assert client.head(address, headers=TUS).status_code == 410
+    assert append(client, address, 3, b"") == 410
+    assert client.delete(address, headers=TUS).status_code == 204
 
 
 def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:

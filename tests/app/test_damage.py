@@ -447,7 +447,6 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 @pytest.mark.parametrize(
     "path",
     [
-        "/api/v1/compare?analysis={0}&analysis={1}",
         "/api/v1/compare/report.pdf?analysis={0}&analysis={1}",
         "/api/v1/pair/pair.json?left={0}&right={1}",
         "/beside/pair?first={0}&second={1}",
@@ -456,8 +455,8 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 def test_a_damaged_analysis_beside_another_is_a_problem_answer(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish, path: str
 ) -> None:
-    one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
-    alter(storage, format_result_name(store, other, "findings.json"))
+    one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
+    alter(storage, format_result_name(store, other, "results.json"))
 
     answer = client.get(path.format(one.id, other.id))
 
@@ -470,7 +469,7 @@ def test_a_damaged_report_of_two_is_made_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.setattr("app.jobs.children.pairs.load_and_make_pair", stand_ins.write_pair)
-    one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
+    one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"
     (kept,) = (settings.data_dir / "cache" / "pairs").glob("*/report.en.pdf")

@@ -3,33 +3,26 @@
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import insert, text
+from sqlalchemy import text
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.errors import KeysNeeded
 from app.jobs.batches import BatchStore
-from app.jobs.database.migrate import migrate
-from app.jobs.database.seal_rows import drop_open_copies
-from app.jobs.database.tables import batches, metadata
+from app.jobs.database.tables import metadata
 from app.jobs.library.mappings import MappingStore
 from app.jobs.library.studies import identify_earlier_study
-from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.labels import Label
 from app.storage.open import open_storage
 from app.storage.sealing import SealedStorage
 from app.upkeep.backup import back_up, restore
@@ -42,7 +35,7 @@ from tests.app.test_lost_database import find_key_backup, lose_database
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
-STUDY, BYTES, KEY = "Packing line", b"one", "visit-7"
+STUDY, BYTES = "Packing line", b"one"
 ASKED = {"file_name": "nadia.csv", "subject": "W-17", "study": STUDY}
 QUERY = b"file_name=nadia.csv&subject=W-17&study=Packing%20line"
 HEADER, COLUMNS = "0123456789abcdef", {"acceleration": [2, 3, 4], "angular_rate": [5, 6, 7]}
@@ -56,9 +49,6 @@ def sha256(*parts: bytes) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
-PLAIN_KEY, PLAIN_FINGERPRINT = sha256(KEY.encode()), sha256(b"POST\n/api/v1/analyze\n", QUERY, b"\n", BYTES)
-
-
 @contextmanager
 def serving(settings: Settings) -> Iterator[TestClient]:
     with TestClient(create_app(settings), base_url="http://localhost:8080") as client:
@@ -66,8 +56,8 @@ def serving(settings: Settings) -> Iterator[TestClient]:
 
 
 def send(client: TestClient) -> str:
-    """Send the recording under its key; gives the id of its analysis."""
-    answer = client.post(f"/api/v1/analyze?{QUERY.decode()}", content=BYTES, headers={"idempotency-key": KEY})
+    """Send the recording; gives the id of its analysis."""
+    answer = client.post(f"/api/v1/analyze?{QUERY.decode()}", content=BYTES)
     assert answer.status_code == 202, answer.text
     return str(answer.json()["id"])
 
@@ -85,8 +75,7 @@ def dump(store: JobStore) -> str:
 def list_plain(store: JobStore) -> dict[str, str]:
     """Give the plain digests of what was asked, as an earlier release kept them."""
     works = {f"work of {job.id}": identify_work(job.sha256, job.request) for job in store.find_newest()}
-    others = {"key": PLAIN_KEY, "fingerprint": PLAIN_FINGERPRINT, "study": identify_earlier_study(STUDY)}
-    return works | others
+    return works | {"study": identify_earlier_study(STUDY)}
 
 
 def find_plain(store: JobStore, rows: str) -> list[str]:
@@ -181,226 +170,6 @@ def test_the_same_again_is_found_by_its_keyed_digest(store: JobStore, add_job: A
     assert store.find_same(job.sha256, ReportRequest("shift.gt3x", "W-18")) == ()
 
 
-# An upgrade.
-
-
-def make_plain(store: JobStore) -> None:
-    """Put the digests of an earlier release into the rows, and its id of the study."""
-    plain, study = list_plain(store), identify_earlier_study(STUDY)
-    with store.engine.begin() as connection:
-        for job in store.find_newest():
-            change = text("UPDATE analyses SET key = :key WHERE id = :id")
-            connection.execute(change, {"key": plain[f"work of {job.id}"], "id": job.id})
-        kept = text("UPDATE kept_answers SET key = :key, fingerprint = :fingerprint")
-        connection.execute(kept, {name: plain[name] for name in ("key", "fingerprint")})
-        row = {"id": study, "name": Label(study, STUDY), "item_count": 1, "created_at": "2026"}
-        connection.execute(insert(batches).values(row))
-        connection.execute(text("UPDATE batch_items SET batch_id = :id"), {"id": study})
-        connection.execute(text("DELETE FROM batches WHERE id <> :id"), {"id": study})
-
-
-def set_revision(store: JobStore, revision: str) -> None:
-    with store.engine.begin() as connection:
-        connection.execute(text("UPDATE alembic_version SET version_num = :found"), {"found": revision})
-
-
-@dataclass(frozen=True)
-class Earlier:
-    """What an earlier release left: an analysis, with a kept answer, in a study."""
-
-    analysis_id: str
-    study_id: str
-
-
-@pytest.fixture
-def earlier(store: JobStore, settings: Settings) -> Earlier:
-    with serving(settings) as client:
-        analysis_id = send(client)
-    make_plain(store)
-    set_revision(store, "0010")
-    return Earlier(analysis_id, identify_earlier_study(STUDY))
-
-
-@pytest.fixture
-def upgraded(earlier: Earlier, settings: Settings) -> Earlier:
-    migrate(settings)
-    return earlier
-
-
-@on_both_databases
-def test_plain_digests_of_an_earlier_release_are_keyed(
-    earlier: Earlier, store: JobStore, settings: Settings
-) -> None:
-    before = find_plain(store, dump(store))
-
-    migrate(settings)
-
-    assert before == [f"work of {earlier.analysis_id}", "key", "fingerprint", "study"]
-    assert find_plain(store, dump(store)) == ["study"]
-
-
-def make_plain_headers(store: JobStore, *headers: str) -> None:
-    """Put the headers of an earlier release into the rows, plain, the first one awaited by every analysis."""
-    mappings = MappingStore(store.engine, store.reader)
-    with store.engine.begin() as connection:
-        connection.execute(text("UPDATE analyses SET awaits = :it, state = 'failed'"), {"it": headers[0]})
-    for header in headers:
-        keyed = mappings.put(header, f"of {header}", json.dumps(COLUMNS), is_confirmed=True).header
-        with store.engine.begin() as connection:
-            change = text("UPDATE column_mappings SET header = :plain WHERE header = :keyed")
-            connection.execute(change, {"plain": header, "keyed": keyed})
-
-
-@on_both_databases
-def test_columns_named_in_an_earlier_release_are_found_after_an_upgrade(
-    earlier: Earlier, store: JobStore, settings: Settings
-) -> None:
-    headers = (HEADER, f"-{HEADER}", *(f"{k:016x}" for k in range(1200)))
-    make_plain_headers(store, *headers[:3])
-    insert_many = text(
-        "INSERT INTO column_mappings (header, name, profile, created_at, is_confirmed)"
-        " SELECT :header, name, profile, created_at, 1 FROM column_mappings WHERE header = :of"
-    )
-    with store.engine.begin() as connection:
-        connection.execute(insert_many, [{"header": one, "of": HEADER} for one in headers[3:]])
-    if store.engine.dialect.name == "postgresql":
-        with store.engine.begin() as connection:
-            connection.execute(text("ALTER TABLE column_mappings ALTER COLUMN header TYPE VARCHAR(32)"))
-
-    migrate(settings)
-
-    mappings, rows = MappingStore(store.engine, store.reader), dump(store)
-    assert [mappings.get(header).name for header in headers[:3]] == [f"of {one}" for one in headers[:3]]
-    assert len(mappings.find_all()) == len(headers)
-    assert mappings.count_waiting(HEADER) == 1
-    assert [header for header in headers if f'"{header}"' in rows] == []
-
-
-@on_both_databases
-def test_more_rows_than_are_keyed_at_once_are_keyed(
-    earlier: Earlier, store: JobStore, settings: Settings
-) -> None:
-    (job,) = store.find_newest()
-    columns = "recording_id, request, way_in, state, progress, attempts, beats, created_at"
-    many = text(
-        f"INSERT INTO analyses (id, key, {columns}) SELECT :id, :key, {columns} FROM analyses WHERE id = :of"
-    )
-    with store.engine.begin() as connection:
-        rows = [{"id": f"an_{k}", "key": sha256(b"%d" % k), "of": job.id} for k in range(2500)]
-        connection.execute(many, rows)
-
-    migrate(settings)
-
-    with store.engine.connect() as connection:
-        keys = set(connection.execute(text("SELECT key FROM analyses")).scalars())
-    assert len(keys) == 2501
-    assert {key[:4] for key in keys} == {"~k1~"}
-
-
-@on_both_databases
-def test_the_copy_of_the_rows_before_an_upgrade_has_keyed_digests(
-    earlier: Earlier, store: JobStore, settings: Settings
-) -> None:
-    copy = migrate(settings)
-
-    assert copy is not None
-    with zipfile.ZipFile(copy) as archive:
-        rows = b"".join(archive.read(name) for name in archive.namelist()).decode()
-    assert earlier.analysis_id in rows
-    assert find_plain(store, rows) == ["study"]
-    assert drop_open_copies(copy.parent) == ()
-
-
-def test_a_copy_with_plain_digests_is_removed(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "rows-before-0010-1.zip", "w") as archive:
-        archive.writestr("rows/analyses.jsonl", json.dumps({"id": "an_1", "key": PLAIN_KEY}) + "\n")
-
-    assert drop_open_copies(tmp_path) == ("rows-before-0010-1.zip",)
-
-
-@on_both_databases
-def test_after_an_upgrade_the_same_request_is_answered_by_the_same_analysis(
-    upgraded: Earlier, settings: Settings
-) -> None:
-    with serving(settings) as client:
-        again = client.put("/api/v1/analyze", params=ASKED, content=BYTES).json()
-
-    assert again["id"] == upgraded.analysis_id
-
-
-@on_both_databases
-def test_after_an_upgrade_a_batch_reuses_what_was_analysed(
-    upgraded: Earlier, store: JobStore, settings: Settings
-) -> None:
-    job = store.get(upgraded.analysis_id)
-    with serving(settings) as client:
-        item = {"recording_id": job.recording_id}
-        batch = client.post("/api/v1/batches", json={"name": "again", "items": [item]}).json()
-
-    assert batch["duplicate_count"] == 1
-
-
-@on_both_databases
-def test_after_an_upgrade_the_same_settings_are_the_same_version(upgraded: Earlier, store: JobStore) -> None:
-    job = store.get(upgraded.analysis_id)
-
-    again = store.add_analysis((job.recording_id, job.sha256), job.request)
-
-    assert (again.request.version, again.request.changes) == (1, ())
-
-
-@on_both_databases
-def test_after_an_upgrade_a_kept_answer_is_given_again(upgraded: Earlier, settings: Settings) -> None:
-    with serving(settings) as client:
-        again = send(client)
-        other = client.post("/api/v1/analyze", content=b"two", headers={"idempotency-key": KEY})
-
-    assert again == upgraded.analysis_id
-    assert other.json()["code"] == "E-KEY-REUSED"
-
-
-@on_both_databases
-def test_after_an_upgrade_a_study_goes_on_under_its_id(
-    upgraded: Earlier, store: JobStore, settings: Settings
-) -> None:
-    with serving(settings) as client:
-        client.put("/api/v1/analyze", params={"study": STUDY}, content=b"two").raise_for_status()
-
-    held = BatchStore(store.engine, store.reader).find_newest(10)
-    assert [(batch.id, batch.item_count) for batch in held] == [(upgraded.study_id, 2)]
-
-
-@on_both_databases
-def test_after_an_upgrade_a_study_follows_what_is_corrected(upgraded: Earlier, store: JobStore) -> None:
-    job = store.get(upgraded.analysis_id)
-
-    corrected = store.add_correction(job, ReportRequest("nadia.csv", side="left"))
-
-    jobs = BatchStore(store.engine, store.reader).find_jobs(upgraded.study_id)
-    assert [job.id for job in jobs] == [corrected.id]
-
-
-@on_both_databases
-def test_an_upgrade_without_the_keys_is_refused_and_makes_none(
-    earlier: Earlier, store: JobStore, settings: Settings, storage: SealedStorage
-) -> None:
-    storage.keys.destroy(*storage.keys.wrapped.read_all())
-
-    with pytest.raises(KeysNeeded):
-        migrate(settings)
-
-    assert storage.keys.wrapped.read_all() == {}
-    assert "fingerprint" in find_plain(store, dump(store))
-
-
-def test_an_upgrade_goes_on_over_a_recording_that_is_being_erased(
-    earlier: Earlier, store: JobStore, settings: Settings, storage: SealedStorage
-) -> None:
-    storage.keys.erase(store.get(earlier.analysis_id).recording_id)
-
-    assert migrate(settings) is not None
-
-
 # Copies that come back.
 
 
@@ -451,28 +220,6 @@ def test_after_a_recovery_the_same_request_is_answered_by_the_same_analysis(
         assert ask_for_two(client) == before
 
 
-def test_digests_of_an_earlier_release_in_side_files_are_recovered_keyed(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with serving(settings) as client:
-        analysis_id = send(client)
-    store = JobStore(settings)
-    make_plain(store)
-    with store.engine.begin() as connection:
-        connection.execute(text("UPDATE recordings SET revision = revision + 1"))
-    SideWriter(store.engine, store.reader, open_storage(settings)).write_all()
-    store.close()
-
-    recover(settings, monkeypatch)
-
-    store = JobStore(settings)
-    job = store.get(analysis_id)
-    assert find_plain(store, dump(store)) == ["study"]
-    assert [same.id for same in store.find_same(job.sha256, job.request)] == [analysis_id]
-    assert store.join_study(STUDY, analysis_id) == identify_earlier_study(STUDY)
-    store.close()
-
-
 def test_another_installation_finds_what_a_backup_brought(
     store: JobStore, add_job: AddJob, settings: Settings, tmp_path: Path
 ) -> None:
@@ -486,32 +233,11 @@ def test_another_installation_finds_what_a_backup_brought(
     moved.close()
 
 
-def test_a_backup_of_an_earlier_release_is_restored_with_keyed_digests(
-    store: JobStore, settings: Settings, tmp_path: Path
-) -> None:
-    with serving(settings) as client:
-        analysis_id = send(client)
-    make_plain(store)
-
-    moved = move(settings, tmp_path, revision="0010")
-
-    job = moved.get(analysis_id)
-    assert find_plain(moved, dump(moved)) == ["study"]
-    assert [same.id for same in moved.find_same(job.sha256, job.request)] == [analysis_id]
-    moved.close()
-
-
-def move(settings: Settings, tmp_path: Path, revision: str = "") -> JobStore:
-    """Restore a backup, as if of a revision, with its keys into a folder that has an organisation's key."""
+def move(settings: Settings, tmp_path: Path) -> JobStore:
+    """Restore a backup with its keys into a folder that has an organisation's key."""
     back_up(settings, tmp_path / "b.zip")
     back_up_keys(settings, tmp_path / "keys.jsonl", Recipients())
-    with zipfile.ZipFile(tmp_path / "b.zip") as made, zipfile.ZipFile(tmp_path / "c.zip", "w") as copy:
-        for name in made.namelist():
-            content = made.read(name)
-            if name == "manifest.json" and revision:
-                content = json.dumps(json.loads(content) | {"revision": revision}).encode()
-            copy.writestr(name, content)
     place = Settings(data_dir=tmp_path / "new", min_free_bytes=0)
     open_storage(place).keys.check()
-    restore(place, tmp_path / "c.zip", read_key_backup(tmp_path / "keys.jsonl"))
+    restore(place, tmp_path / "b.zip", read_key_backup(tmp_path / "keys.jsonl"))
     return JobStore(place)

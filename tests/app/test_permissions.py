@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.jobs.database.connect import connect, open_database
-from app.jobs.database.migrate import migrate, upgrade
+from app.jobs.database.connect import open_database
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.folder import FolderStorage
@@ -34,18 +33,6 @@ def test_a_new_database_and_its_log_are_made_with_mode_600(settings: Settings) -
     store.close()
 
     assert found == dict.fromkeys(("acromion.sqlite3", "acromion.sqlite3-wal", "acromion.sqlite3-shm"), 0o600)
-
-
-def test_the_copy_of_the_rows_before_a_migration_has_mode_600(settings: Settings) -> None:
-    engine = connect(settings.database_url)
-    with engine.begin() as connection:
-        upgrade(connection, "0001")
-    engine.dispose()
-
-    copy = migrate(settings)
-
-    assert copy is not None
-    assert (mode_of(copy), mode_of(copy.parent)) == (0o600, 0o700)
 
 
 def test_folders_of_the_store_are_made_with_mode_700(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ LIMITS: Mapping[tuple[Part, Damage], str] = {
     ("inspection", "foreign"): "it is a value of a row, and rows have no digest",
 }
 """Damage that nothing can tell, and why."""
-VANISHING = ("cache", "server.lock", "server.id", "inspections", "opened", "acromion.sqlite3", "backups")
+VANISHING = ("cache", "server.lock", "inspections", "opened", "acromion.sqlite3", "backups")
 _STRANGERS = (
     "recordings/notes.txt",
     "recordings/holiday/photo.jpg",

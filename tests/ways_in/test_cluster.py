@@ -40,7 +40,6 @@ def settings(
         object_store=swift.make_bucket(),
         engine="procrastinate",
         lease_s=2.0,
-        heartbeat_s=0.5,
     )
 
 

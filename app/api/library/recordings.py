@@ -36,7 +36,7 @@ from app.api.library.uploads import finish_upload, get_upload_row
 from app.api.middleware.access import check_confirmed, check_may, find_subject
 from app.api.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion, StoreDamaged
-from app.jobs.recordings import StoredRow
+from app.jobs.recordings import Description, StoredRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices
 from app.storage.store import StoredRecording, borrow_recording, seems_whole
@@ -73,25 +73,35 @@ class UploadedRecording(RecordingWords):
     upload_id: str
 
 
-@router.post("", status_code=201, openapi_extra={"requestBody": RAW})
+REPEATED: dict[int | str, dict[str, Any]] = {
+    200: {"model": RecordingView, "description": "The same upload within 24 h: the recording that there is."}
+}
+
+
+@router.post("", status_code=201, openapi_extra={"requestBody": RAW}, responses=REPEATED)
 async def create_recording(
     request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
 ) -> RecordingView:
     """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of one that came before."""
     kind = request.headers.get("content-type", "")
     if kind.startswith("multipart/form-data"):
-        row = await _receive_form(request, services, words)
+        row, is_new = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
-        row = await run_in_threadpool(
-            _adopt_upload, services, await read_small_body(request, MOST_DIARY_BYTES)
-        )
+        body = await read_small_body(request, MOST_DIARY_BYTES)
+        row, is_new = await run_in_threadpool(_adopt_upload, services, body), True
     else:
         about = words.describe()
-        row = await receive_recording(
-            request, services, lambda stored: services.recordings.add(stored, about)
-        )
+        row, is_new = await receive_recording(request, services, lambda stored: _add(services, stored, about))
     location = {"Location": f"/api/v1/recordings/{row.id}"}
-    return _answer(row, 201, location)  # type: ignore[return-value]
+    return _answer(row, 201 if is_new else 200, location)  # type: ignore[return-value]
+
+
+def _add(services: Services, stored: StoredRecording, about: Description) -> tuple[StoredRow, bool]:
+    """Return the recording, and whether it is new; the bytes of a repeated upload are removed."""
+    row = services.recordings.add(stored, about)
+    if row.id != stored.id:
+        services.storage.drop_recording(stored.id)
+    return row, row.id == stored.id
 
 
 @router.get("")
@@ -273,14 +283,16 @@ def forget_samples(services: Services) -> None:
     services.cache.forget(held - services.recordings.find_known(held))
 
 
-async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
+async def _receive_form(
+    request: Request, services: Services, words: RecordingWords
+) -> tuple[StoredRow, bool]:
     """Take the one file of a form; its other fields say what the query may say, and go before it."""
     form = RecordingForm(request.headers["content-type"], read_digest(request.headers))
 
-    def commit(stored: StoredRecording) -> StoredRow:
+    def commit(stored: StoredRecording) -> tuple[StoredRow, bool]:
         stated = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
         stated |= {name: word for name, word in form.words.items() if word}
-        return services.recordings.add(stored, validate_model(RecordingWords, stated).describe())
+        return _add(services, stored, validate_model(RecordingWords, stated).describe())
 
     return await store_recording(request, services, form.copy_file, commit)
 

@@ -13,7 +13,6 @@ from app.jobs.children.attempt import Attempt, MakeReport, choose_limits, make_n
 from app.jobs.children.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
-from app.storage.incoming import TAIL_SUFFIX
 
 MOST_CONCURRENT = 2
 PREFIX = "look_"
@@ -27,11 +26,6 @@ def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnS
 def load_and_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Inspect the first bytes of a file."""
     importlib.import_module("app.roads.inspect").write_preview(log, request, out, on_stage)
-
-
-def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Compare two results."""
-    importlib.import_module("app.roads.pair").write_comparison(log, request, out, on_stage)
 
 
 def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -84,19 +78,17 @@ class Inspector:
         """
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
-    def preview(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
-        """Inspect the first bytes of a recording and, where they are known, its last.
+    def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
+        """Inspect the first bytes of a recording.
 
         Raises
         ------
         RecordedProblem
         """
-        with tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
-            log = Path(folder) / "head"
-            log.write_bytes(head)
-            if tail is not None:
-                log.with_suffix(TAIL_SUFFIX).write_bytes(tail)
-            return _read(self._run(log, request, self.make_preview, "inspection.json"))
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(head)
+            file.flush()
+            return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
         """Give the names of a table's columns, and what they may be.
@@ -107,20 +99,9 @@ class Inspector:
         """
         return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
 
-    def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
-        """Compare the results of two analyses."""
-        both = b"[" + before + b"," + after + b"]"
-        return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
-
     def write_angles(self, parquet: Path) -> bytes:
         """Write the angles as CSV in gzip."""
         return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
-
-    def _run_on(self, content: bytes, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
-            file.write(content)
-            file.flush()
-            return self._run(Path(file.name), request, make, name)
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
         """Give the content of the file of this name that the child has written."""

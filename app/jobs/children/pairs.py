@@ -33,7 +33,7 @@ AT_ONCE = 2
 """Reports of two made at the same time; each child may use the memory of an analysis."""
 MOST_KEPT = 200
 """Entries in the cache, of about 1 MB each; the oldest go first."""
-NEEDED = ("results.json", "findings.json", "elevation.parquet")
+NEEDED = ("results.json", "elevation.parquet")
 SEAL = "seal.json"
 KEY_ID = "pairs"
 """The name of the key that seals all of these reports, and that a purge destroys."""

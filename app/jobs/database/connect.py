@@ -1,7 +1,6 @@
-"""Connect to the database, SQLite or PostgreSQL; refuse it when its tables are of another release.
+"""Connect to the database, SQLite or PostgreSQL; refuse it if its tables are of another revision.
 
-A new database gets its tables here. One of an earlier release is migrated by
-:mod:`app.jobs.database.migrate`, which only the server and ``acromion restore`` call.
+A new database gets its tables here. The server alone migrates (:mod:`app.jobs.database.migrate`).
 """
 
 import importlib
@@ -22,9 +21,8 @@ from app.errors import (
     DatabaseAway,
     DatabaseDamaged,
     DatabaseLocked,
-    DatabaseTooNew,
-    DatabaseTooOld,
     DiskFull,
+    WrongSchema,
 )
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
 from app.jobs.trail import keep_trail, record
@@ -50,7 +48,7 @@ def open_database(url: str) -> Engine:
 
     Raises
     ------
-    DatabaseTooOld, DatabaseTooNew
+    WrongSchema
     """
     engine = connect(url)
     try:
@@ -76,16 +74,24 @@ def make_schema(url: str) -> None:
     engine.dispose()
 
 
-def bring_up_to_date(settings: Settings) -> Path | None:
-    """Migrate the tables of an earlier release; gives the copy of the rows that was made before.
+def bring_up_to_date(settings: Settings) -> None:
+    """Migrate the tables if they are of an earlier revision of ours.
 
     Only for the server and the recovery, before they open the database.
+
+    Raises
+    ------
+    WrongSchema
     """
     engine = connect(settings.database_url)
-    with engine.connect() as connection:
-        older = is_older(connection)
-    engine.dispose()
-    return importlib.import_module("app.jobs.database.migrate").migrate(settings) if older else None
+    try:
+        with engine.begin() as connection:
+            lock_tables(connection)
+            found = read_revision(connection)
+            if found not in (None, REVISION):
+                importlib.import_module("app.jobs.database.migrate").upgrade(connection, found)
+    finally:
+        engine.dispose()
 
 
 def connect(url: str) -> Engine:
@@ -202,14 +208,6 @@ def read_revision(connection: Connection) -> str | None:
     return connection.execute(select(schema_revision.c.version_num)).scalar()
 
 
-def is_older(connection: Connection) -> bool:
-    """Tell whether there are tables of an earlier revision than ours."""
-    found = read_revision(connection)
-    if found is None:
-        return inspect(connection).has_table(analyses.name)
-    return found < REVISION
-
-
 def create_tables(connection: Connection) -> None:
     """Create every table, and record the revision."""
     metadata.create_all(connection)
@@ -220,13 +218,11 @@ def create_tables(connection: Connection) -> None:
 
 def _check_revision(connection: Connection) -> None:
     found = read_revision(connection)
-    if is_older(connection):
-        raise DatabaseTooOld(found=found or "0000", needed=REVISION)
-    if found is None:
+    if found is None and not inspect(connection).has_table(analyses.name):
         create_tables(connection)
         record(connection, "trail.began")
-    elif found > REVISION:
-        raise DatabaseTooNew(found=found, needed=REVISION)
+    elif found != REVISION:
+        raise WrongSchema(found=found or "-", needed=REVISION)
 
 
 def _create_private(path: Path) -> None:

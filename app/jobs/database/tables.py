@@ -7,7 +7,6 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
-    LargeBinary,
     MetaData,
     String,
     Table,
@@ -16,7 +15,7 @@ from sqlalchemy import (
 
 from app.jobs.database.sealed_text import KeyedDigest, SealedText
 
-REVISION = "0012"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "b1"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 GONE_REQUEST = '{"file_name": ""}'
 """What is read of a request or a description whose key was destroyed."""
@@ -46,6 +45,7 @@ recordings = Table(
     Column("tags", SealedText("[]"), nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Column("since_s", Float, nullable=False, server_default="0"),
+    Column("stored_by", String(40), nullable=False, server_default=""),
     Column("hold", String(32)),
     Column("hold_by", String(40)),
     Column("revision", Integer, nullable=False, server_default="1"),
@@ -67,10 +67,8 @@ analyses = Table(
     Column("progress", Float, nullable=False),
     Column("attempts", Integer, nullable=False),
     Column("token", String(32)),
-    Column("beats", BigInteger, nullable=False),
-    Column("claimer_place", Text),
-    Column("claimer_pid", BigInteger),
-    Column("claimer_started", Text),
+    Column("lease_until_s", Float),  # by the clock of the database
+    Column("is_lease_missed", Integer, nullable=False, server_default="0"),
     Column("created_at", String(32), nullable=False),
     Column("started_at", String(32)),
     Column("ended_at", String(32)),
@@ -103,6 +101,7 @@ batches = Table(
     Column("item_count", Integer, nullable=False),  # as it was asked for; those in it now are counted
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
+    Column("key", String(64), unique=True),
 )
 
 # The analyses of each batch, in order; an analysis may belong to several batches.
@@ -114,16 +113,12 @@ batch_items = Table(
     Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), nullable=False, index=True),
 )
 
-kept_answers = Table(
-    "kept_answers",
+# Hashes of what was uploaded and then deleted for good, for a day: a repeated request stores it not again.
+purged_uploads = Table(
+    "purged_uploads",
     metadata,
-    Column("key", KeyedDigest(), primary_key=True),
-    Column("fingerprint", KeyedDigest(), nullable=False),
-    Column("status", Integer),
-    Column("headers", SealedText("[]")),
-    Column("body", LargeBinary),
-    Column("age_s", Float, nullable=False),
-    Column("server", String(40), nullable=False, server_default=""),
+    Column("key", String(64), primary_key=True),
+    Column("since_s", Float, nullable=False),
 )
 
 webhooks = Table(
@@ -157,6 +152,7 @@ uploads = Table(
     Column("description", SealedText(GONE_REQUEST), nullable=False),
     Column("idle_s", Float, nullable=False),
     Column("recording_id", String(32)),
+    Column("is_repeated", Integer, nullable=False, server_default="0"),
     Column("created_at", String(32), nullable=False),
 )
 

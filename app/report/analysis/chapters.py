@@ -11,8 +11,8 @@ from app.report.analysis.charts import build_parts, build_spread, is_drawable
 from app.report.analysis.day import format_reason
 from app.report.analysis.tables import build_measures
 from app.report.bibliography import format_bibliography
-from app.report.export.results import SCHEMA, identify_report
-from app.report.findings import CalibrationFacts, Findings, StillFacts
+from app.report.export.results import SCHEMA
+from app.report.findings import CalibrationFacts, Findings, RepeatFacts, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
 from app.report.words.columns import format_columns
 from app.report.words.messages import describe_flag
@@ -120,15 +120,15 @@ def build_verdict(findings: Findings, words: Words, language: Language) -> Verdi
 def format_pose_caution(findings: Findings, words: Words) -> str:
     """Give the known one-sided error of the pose that was held; empty where there is none."""
     calibration = findings.calibration
-    if calibration is None or calibration.state in UNHELD:
+    if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return ""
     return str(words["pose_caution"].get(calibration.pose, ""))
 
 
 def format_pose_state(findings: Findings, clock: Clock, words: Words) -> str:
-    """Return how the pose is known, in a line; empty for ready angles, and for what older versions found."""
+    """Return how the pose is known, in a line; empty for ready angles."""
     calibration, entry = findings.calibration, words["pose_state"]
-    if calibration is None or calibration.state is None:
+    if calibration is None:
         return ""
     stills = [still for still in (calibration.still, calibration.second, *calibration.repeats) if still]
     times = [
@@ -142,7 +142,7 @@ def format_pose_state(findings: Findings, clock: Clock, words: Words) -> str:
         "times": join_clauses((fill(entry["still"], time) for time in times), clock.language),
         "n": str(len(stills)),
         "apart": format_angle(math.ceil(calibration.repeat_deg or 0.0), clock.language),
-        "axis": _format_axis(findings),
+        "axis": _format_axis(calibration),
     }
     return fill(entry["line"], {"told": fill(entry[calibration.state], facts)})
 
@@ -165,12 +165,12 @@ def format_needs_pose(findings: Findings, clock: Clock, words: Words) -> str:
 def format_walking_note(findings: Findings, words: Words) -> str:
     """Return how far walking lies from the axis, if that is far; else empty."""
     calibration = findings.calibration
-    if calibration is None or calibration.state in {"none", None}:
+    if calibration is None or calibration.state == "none":
         return ""
-    if calibration.walking_deg is None or calibration.walking_deg <= NOTED_WALKING_DEG:
+    if calibration.walking_apart_deg is None or calibration.walking_apart_deg <= NOTED_WALKING_DEG:
         return ""
     key = "walking_note_axis" if calibration.state == "axis" else "walking_note"
-    return fill(words["calibration"][key], {"deg": f"{calibration.walking_deg:.0f}"})
+    return fill(words["calibration"][key], {"deg": f"{calibration.walking_apart_deg:.0f}"})
 
 
 def _list_choices(times: list[str], words: Words) -> str:
@@ -219,14 +219,10 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
 
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
-    title = _start_small(describe_flag(flag, language).title, language)
+    title = describe_flag(flag, language).title
+    title = title[0].lower() + title[1:]
     lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
     return f"{title} ({lasted})" if lasted and lasted not in title else title
-
-
-def _start_small(text: str, language: Language) -> str:
-    """Write a title within a sentence; German nouns keep their capitals."""
-    return text if language == "de" else text[0].lower() + text[1:]
 
 
 def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
@@ -235,17 +231,13 @@ def _format_not_analysed(findings: Findings, words: Words, language: Language) -
     away_us = time.missing_us + time.excluded_us
     if away_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
         return ""
-    parts = sorted(_find_time_away(findings, words, language), key=lambda part: -part[1])
+    parts = [(format_reason(reason, words), us) for reason, us in _sum_exclusions(findings).items()]
+    if time.missing_us >= MICROSECONDS:
+        missing = words["time"]["missing"]
+        parts.append((missing[0].lower() + missing[1:], time.missing_us))
+    parts.sort(key=lambda part: -part[1])
     told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, language)}" for name, us in parts)
     return fill(words["heading"]["not_analysed"], {"parts": told})
-
-
-def _find_time_away(findings: Findings, words: Words, language: Language) -> Iterator[tuple[str, int]]:
-    """Give the name and the microseconds of each kind of time that was not analysed."""
-    for reason, us in _sum_exclusions(findings).items():
-        yield format_reason(reason, words), us
-    if findings.time.missing_us >= MICROSECONDS:
-        yield _start_small(words["time"]["missing"], language), findings.time.missing_us
 
 
 def _sum_exclusions(findings: Findings) -> dict[str, int]:
@@ -530,16 +522,16 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
     calibration, entry = findings.calibration, words["calibration"]
     if calibration is None:
         return ()
-    settings, bias = findings.settings, _format_vector(calibration.bias_dps, clock.language)
+    bias = _format_vector(calibration.gyro_bias_dps, clock.language)
     repeats = (_format_repeat(still, clock, words) for still in calibration.repeats)
     slips, no_slips = (
         ", ".join(clock.format(time_s, with_seconds=True) for time_s in times_s)
-        for times_s in (settings.slip_times_s, settings.no_slip_times_s)
+        for times_s in (calibration.slip_times_s, calibration.no_slip_times_s)
     )
     pairs = (
         (entry["found"], format_found(findings, words)),
         (entry["sigma"], _format_angle_of(calibration.sigma_deg, clock.language)),
-        (entry["pose"], "" if settings.arm_axis else words["pose"][calibration.pose]),
+        (entry["pose"], words["pose"][calibration.pose] if calibration.pose else ""),
         (entry["window"], _format_still(calibration.still, clock, words)),
         (entry["second"], _format_still(calibration.second, clock, words)),
         (entry["repeats"], join_clauses(repeats, clock.language)),
@@ -547,24 +539,23 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
         (entry["slips"], slips),
         (entry["no_slips"], no_slips),
         (entry["walking"], _format_walking(calibration, clock.language)),
-        (entry["score"], _format_score(calibration.still, clock.language)),
+        (entry["score"], _format_score(calibration.score, clock.language)),
         (entry["bias"], fill(entry["bias_value"], {"values": bias})),
     )
     return tuple(Pair(name, value) for name, value in pairs if value)
 
 
 def format_found(findings: Findings, words: Words) -> str:
-    """Say how the arm's axis was found; findings of earlier versions know only who chose the window."""
-    calibration, settings, entry = findings.calibration, findings.settings, words["calibration"]
+    """Say how the arm's axis was found."""
+    calibration = findings.calibration
     if calibration is None:
         return ""
-    if calibration.state is None:
-        return str(entry["asked" if settings.calibration_windows_s else "proposed"])
-    return fill(entry["found_as"][calibration.state], {"axis": _format_axis(findings)})
+    found = words["calibration"]["found_as"][calibration.state]
+    return fill(found, {"axis": _format_axis(calibration)})
 
 
-def _format_axis(findings: Findings) -> str:
-    return (findings.settings.arm_axis or "").removeprefix("+").replace("-", "\u2212")
+def _format_axis(calibration: CalibrationFacts) -> str:
+    return (calibration.axis or "").replace("-", "\u2212")
 
 
 def _format_angle_of(angle_deg: float | None, language: Language) -> str:
@@ -573,18 +564,18 @@ def _format_angle_of(angle_deg: float | None, language: Language) -> str:
 
 def _format_walking(calibration: CalibrationFacts, language: Language) -> str:
     """Write how far walking lies from the axis, unless it gave the axis."""
-    return "" if calibration.state == "none" else _format_angle_of(calibration.walking_deg, language)
+    return "" if calibration.state == "none" else _format_angle_of(calibration.walking_apart_deg, language)
 
 
-def _format_score(still: StillFacts | None, language: Language) -> str:
-    return format_number(still.score, 2, language) if still else ""
+def _format_score(score: float | None, language: Language) -> str:
+    return "" if score is None else format_number(score, 2, language)
 
 
 def _format_vector(values: tuple[float, ...], language: Language) -> str:
     return join_clauses((format_number(value, 3, language) for value in values), language)
 
 
-def _format_repeat(still: StillFacts, clock: Clock, words: Words) -> str:
+def _format_repeat(still: RepeatFacts, clock: Clock, words: Words) -> str:
     facts = {
         "time": clock.format(still.start_s, with_seconds=True),
         "apart": _format_angle_of(still.apart_deg, clock.language),
@@ -631,6 +622,6 @@ def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, 
         Pair(entry["revision"], subject.software.revision, code=True),
         *_build_reading(recording.reader, subject.columns, clock.language, entry),
         Pair(entry["schema"], SCHEMA, code=True),
-        Pair(entry["report_id"], identify_report(findings, subject), code=True),
+        Pair(entry["report_id"], subject.report_id, code=True),
     )
     return Section("provenance", words["section"]["provenance"], pairs=pairs)

@@ -296,7 +296,7 @@ def _find_sensor_doubt(interval: Interval | None, page: _Page) -> Doubt:
 def _find_pose_doubts(value: float, interval: Interval | None, page: _Page) -> list[Doubt]:
     """Give the doubt of the pose that was held, as a range where the figure carries one."""
     calibration, entry = page.findings.calibration, page.entry["sure"]
-    if calibration is None or calibration.state in UNHELD:
+    if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return []
     part = _find_pose_part(value, interval)
     if part:

@@ -19,7 +19,6 @@ from app.report.analysis.chapters import (
 from app.report.analysis.charts import build_bar
 from app.report.analysis.day import WORST_WINDOW_S
 from app.report.analysis.profile import build_profile
-from app.report.export.results import identify_report
 from app.report.findings import Findings
 from app.report.model import Note, Pair, Report
 from app.report.words.numbers import (
@@ -145,7 +144,10 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
     words = name_ranges(load_wording(language), choose_ranges(findings))
     clock = Clock(findings.recording.start, language)
     arm = words["arm"][subject.side or "unknown"]
-    header, footer = _build_header(findings, subject, clock, words), _format_footer(findings, subject, words)
+    header, footer = (
+        _build_header(findings, subject, clock, words),
+        fill(words["heading"]["footer"], {"version": subject.software.version, "id": subject.report_id}),
+    )
     return Report(
         language=language,
         title=words["heading"]["title"],
@@ -159,7 +161,7 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         limits=_build_limits(findings, words),
         intended_use=Note(words["intended_use"]["title"], (words["intended_use"]["text"],)),
         sections=build_sections(findings, subject, clock, words),
-        report_id=identify_report(findings, subject),
+        report_id=subject.report_id,
         footer=footer,
         brief=_format_brief(header, footer, words),
         made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
@@ -213,11 +215,6 @@ def _build_conclusion(subject: ReportSubject, language: Language, words: Words) 
     when = format_date(datetime.fromisoformat(concluded.date), language)
     title = fill(told["title"], {"name": clean_text(concluded.name), "date": when})
     return Note(title, (*clean_paragraphs(concluded.text), told["typed"]))
-
-
-def _format_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:
-    facts = {"version": subject.software.version, "id": identify_report(findings, subject)}
-    return fill(words["heading"]["footer"], facts)
 
 
 def _format_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:

@@ -22,6 +22,7 @@ from app.jobs.recordings import StoredRow
 from app.jobs.regeneration import can_regenerate
 from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
+from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_percent
@@ -51,7 +52,6 @@ from app.web.views import (
     format_times,
     format_windows,
     now_utc,
-    read_results,
 )
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
@@ -268,7 +268,7 @@ def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
     """Read ``results.json`` of a finished analysis. Raises ResultDamaged."""
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
-    return read_results(services.results.read(job, "results.json"))
+    return load_results(services.results.read(job, "results.json"))
 
 
 def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:

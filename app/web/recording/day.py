@@ -296,8 +296,8 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
 
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
     said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    again = services.store.correct(job, corrected)
     say_whose(services, job, corrected, said)
-    again = services.store.add_correction(job, corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 

@@ -11,7 +11,7 @@ from sqlalchemy import Table, func, select
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.access.tables import known_browsers, sessions, tickets, tries
-from app.errors import DatabaseTooNew, KeysNeeded, LoginRefused
+from app.errors import KeysNeeded, LoginRefused, WrongSchema
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, find_lines
 from app.settings import Settings
@@ -194,14 +194,14 @@ def test_a_backup_of_an_installation_without_accounts_makes_none(move: Move) -> 
     assert not (move.new.data_dir / "accounts.sqlite3").exists()
 
 
-def test_accounts_of_a_later_release_are_refused_before_any_is_written(
+def test_accounts_of_another_version_are_refused_before_any_is_written(
     move: Move, add_person: AddPerson
 ) -> None:
     add_person()
     move.back_up()
     move.rewrite("manifest.json", b'"accounts": "1"', b'"accounts": "99"')
 
-    with pytest.raises(DatabaseTooNew):
+    with pytest.raises(WrongSchema):
         move.restore()
 
     assert not (move.new.data_dir / "accounts.sqlite3").exists()

@@ -4,15 +4,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.jobs.job import Job, JobState
+from app.jobs.job import Job
 from app.jobs.store import JobStore
-from app.jobs.worker import Benches
 from app.main import prepare_house
 from app.request import ReportRequest
 from app.services import Offices, Services, open_services
 from app.settings import Settings
-from tests.app.conftest import OpenBench, on_both_set_ups
-from tests.app.stand_ins import write_report
+from tests.app.conftest import on_both_set_ups
 
 
 @pytest.fixture
@@ -36,19 +34,6 @@ def test_the_same_bytes_in_two_organisations_are_no_duplicates(offices: Offices)
     job = add_job(other)
 
     assert other.recordings.get(job.recording_id).duplicate_of is None
-
-
-@on_both_set_ups
-def test_a_worker_serves_every_organisation_in_turn(offices: Offices, bench: OpenBench) -> None:
-    own, other = offices.own, offices.find("org_other")
-    jobs = (own, add_job(own)), (own, add_job(own, b"second")), (other, add_job(other))
-
-    benches = Benches(bench(write_report))
-    benches.run_round()
-    benches.close()
-
-    states = [services.store.get(job.id).state for services, job in jobs]
-    assert states == [JobState.SUCCEEDED, JobState.QUEUED, JobState.SUCCEEDED]
 
 
 def test_the_folder_of_an_organisation_lies_apart(offices: Offices, settings: Settings) -> None:

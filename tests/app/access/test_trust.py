@@ -461,16 +461,6 @@ def test_the_same_bytes_elsewhere_are_no_duplicate(house: House, caller: TestCli
     assert (theirs.get("duplicate_of"), recording["duplicate_of"], recording["warnings"]) == (None, None, [])
 
 
-def test_an_idempotency_key_of_elsewhere_means_nothing_here(house: House, caller: TestClient) -> None:
-    mine, other = dict(house.log_in("clinician")), dict(house.log_in("other"))
-    key = {"Idempotency-Key": "one"}
-    first = caller.post("/api/v1/analyze", content=b"bytes", headers=mine | key)
-    second = caller.post("/api/v1/analyze", content=b"other bytes", headers=other | key)
-
-    assert (first.status_code, second.status_code) == (202, 202)
-    assert first.json()["id"] != second.json()["id"]
-
-
 def test_counts_lists_and_cursors_hold_nothing_of_elsewhere(house: House, caller: TestClient) -> None:
     mine, other = dict(house.log_in("clinician")), dict(house.log_in("other"))
     for number in range(3):
