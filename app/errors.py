@@ -233,22 +233,8 @@ class LiveSourceFailed(AppError):
     fact_meanings = name_facts(name="of the port", why=TERM)
 
 
-class KeyReused(AppError):
-    """The idempotency key was used for another request."""
-
-    code = "E-KEY-REUSED"
-    outcome = Outcome(422, 2)
-
-
-class KeyInUse(AppError):
-    """The request with this idempotency key is still under way."""
-
-    code = "E-KEY-IN-USE"
-    outcome = Outcome(409, 3, retryable=True)
-
-
 class PurgedSince(AppError):
-    """What a request with this idempotency key made has been deleted for good."""
+    """The recording of this upload has been deleted for good."""
 
     code = "E-PURGED"
     outcome = Outcome(410, 3)
@@ -274,7 +260,7 @@ class StaleVersion(AppError):
     """Somebody else has changed it meanwhile."""
 
     code = "E-STALE"
-    outcome = Outcome(412, 3)
+    outcome = Outcome(409, 3)
 
 
 class NotHere(AppError):
@@ -524,29 +510,6 @@ class StoreMismatch(ServerRefused):
     fact_meanings = name_facts(found="store", needed="store")
 
 
-class KeyFileMissing(ServerRefused):
-    """The organisation's key, which opens the keys of all recordings, is not where it was."""
-
-    code = "E-KEY-FILE"
-    fact_meanings = name_facts(file="path")
-
-
-class KeyMismatch(ServerRefused):
-    """The organisation's key is not the one that wrapped the keys of the recordings."""
-
-    code = "E-KEY-OTHER"
-    fact_meanings = name_facts(file="path")
-
-
-class KeysNeeded(ServerRefused):
-    """Recordings (or names and authenticators of accounts) are sealed, and their keys are not here."""
-
-    code = "E-KEYS-NEEDED"
-    fact_meanings = name_facts(
-        number="recordings", first="id of one", people="people whose name or authenticator is sealed"
-    )
-
-
 class AccountsLost(ServerRefused):
     """The server of this data folder has accounts, and its database holds none."""
 
@@ -596,12 +559,20 @@ class StoreDamaged(AppError):
     outcome = Outcome(410, 3)
 
 
-class KeyGone(StoreDamaged):
-    """The key of a recording is not here: it was erased, or the keys were not restored."""
+class PurgeUnfinished(AppError):
+    """A recording is hidden, but its rows are still in the database: its copies could not be renewed."""
 
-    code = "E-KEY-GONE"
-    outcome = Outcome(410, 3)
-    fact_meanings = name_facts(id="of the recording")
+    code = "E-PURGE-UNFINISHED"
+    outcome = Outcome(503, 3)
+    fact_meanings = name_facts(id="of the recording", why="by the system")
+
+
+class SecretUnreadable(AppError):
+    """The secret of this server is gone, or is not the one that encrypted a second factor or a webhook."""
+
+    code = "E-SECRET"
+    outcome = Outcome(503, 3)
+    fact_meanings = name_facts(file="path")
 
 
 class ResultDamaged(AppError):

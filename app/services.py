@@ -21,7 +21,6 @@ from app.jobs.database.connect import check_writable
 from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
 from app.jobs.governance.retention import RetentionStore
-from app.jobs.idempotency import ResponseStore
 from app.jobs.library.listing import SavedViews
 from app.jobs.library.mappings import MappingStore
 from app.jobs.queue import WayIn
@@ -35,8 +34,7 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
-from app.storage.sealing import SealedStorage
-from app.storage.store import Storage, check_folder, read_or_create_id
+from app.storage.store import Storage, check_folder
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
@@ -158,7 +156,7 @@ class Services:
     """The database, the folders and the settings of this server."""
 
     store: JobStore
-    storage: SealedStorage
+    storage: Storage
     settings: Settings
     recordings: RecordingStore
     uploads: UploadStore
@@ -169,7 +167,6 @@ class Services:
     batches: BatchStore
     mappings: MappingStore
     views: SavedViews
-    responses: ResponseStore
     webhooks: WebhookStore
     upload_slots: UploadSlots
     side_files: SideWriter
@@ -193,7 +190,7 @@ def open_services(settings: Settings) -> Services:
         store.close()
         raise
     rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming", storage.keys)
+    incoming = Incoming(settings.data_dir / "incoming")
     inspector = Inspector(settings, settings.data_dir / "inspections")
     results = ResultReader(store, storage)
     incoming.prepare()
@@ -207,11 +204,10 @@ def open_services(settings: Settings) -> Services:
         incoming=incoming,
         inspector=inspector,
         results=results,
-        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs", storage.keys),
+        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
         batches=BatchStore(*rows),
         mappings=MappingStore(*rows),
         views=SavedViews(*rows, storage),
-        responses=ResponseStore(*rows, read_or_create_id(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         upload_slots=UploadSlots(settings.max_uploads_at_once),
         side_files=SideWriter(*rows, storage),

@@ -29,10 +29,6 @@ class Settings(BaseSettings):
         Where recordings and reports are: nothing for the data folder, or ``s3://bucket``, whose endpoint,
         region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
         ``AWS_SECRET_ACCESS_KEY``.
-    key_file
-        The organisation's key, which wraps the key of each recording (32 bytes in base64); nothing for
-        ``organisation.key`` in the data folder, which is made at its first use. A file that is named must
-        exist.
     engine
         How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL,
         for workers on many machines.
@@ -71,21 +67,20 @@ class Settings(BaseSettings):
         A folder whose recordings are taken in without the page; None: none is watched.
     watch_pose_held
         "start": the pose was held at the start of wear in every recording of the watched folder.
-    lease_s, heartbeat_s
-        A worker that has not beaten for ``lease_s`` has lost its job.
+    lease_s
+        A worker renews its hold on a job every second; it loses the job after two leases without that.
     max_attempts
         Deaths of the analysis, while its worker lives, after which a recording is given up.
     max_interruptions
         Ends of the worker or its computer during one analysis after which it is set aside (E-INTERRUPTED).
-    worker_silence_s
-        Time without a heartbeat after which ``serve`` replaces a worker; longer than ``lease_s``.
     max_put_backs
         Times that an analysis waits for room on a full disk, 2 s at first and 60 s at most (20: a quarter of
         an hour in all), before it fails with E-DISK.
     memory_limit_bytes
         Address space of one analysis (numba and BLAS map far more than they touch).
     wall_limit_s, wall_limit_s_per_gb
-        Longest time for one analysis: the larger of the first and the second times the file's size.
+        Longest time for one analysis: the larger of the first and the second times the file's size. One
+        without progress is ended after half of it.
     min_body_rate_bytes_per_s, body_patience_s, header_patience_s
         A client that sends more slowly than this, for longer than this, is sent away.
     webhooks_may_be_private
@@ -104,7 +99,6 @@ class Settings(BaseSettings):
     data_dir: Path = Path("acromion-data")
     database_url: str = Field(default_factory=_build_database_url)
     object_store: str = ""
-    key_file: Path | None = None
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
     port: int = 8080
@@ -127,11 +121,9 @@ class Settings(BaseSettings):
     root_path: str = ""
     watch_dir: Path | None = None
     watch_pose_held: PoseHeld | None = None
-    lease_s: float = 30.0
-    heartbeat_s: float = 3.0
+    lease_s: float = 4.0
     max_attempts: int = 3
     max_interruptions: int = 5
-    worker_silence_s: float = 60.0
     max_put_backs: int = 20
     memory_limit_bytes: int = 6 * GIB
     wall_limit_s: float = 600.0

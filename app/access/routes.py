@@ -74,12 +74,10 @@ _ROUTES: Mapping[Needed, str] = {
         OPTIONS /api/v1/uploads                                            none
         OPTIONS /api/v1/uploads/{upload_id}                                none
         POST   /api/v1/uploads                                            rows
-        POST   /api/v1/uploads/{upload_id}                                rows
         GET    /api/v1/uploads/{upload_id}                                none
         PATCH  /api/v1/uploads/{upload_id}                                rows
         DELETE /api/v1/uploads/{upload_id}                                rows
         PUT    /api/v1/uploads/{upload_id}/words                          rows
-        PUT    /api/v1/uploads/{upload_id}/tail                           rows
         GET    /api/v1/uploads/{upload_id}/inspection                     none
         POST   /api/v1/recordings                                         rows
         POST   /api/v1/analyze                                            rows
@@ -116,7 +114,6 @@ _ROUTES: Mapping[Needed, str] = {
         GET    /api/v1/columns                                            list.read
         GET    /api/v1/columns/{header}                                   list.read
         GET    /api/v1/columns/{header}/profile.json                      file.exported
-        GET    /api/v1/compare                                            report.read
         GET    /api/v1/compare/{name}                                     report.read
         GET    /api/v1/pair/{name}                                        report.read
         GET    /api/v1/profile/{name}                                     report.read

@@ -75,27 +75,3 @@ class Job:
     def is_over(self) -> bool:
         """The state is final."""
         return not TRANSITIONS[self.state]
-
-
-@dataclass(frozen=True, slots=True)
-class Claimer:
-    """A worker process, uniquely identified.
-
-    ``place`` is the computer, its boot and its process namespace: inside one place a process number and
-    its start time are enough to see whether the process lives. ``started`` is "" where it is unknown.
-    """
-
-    place: str
-    pid: int
-    started: str
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """A running job as other workers see it. ``beats`` grows while its holder lives."""
-
-    analysis_id: str
-    token: str
-    beats: int
-    attempts: int
-    claimer: Claimer

@@ -1,14 +1,10 @@
-"""Who may sign in after a restore or a recovery, and whether what is kept of them can be opened."""
+"""Who may sign in after a restore or a recovery."""
 
 import json
-import zipfile
 from dataclasses import dataclass
 
 from sqlalchemy import Engine, select
 
-from app.access.sealed_secrets import is_sealed
-from app.errors import KeysNeeded
-from app.jobs.database.dump import read_rows
 from app.jobs.database.tables import people, tokens
 
 
@@ -38,18 +34,3 @@ def find_accounts(reader: Engine) -> Accounts:
 
 def _join(names: str) -> str:
     return ", ".join(json.loads(names))
-
-
-def check_account_keys(archive: zipfile.ZipFile, *, has_key: bool) -> None:
-    """Check that the key of the names and authenticators in a backup is here.
-
-    Raises
-    ------
-    KeysNeeded
-    """
-    kept = [
-        (str(row["name"]), (row["totp_secret"] or b"").decode()) for row in read_rows(archive, people.name)
-    ]
-    number = sum(any(map(is_sealed, words)) for words in kept)
-    if number and not has_key:
-        raise KeysNeeded(people=number)

@@ -4,10 +4,9 @@ from app.access.accounts import MARKER
 from app.errors import NotHere
 from app.jobs.database.connect import connect, read_revision
 from app.settings import Settings
-from app.storage.keys import KEY_FILE
 from app.storage.open import open_storage
 
-_KEPT = ("acromion.sqlite3", MARKER, KEY_FILE, "keys", "recordings")
+_KEPT = ("acromion.sqlite3", MARKER, "recordings")
 """What a folder that was ever used has one of."""
 
 

@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
 from app.jobs.database.tables import saved_views
-from app.jobs.job import Claimer, Job, JobState
+from app.jobs.job import Job, JobState
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.library.listing import VIEWS_FILE, Library, LibraryFilter, SavedViews
 from app.jobs.recordings import RecordingStore
@@ -21,8 +21,6 @@ from app.settings import Settings
 from app.storage.store import ResultFile, Storage
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob, find_study
-
-ME = Claimer("here", 1, "")
 
 
 @pytest.fixture
@@ -43,7 +41,7 @@ def views(store: JobStore, storage: Storage) -> SavedViews:
 
 def finish(store: JobStore, method_version: int = int(METHOD_VERSION)) -> None:
     """Let the job that waits end well, by a version of the method."""
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     figures = HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0, "smoothed", method_version)
     assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)], figures)
@@ -137,7 +135,7 @@ def test_a_failed_analysis_is_replaced_by_its_repetition(
     caller: TestClient, store: JobStore, add_job: AddJob
 ) -> None:
     job = add_job()
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     store.fail(job.id, str(claimed.token), "E-SHORT", {})
 

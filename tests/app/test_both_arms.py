@@ -14,7 +14,8 @@ from pypdf import PdfReader
 
 from app.errors import CannotPair
 from app.report.export.parquet import write_elevation
-from app.report.findings import Kept, encode_findings
+from app.report.export.results import encode_results
+from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pair import ArmPair, build_pair, describe_pair
 from app.report.pairs import OnePerson
@@ -76,7 +77,7 @@ def keep(
     assert kept.findings.method is not None
     named = replace(kept.findings.method, name=method)
     findings = replace(kept.findings, exclusions=(), method=named)
-    (folder / "findings.json").write_bytes(encode_findings(findings, kept.subject))
+    (folder / "results.json").write_bytes(encode_results(findings, kept.subject))
     angles = np.full(6000, angle_deg, np.float32)
     segment = ElevationSegment(0, 100.0, angles, np.ones(6000, bool))
     write_elevation(Elevation((segment,), None), folder / "elevation.parquet")

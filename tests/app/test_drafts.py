@@ -9,7 +9,7 @@ from sqlalchemy import select
 
 from app.jobs import versions
 from app.jobs.database.tables import audit_log
-from app.jobs.job import Claimer, Job
+from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
@@ -22,7 +22,6 @@ from fusion.conventions import METHOD_VERSION
 from fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob
 
-ME = Claimer("here", 1, "")
 SAID = Conclusion("Overhead work is the load.", "M. Tremblay", "2026-11-23")
 
 
@@ -46,7 +45,7 @@ def concluded(store: JobStore, first: Job) -> Job:
 
 def finish(store: JobStore, job: Job) -> Job:
     """Let the job that waits end well; gives it."""
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     assert claimed.id == job.id
     figures = HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0, "smoothed", int(METHOD_VERSION))
@@ -151,7 +150,7 @@ def test_a_conclusion_that_is_taken_away_leaves_no_draft(store: JobStore, conclu
 
 def test_a_correction_that_fails_does_not_lose_the_draft(store: JobStore, concluded: Job) -> None:
     failed = store.add_correction(concluded, replace(concluded.request, calibration_windows_s=((1.0, 9.0),)))
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     store.fail(failed.id, str(claimed.token), "E-CALIBRATION", {})
 

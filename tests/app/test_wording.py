@@ -253,12 +253,6 @@ def test_an_unknown_caveat_shows_its_code() -> None:
     assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
 
 
-@pytest.mark.parametrize("code", ["W-POSE-ALONE", "W-POSE-APART", "W-SLIP-DOUBT"])
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_a_caveat_of_an_earlier_version_still_has_words(code: str, language: Language) -> None:
-    assert describe_flag(QualityFlag(code), language).detail != ""
-
-
 @pytest.mark.parametrize(
     ("language", "told"),
     [

@@ -20,9 +20,9 @@ from app.jobs.database.tables import (
     retention,
     running_time,
 )
-from app.jobs.idempotency import drop_traces
 from app.jobs.job import TRANSITIONS, JobState
 from app.jobs.queries import STORED, RowStore, select_running_s
+from app.jobs.recordings import drop_empty_batches
 from app.jobs.side_files import increment_revision
 
 Kind = Literal["recordings", "results", "trash", "trail"]
@@ -111,7 +111,7 @@ class RetentionStore(RowStore):
             connection.execute(delete(result_files).where(result_files.c.analysis_id == analysis_id))
             connection.execute(delete(answers).where(answers.c.analysis_id == analysis_id))
             connection.execute(delete(analyses).where(mine))
-            drop_traces(connection, {analysis_id})
+            drop_empty_batches(connection)
             increment_revision(connection, row.id)
             record(connection, "analysis.purged", row.id, analysis_id)
         return True

@@ -12,15 +12,13 @@ from typer.testing import CliRunner
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.cli import app
-from app.errors import AccountsLost, KeysNeeded, LoginRefused, NotEmpty
+from app.errors import AccountsLost, LoginRefused, NotEmpty
 from app.jobs.database.tables import known_browsers, sessions, tickets, tries
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
 from app.upkeep.account_rows import Accounts
 from app.upkeep.backup import back_up, find_damage, restore
-from app.upkeep.envelope import Recipients
-from app.upkeep.key_backup import back_up_keys, read_key_backup
 from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
 from tests.postgres import PostgresServer
 
@@ -40,15 +38,14 @@ class Move:
     new: Settings = field(init=False)
 
     def back_up(self) -> None:
-        """Back up rows, files and keys."""
+        """Back up rows and files."""
         JobStore(self.settings).close()
         back_up(self.settings, self.file)
-        back_up_keys(self.settings, self.file.with_suffix(".keys"), Recipients())
         self.new = self.empty()
 
     def restore(self) -> Accounts:
-        """Restore the backup with its keys."""
-        return restore(self.new, self.file, read_key_backup(self.file.with_suffix(".keys"))).accounts
+        """Restore the backup."""
+        return restore(self.new, self.file).accounts
 
     def open(self) -> AccountStore:
         """Open the accounts of the new place."""
@@ -134,19 +131,6 @@ def test_what_goes_on_now_is_in_no_backup(move: Move, add_person: AddPerson, log
 
 def count_rows(accounts: AccountStore, table: Table) -> int:
     return int(accounts.database.read_value(select(func.count()).select_from(table)))
-
-
-def test_accounts_whose_key_is_missing_are_refused_and_leave_nothing_behind(
-    move: Move, add_person: AddPerson
-) -> None:
-    add_person("clara")
-    move.back_up()
-
-    with pytest.raises(KeysNeeded) as refused:
-        restore(move.new, move.file)
-
-    assert refused.value.facts == {"people": 1}
-    assert not move.new.data_dir.exists()
 
 
 def test_nothing_is_restored_over_people(move: Move, add_person: AddPerson) -> None:

@@ -327,7 +327,9 @@ def test_ids_of_other_kinds_stand_among_the_codes(house: House, caller: TestClie
 def test_ids_in_the_query_of_a_refused_request_are_lines(house: House, caller: TestClient) -> None:
     asked = ["an_0000000000000001", "an_0000000000000002"]
 
-    caller.get("/api/v1/compare", params={"analysis": asked}, headers=dict(house.log_in("employer")))
+    caller.get(
+        "/api/v1/compare/comparison.json", params={"analysis": asked}, headers=dict(house.log_in("employer"))
+    )
 
     assert [line.analysis_id for line in _find_by(house, "employer", "refused")] == asked
 

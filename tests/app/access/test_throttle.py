@@ -11,14 +11,12 @@ from sqlalchemy import select
 
 from app.access import passwords
 from app.access.accounts import AccountStore
-from app.access.hashing import LOGINS
 from app.access.logins import Caller, Logins
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.jobs.audit_log import NOBODY, acting
 from app.jobs.database.tables import audit_log, tries
 from app.settings import Settings
-from app.storage.keys import open_keys
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -262,27 +260,6 @@ def test_two_processes_count_the_tries_of_a_name_together(
         codes += done.stdout.split()
 
     assert codes == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-def test_tries_are_counted_after_the_key_of_the_names_is_lost(
-    logins: Logins, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person()
-    guess(logins, "clara")
-    open_keys(settings).destroy(LOGINS)
-
-    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-def test_tries_are_counted_where_the_key_of_the_names_does_not_open(
-    logins: Logins, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person()
-    keys = open_keys(settings)
-    keys.destroy(LOGINS)
-    keys.wrapped.add(LOGINS, b"damaged")
-
-    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
 
 
 def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
