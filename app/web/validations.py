@@ -119,7 +119,7 @@ def _build_item(services: Services, job: Job, language: Language) -> ComparedIte
 
 
 def _build_curves(services: Services, job: Job, address: str, language: Language) -> tuple[CurveView, ...]:
-    """Lay both angles into one drawing; nothing where an earlier release kept none."""
+    """Lay both angles into one drawing; nothing if none were kept."""
     try:
         clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
     except NoSuchFile:
