@@ -135,7 +135,7 @@ class Settings(BaseSettings):
     root_path: str = ""
     watch_dir: Path | None = None
     watch_pose_held: PoseHeld | None = None
-    lease_s: float = 5.0
+    lease_s: float = 4.0
     max_attempts: int = 3
     max_interruptions: int = 5
     max_put_backs: int = 20

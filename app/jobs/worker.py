@@ -150,21 +150,12 @@ def run_next_patiently(bench: Bench) -> bool:
         return False
 
 
-@dataclass(frozen=True, slots=True)
-class Delay:
-    """Why a job cannot go on now, how often it was put back for a full disk, and how long it waits now."""
-
-    code: str
-    put_backs: int
-    pause_s: float
-
-
 def _attempt_or_delay(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
     """Make the attempt; where the store or the disk fails, delay the job and put it back, uncounted."""
     try:
         outcome = _attempt(bench, job, token, lease)
     except StoreAway as trouble:
-        return _delay(bench, job, lease, Delay(trouble.code, job.put_backs, TROUBLE_S))
+        return _delay(bench, job, lease, trouble.code, TROUBLE_S)
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
     except StoreDamaged as damaged:
@@ -176,15 +167,16 @@ def _attempt_or_delay(bench: Bench, job: Job, token: str, lease: Lease) -> Outco
     if job.put_backs >= bench.settings.max_put_backs:
         return Refused(DiskFull.code, {"tries": job.put_backs + 1})
     pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
-    return _delay(bench, job, lease, Delay(DiskFull.code, job.put_backs + 1, pause_s))
+    job = replace(job, put_backs=job.put_backs + 1)
+    return _delay(bench, job, lease, DiskFull.code, pause_s)
 
 
-def _delay(bench: Bench, job: Job, lease: Lease, delay: Delay) -> Outcome:
+def _delay(bench: Bench, job: Job, lease: Lease, code: str, pause_s: float) -> Outcome:
     """Record the delay, and keep the job for a while: a peer on the same disk would meet the same trouble."""
-    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, delay.pause_s, delay.code)
+    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, pause_s, code)
     with suppress(OperationalError):  # the database may lie on the disk that is full
-        bench.store.record_delay(job.id, str(job.token), delay.code, delay.put_backs)
-    end_s = time.monotonic() + delay.pause_s
+        bench.store.record_delay(job.id, str(job.token), code, job.put_backs)
+    end_s = time.monotonic() + pause_s
     while time.monotonic() < end_s and _renew_unless_stopping(bench, lease, None, 0.0):
         bench.stopping.wait(IDLE_S)
     return Stopped()
