@@ -33,7 +33,7 @@ Laid = tuple[Job, str, float | None]
 
 
 def build_curves(services: Services, laid: Sequence[Laid], base: str) -> tuple[CurveView, ...]:
-    """Build a curve for each analysis; none where one of them has no curve, as of an earlier release."""
+    """Build a curve for each analysis; none if one of them has no curve."""
     try:
         clocks = [DayClock.of(find_day(services, job).facts) for job, _, _ in laid]
     except NoSuchFile:
