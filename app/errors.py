@@ -510,29 +510,6 @@ class StoreMismatch(ServerRefused):
     fact_meanings = name_facts(found="store", needed="store")
 
 
-class KeyFileMissing(ServerRefused):
-    """The organisation's key, which opens the keys of all recordings, is not where it was."""
-
-    code = "E-KEY-FILE"
-    fact_meanings = name_facts(file="path")
-
-
-class KeyMismatch(ServerRefused):
-    """The organisation's key is not the one that wrapped the keys of the recordings."""
-
-    code = "E-KEY-OTHER"
-    fact_meanings = name_facts(file="path")
-
-
-class KeysNeeded(ServerRefused):
-    """Recordings (or names and authenticators of accounts) are sealed, and their keys are not here."""
-
-    code = "E-KEYS-NEEDED"
-    fact_meanings = name_facts(
-        number="recordings", first="id of one", people="people whose name or authenticator is sealed"
-    )
-
-
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 
@@ -589,12 +566,20 @@ class StoreDamaged(AppError):
     outcome = Outcome(410, 3)
 
 
-class KeyGone(StoreDamaged):
-    """The key of a recording is not here: it was erased, or the keys were not restored."""
+class PurgeUnfinished(AppError):
+    """A recording is hidden, but its rows are still in the database: its copies could not be renewed."""
 
-    code = "E-KEY-GONE"
-    outcome = Outcome(410, 3)
-    fact_meanings = name_facts(id="of the recording")
+    code = "E-PURGE-UNFINISHED"
+    outcome = Outcome(503, 3)
+    fact_meanings = name_facts(id="of the recording", why="by the system")
+
+
+class SecretUnreadable(AppError):
+    """The secret of this server is gone, or is not the one that encrypted a second factor or a webhook."""
+
+    code = "E-SECRET"
+    outcome = Outcome(503, 3)
+    fact_meanings = name_facts(file="path")
 
 
 class ResultDamaged(AppError):

@@ -28,7 +28,7 @@ from app.access.logins import Logins
 from app.access.opening import open_accounts, open_gate
 from app.api.about import router as about_routes
 from app.api.health import router as health_routes
-from app.api.housekeeping import keep_house, reconcile
+from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library.analyses import router as analysis_routes
 from app.api.library.analyses import run_to_end
 from app.api.library.batches import router as batch_routes
@@ -42,7 +42,6 @@ from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.middleware.plain_text import PlainText
 from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
-from app.api.middleware.side_files import SideFiles
 from app.api.pairs import router as pair_routes
 from app.api.tokens import router as token_routes
 from app.api.trust import router as trust_routes
@@ -177,14 +176,11 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     offices = application.state.offices = Offices(open_services(settings), prepare_house)
     accounts = open_accounts(settings, clock)
     gate = application.state.gate = open_gate(settings, accounts)
-    logins = application.state.logins = Logins(accounts, settings)
-    logins.credentials.seal_earlier()
-    accounts.seal_earlier()
+    application.state.logins = Logins(accounts, settings)
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_error_handlers(application)
-    application.add_middleware(SideFiles)
     application.add_middleware(Access, gate=gate, offices=offices, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)
     application.add_middleware(
@@ -386,6 +382,8 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
                 if services.live.made is not None:
                     await asyncio.to_thread(services.live.made.close)
             await asyncio.to_thread(_carry_acts, accounts, offices)
+            for services in offices.find_open().values():
+                await asyncio.to_thread(write_side_files, services)
     finally:
         offices.close()
         accounts.close()

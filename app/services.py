@@ -36,7 +36,6 @@ from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
-from app.storage.sealing import SealedStorage
 from app.storage.store import FolderLock, Storage, check_folder
 
 if TYPE_CHECKING:
@@ -159,7 +158,7 @@ class Services:
     """The database, the folders and the settings of this server."""
 
     store: JobStore
-    storage: SealedStorage
+    storage: Storage
     settings: Settings
     recordings: RecordingStore
     uploads: UploadStore
@@ -193,7 +192,7 @@ def open_services(settings: Settings) -> Services:
         store.close()
         raise
     rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming", storage.keys)
+    incoming = Incoming(settings.data_dir / "incoming")
     inspector = Inspector(settings, settings.data_dir / "inspections")
     results = ResultReader(store, storage)
     incoming.prepare()
@@ -207,7 +206,7 @@ def open_services(settings: Settings) -> Services:
         incoming=incoming,
         inspector=inspector,
         results=results,
-        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs", storage.keys),
+        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
         batches=BatchStore(*rows),
         mappings=MappingStore(*rows),
         views=SavedViews(*rows, storage),

@@ -37,10 +37,6 @@ class Settings(BaseSettings):
         Where recordings and reports are: nothing for the data folder, or ``s3://bucket``, whose endpoint,
         region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
         ``AWS_SECRET_ACCESS_KEY``.
-    key_file
-        The organisation's key, which wraps the key of each recording (32 bytes in base64); nothing for
-        ``organisation.key`` in the data folder, which is made at its first use. A file that is named must
-        exist.
     engine
         How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL,
         for workers on many machines.
@@ -116,7 +112,6 @@ class Settings(BaseSettings):
     data_dir: Path = Path("acromion-data")
     database_url: str = Field(default_factory=_build_database_url)
     object_store: str = ""
-    key_file: Path | None = None
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
     port: int = 8080
@@ -140,7 +135,7 @@ class Settings(BaseSettings):
     root_path: str = ""
     watch_dir: Path | None = None
     watch_pose_held: PoseHeld | None = None
-    lease_s: float = 5.0
+    lease_s: float = 4.0
     max_attempts: int = 3
     max_interruptions: int = 5
     max_put_backs: int = 20
@@ -179,7 +174,6 @@ class Settings(BaseSettings):
                 "database_url": _build_own_database_url(self.database_url, folder, organisation),
                 "object_store": f"{self.object_store.rstrip('/')}/{place}" if self.object_store else "",
                 "watch_dir": None,
-                "key_file": self.key_file and self.key_file.with_name(f"{organisation}.key"),
             }
         )
 

@@ -14,15 +14,15 @@ from sqlalchemy.exc import IntegrityError
 from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
-from app.access.sealed_secrets import MARK, SecretSealer, is_sealed
+from app.access.sealed_secrets import SecretSealer
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.access.tables import known_browsers, organisations, people, sessions, tickets, tokens
-from app.errors import BadParameter, KeyGone, NotHere
+from app.errors import BadParameter, NotHere
 from app.jobs.queries import format_now
 from app.jobs.trail import NOBODY
 from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
-from app.storage.keys import open_keys
+from app.storage.server_secret import ServerSecret
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
@@ -88,8 +88,7 @@ class AccountStore:
 
     def __init__(self, settings: Settings, clock: Callable[[], float] = time.time) -> None:
         self.database, self.clock = AccountDatabase(settings), clock
-        self.secrets = SecretSealer(open_keys(settings))
-        self._names: dict[str, str] = {}  # as they are kept, and opened: one reading of the key each
+        self.secrets = SecretSealer(ServerSecret(settings.data_dir))
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:
@@ -184,7 +183,7 @@ class AccountStore:
         if who.startswith("tok_"):
             person_id = select(tokens.c.person_id).where(tokens.c.id == who).scalar_subquery()
         row = self.database.read_one(select(people).where(people.c.id == person_id))
-        return self._open_name(row) if row is not None else ""
+        return row.name if row is not None else ""
 
     def find_person(self, login: str) -> Person | None:
         """Find the person of a login name."""
@@ -216,20 +215,9 @@ class AccountStore:
         """Give a person another name."""
         if self.get_person(person_id).name == name:
             return
-        kept = self._seal_name(person_id, name)
         with self.database.write() as connection:
-            connection.execute(update(people).where(people.c.id == person_id).values(name=kept))
+            connection.execute(update(people).where(people.c.id == person_id).values(name=name))
             note_act(connection, "person.changed", person_id, what="name")
-
-    def seal_earlier(self) -> None:
-        """Seal the names of an earlier release, and those given while the key was away."""
-        rows = self.database.read_all(select(people)) if self.database.is_there else ()
-        for row in rows:
-            kept = row.name if is_sealed(row.name) else self._seal_name(row.id, row.name)
-            is_it = (people.c.id == row.id, people.c.name == row.name)
-            if kept != row.name:
-                with self.database.write(is_act=False) as connection:
-                    connection.execute(update(people).where(*is_it).values(name=kept))
 
     def end_person(self, person_id: str) -> None:
         """Let a person log in no more, and end every session, token and open link at once."""
@@ -304,7 +292,7 @@ class AccountStore:
             with self.database.write() as connection:
                 connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
         permissions = collect_permissions(_read_roles(row.roles))
-        return Subject("person", row.id, self._open_name(row), row.organisation, permissions, digest)
+        return Subject("person", row.id, row.name, row.organisation, permissions, digest)
 
     # Tokens.
 
@@ -393,7 +381,7 @@ class AccountStore:
         self, organisation: str, login: str, name: str, roles: Collection[Role], more: dict[str, str]
     ) -> Person:
         row = {"id": f"per_{secrets.token_hex(8)}", "organisation": organisation, "login": login} | more
-        row |= {"name": self._seal_name(row["id"], name), "roles": json.dumps(sorted(roles))}
+        row |= {"name": name, "roles": json.dumps(sorted(roles))}
         row["created_at"] = format_now()
         try:
             with self.database.write() as connection:
@@ -404,24 +392,8 @@ class AccountStore:
         self._exist = True
         return self.get_person(row["id"])
 
-    def _seal_name(self, person_id: str, name: str) -> str:
-        """Seal a name; where the key of others is lost none is made in its place, and the name waits."""
-        sealed = people.c.name.startswith(MARK, autoescape=True) | people.c.totp_secret.is_not(None)
-        if not self.secrets.has_key and self.database.read_all(select(people.c.id).where(sealed).limit(1)):
-            return name
-        return self.secrets.seal(person_id, name, "name")
-
-    def _open_name(self, row: Row[Any]) -> str:
-        """Give the name of a person; the login where the key is lost."""
-        if row.name not in self._names:
-            try:
-                self._names[row.name] = self.secrets.open(row.id, row.name, "name")
-            except KeyGone:
-                return str(row.login)
-        return self._names[row.name]
-
     def _read_person(self, row: Row[Any]) -> Person:
-        about = (row.id, row.organisation, row.login, self._open_name(row), _read_roles(row.roles))
+        about = (row.id, row.organisation, row.login, row.name, _read_roles(row.roles))
         ways = (row.issuer, row.password_hash is not None, row.totp_secret is not None)
         return Person(*about, row.created_at, row.ended_at, *ways)
 

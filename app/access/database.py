@@ -9,12 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Select, delete, insert, inspect, select
+from sqlalchemy import Connection, Engine, Select, insert, inspect, select
 
-from app.access.tables import REVISION, facts, metadata, tries
+from app.access.tables import REVISION, facts, metadata
 from app.jobs.database.connect import READ_ONLY, connect, lock_tables, make_schema
 from app.settings import Settings
-from app.storage.labels import DIGEST_MARK
 
 
 class AccountDatabase:
@@ -95,16 +94,8 @@ class AccountDatabase:
                     metadata.create_all(connection)
                     if connection.execute(select(facts.c.value)).first() is None:
                         connection.execute(insert(facts).values(name="revision", value=REVISION))
-                    _drop_plain_tries(connection)
                 self._engine = engine
             return self._engine
-
-
-def _drop_plain_tries(connection: Connection) -> None:
-    """Drop what an earlier release counted by a digest without a key; an hour later it would go anyway."""
-    for counted in ("account:", "told:account:"):
-        is_plain = tries.c.key.startswith(counted) & ~tries.c.key.startswith(counted + DIGEST_MARK)
-        connection.execute(delete(tries).where(is_plain))
 
 
 def _find_place(settings: Settings) -> tuple[str, Path | None]:

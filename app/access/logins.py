@@ -71,7 +71,7 @@ class Logins:
         self.accounts, self.credentials = accounts, CredentialStore(accounts)
         self.tickets = TicketStore(accounts.database, accounts.clock)
         self.throttle = Throttle(accounts.database, accounts.clock)
-        self._names = NameHasher(accounts.secrets.keys)
+        self._names = NameHasher(accounts.secrets.server)
         self._must_enrol = settings.second_factor == "required"
 
     # Logging in.

@@ -64,12 +64,10 @@ _ROUTES: Mapping[Needed, str] = {
         OPTIONS /api/v1/uploads
         OPTIONS /api/v1/uploads/{upload_id}
         POST   /api/v1/uploads
-        POST   /api/v1/uploads/{upload_id}
         GET    /api/v1/uploads/{upload_id}
         PATCH  /api/v1/uploads/{upload_id}
         DELETE /api/v1/uploads/{upload_id}
         PUT    /api/v1/uploads/{upload_id}/words
-        PUT    /api/v1/uploads/{upload_id}/tail
         GET    /api/v1/uploads/{upload_id}/inspection
         POST   /api/v1/recordings
         POST   /api/v1/analyze

@@ -14,18 +14,19 @@ import anyio
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from app.api.library.analyses import run_to_end
-from app.api.library.recordings import forget_samples, purge_recording
-from app.api.library.uploads import drop_upload, forget_unfinished
-from app.api.middleware.side_files import write_side_files
+from app.api.library.recordings import finish_purge, forget_samples, purge_recording
+from app.api.library.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
-from app.errors import AppError, LockedUpload, OnHold
+from app.errors import AppError, LockedUpload, OnHold, SecretUnreadable
 from app.jobs.processes.leader import Leader
 from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
-from app.jobs.webhooks import Delivery
+from app.jobs.webhooks import SECRET_OF_WEBHOOK, Delivery
 from app.services import Services
+from app.storage.server_secret import SECRET_FILE, ServerSecret
+from app.storage.store import TEMPORARY_S
 from app.upkeep.anchors import anchor_trail
+from app.upkeep.copies import keep_daily_copy, renew_copies
 from app.upkeep.recover import (
-    TEMPORARY_S,
     Unknown,
     catch_up,
     check_known,
@@ -79,12 +80,13 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             if not await run_to_end(leader.is_leader):
                 looked_s = aged_s = now_s  # another counts this time
                 continue
-            await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
+            await run_to_end(write_side_files, services)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
                 await run_to_end(grow_older, services, now_s - aged_s)
                 aged_s = now_s
+                await run_to_end(keep_daily_copy, services.settings, services.store.engine)
             if now_s - anchored_s > ANCHOR_S:
                 await _anchor(services)
                 anchored_s = now_s
@@ -92,6 +94,15 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             logger.exception("the database does not answer; trying again")
         except (AppError, OSError):
             logger.exception("housekeeping is not done; trying again")
+
+
+def write_side_files(services: Services) -> None:
+    """Write the side files of what has changed; trouble takes back nothing: the rows are committed."""
+    try:
+        while services.side_files.write_lagging(SIDE_FILES_AT_ONCE) == SIDE_FILES_AT_ONCE:
+            continue
+    except (AppError, OSError, SQLAlchemyError):
+        logger.exception("side files are not written; trying again")
 
 
 def reconcile(services: Services) -> None:
@@ -121,7 +132,7 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_purges(services: Services, unknown: Unknown) -> None:
-    again = services.storage.keys.find_erased() & services.store.find_recordings()
+    again = services.storage.ledger.find() & services.store.find_recordings()
     for recording_id in {*services.recordings.find_purging(), *again}:
         try:
             purge_recording(services, recording_id)
@@ -146,9 +157,7 @@ def _finish_dropped(services: Services) -> int:
 def _drop_temporary(services: Services) -> int:
     uploads, swept = services.uploads, 0
     for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
-        recording_id = services.incoming.find_recording_id(upload_id)
         swept += services.incoming.sweep(upload_id)
-        forget_unfinished(services, recording_id)
     return swept + services.storage.drop_temporary(TEMPORARY_S)
 
 
@@ -203,13 +212,16 @@ class WebhookSender:
             for delivery in deliveries:
                 if not await run_to_end(webhooks.take, delivery):
                     continue
-                message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
+                secret = ServerSecret(settings.data_dir).decrypt(delivery.secret, SECRET_OF_WEBHOOK)
+                message = Message(delivery.id, delivery.url, secret, delivery.body)
                 allow_private = settings.webhooks_may_be_private
                 if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
                     return
                 await run_to_end(webhooks.drop_delivery, delivery)
         except OperationalError:
             logger.exception("the database does not answer; a webhook is told again later")
+        except SecretUnreadable:
+            logger.error("%s did not encrypt the secret of a webhook: add it again", SECRET_FILE)
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
@@ -223,12 +235,20 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     services.retention.add_running_time(elapsed_s)
     trash_term_s = services.retention.find_trash_term_s(settings.trash_term_s)
     due = services.recordings.age_trash(elapsed_s, trash_term_s)
-    for recording_id in (*due, *services.retention.find_due_recordings()):
+    begun = []
+    for recording_id in (
+        *services.recordings.find_purging(),
+        *due,
+        *services.retention.find_due_recordings(),
+    ):
         with suppress(OnHold):  # put on hold since it was found
-            purge_recording(services, recording_id)
-    for analysis_id in services.retention.find_due_results():
-        if services.retention.drop_analysis(analysis_id):
-            services.storage.drop_analysis(analysis_id)
+            begun.append(services.recordings.begin_purge(recording_id))
+    finish_purge(services, *begun)
+    dropped = [one for one in services.retention.find_due_results() if services.retention.drop_analysis(one)]
+    for analysis_id in dropped:
+        services.storage.drop_analysis(analysis_id)
+    if dropped:
+        renew_copies(settings, services.store.engine, ())
     services.retention.shorten_trail()
     forget_samples(services)  # a child may have written some while its recording was being purged
     services.recordings.forget_purged()

@@ -30,7 +30,6 @@ Act = Literal[
     "server.started",
     "server.stopped",
     "store.backed_up",
-    "keys.backed_up",
     "store.restored",
     "store.recovered",
     "store.verified",

@@ -14,9 +14,8 @@ from typing import Any
 from sqlalchemy import Connection, Table, func, insert, select
 
 from app.access.database import AccountDatabase
-from app.access.sealed_secrets import is_sealed
 from app.access.tables import REVISION, organisations, people, recovery_codes, tokens
-from app.errors import KeysNeeded, WrongSchema
+from app.errors import WrongSchema
 from app.jobs.database.dump import read_lines, write_rows
 from app.settings import Settings
 
@@ -65,19 +64,6 @@ class AccountRows:
         """
         if holds_accounts(self.manifest):
             self.database.prepare()
-
-    def check(self, has_key: bool) -> None:  # noqa: FBT001
-        """Check that the key of their names and authenticators is here.
-
-        Raises
-        ------
-        KeysNeeded
-        """
-        rows = _read_rows(self.archive, people)
-        kept = [(str(row["name"]), (row["totp_secret"] or b"").decode()) for row in rows]
-        number = sum(any(map(is_sealed, words)) for words in kept)
-        if number and not has_key:
-            raise KeysNeeded(people=number)
 
     def restore(self) -> CopiedPeople | None:
         """Add them where nobody has an account yet; whoever calls holds the lock of the tables."""

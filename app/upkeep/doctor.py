@@ -20,8 +20,6 @@ from app.jobs.store import JobStore
 from app.jobs.trail import Head, check_chain
 from app.report.render.html import find_template_folder
 from app.settings import Settings
-from app.storage.erasures import is_chained
-from app.storage.keys import open_keys
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.upkeep.anchors import find_anchors, is_address
@@ -57,7 +55,6 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_disk,
         _examine_database,
         _examine_store,
-        _examine_keys,
         _examine_recordings,
         _examine_quarantine,
         _examine_bytes,
@@ -127,19 +124,6 @@ def _examine_store(settings: Settings) -> Examination:
     return Examination("store", healthy=True, facts={"where": where})
 
 
-def _examine_keys(settings: Settings) -> Examination:
-    """Check that the organisation's key is the one that it was, and that the ledger of erasures is whole."""
-    keys = open_keys(settings)
-    try:
-        keys.check()
-        is_whole = is_chained(keys.ledger.read())
-    except AppError as refusal:
-        return Examination("keys", healthy=False, facts={"why": refusal.code})
-    except (SQLAlchemyError, OSError):
-        return Examination("keys", healthy=True)  # database and folder have checks of their own
-    return Examination("keys", is_whole, {} if is_whole else {"why": "erasures"})
-
-
 def _examine_recordings(settings: Settings) -> Examination:
     """Check that every stored recording has a row."""
     try:
@@ -172,9 +156,7 @@ def _examine_bytes(settings: Settings) -> Examination:
         if measure_kept(settings) > MOST_READ_BYTES:
             return Examination("bytes_unread", healthy=True)
         faults = [
-            fault.name
-            for fault in find_faults(settings, files)
-            if fault.finding in ("missing", "damaged", "no_key")
+            fault.name for fault in find_faults(settings, files) if fault.finding in ("missing", "damaged")
         ]
     except (AppError, SQLAlchemyError, OSError):
         return Examination("bytes", healthy=True)  # database and store have checks of their own

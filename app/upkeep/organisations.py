@@ -7,10 +7,9 @@ from app.jobs.database.connect import connect, read_revision
 from app.jobs.organisations import find_folders, find_organisations
 from app.organisation import OWN_ORGANISATION, is_organisation
 from app.settings import Settings
-from app.storage.keys import KEY_FILE
 from app.storage.open import open_storage
 
-_KEPT = ("acromion.sqlite3", "accounts.sqlite3", KEY_FILE, "keys", "recordings")
+_KEPT = ("acromion.sqlite3", "accounts.sqlite3", "recordings")
 """What a folder that was ever used has one of."""
 
 

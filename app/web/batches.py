@@ -44,10 +44,13 @@ def show_batch(batch_id: str, request: Request, services: UsedServices, language
     values = build_library(services, request, wanted, language)
     values |= {"batch": batch, "told": _describe_batch(batch, language), "w": _load_words(language)}
     jobs = services.batches.find_jobs(batch_id)
-    values |= {"squares": _draw_squares(services, batch_id, jobs, language)}
-    values |= {"compared": list_compared(services, jobs, language)}
-    values |= {"has_reports": any(_is_report(job) for job in jobs)}
-    return render_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
+    values |= {
+        "squares": _draw_squares(services, batch_id, jobs, language),
+        "compared": list_compared(services, jobs, language),
+        "has_reports": any(j.state is JobState.SUCCEEDED and j.request.reference is None for j in jobs),
+        "failed": batch.counts[JobState.FAILED],
+    }
+    return render_page(request, "batch.html", language, values)
 
 
 @router.post("/{batch_id}/retry")
@@ -90,10 +93,6 @@ class Square:
 
 
 MOST_SQUARES = 2_000
-
-
-def _is_report(job: Job) -> bool:
-    return job.state is JobState.SUCCEEDED and job.request.reference is None
 
 
 def _draw_squares(

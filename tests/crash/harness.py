@@ -34,9 +34,7 @@ PARTS: tuple[Victim, ...] = ("web", "worker", "child")
 Environment = Mapping[str, str]
 _NONE: Environment = {}
 END_PATIENCE_S = 600.0  # only a queue in which nothing ends for so long is called stuck
-LOSSES = frozenset(
-    {"missing", "damaged", "no_key"}
-)  # other findings, as of files without a row, a start puts right
+LOSSES = frozenset({"missing", "damaged"})  # other findings, as of files without a row, a start puts right
 ENDS_BORNE = 5  # ends of the host that an analysis outlives before it is set aside
 
 

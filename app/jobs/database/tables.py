@@ -13,12 +13,8 @@ from sqlalchemy import (
     Text,
 )
 
-from app.jobs.database.sealed_text import KeyedDigest, SealedText
-
 REVISION = "b1"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
-GONE_REQUEST = '{"file_name": ""}'
-"""What is read of a request or a description whose key was destroyed."""
 metadata = MetaData()
 
 # Written by Alembic, whose name it bears; not one of our tables.
@@ -30,19 +26,19 @@ recordings = Table(
     Column("id", String(32), primary_key=True),
     Column("sha256", String(64), nullable=False, index=True),
     Column("size_bytes", BigInteger, nullable=False),
-    Column("file_name", SealedText(), nullable=False),
+    Column("file_name", Text, nullable=False),
     Column("state", String(16), nullable=False),
     Column("created_at", String(32), nullable=False),
-    Column("subject", SealedText(), nullable=False, server_default=""),
+    Column("subject", Text, nullable=False, server_default=""),
     Column("side", String(8)),
-    Column("external_id", SealedText(), nullable=False, server_default=""),
-    Column("note", SealedText(), nullable=False, server_default=""),
+    Column("external_id", Text, nullable=False, server_default=""),
+    Column("note", Text, nullable=False, server_default=""),
     Column("duplicate_of", String(32)),
     Column("version", Integer, nullable=False, server_default="1"),
     Column("start", String(40)),
-    Column("inspection", SealedText("null")),
-    Column("diary", SealedText("[]"), nullable=False, server_default="[]"),
-    Column("tags", SealedText("[]"), nullable=False, server_default="[]"),
+    Column("inspection", Text),
+    Column("diary", Text, nullable=False, server_default="[]"),
+    Column("tags", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Column("since_s", Float, nullable=False, server_default="0"),
     Column("stored_by", String(40), nullable=False, server_default=""),
@@ -60,7 +56,7 @@ analyses = Table(
     metadata,
     Column("id", String(32), primary_key=True),
     Column("recording_id", ForeignKey("recordings.id"), nullable=False),
-    Column("request", SealedText(GONE_REQUEST), nullable=False),
+    Column("request", Text, nullable=False),
     Column("way_in", String(8), nullable=False),
     Column("state", String(16), nullable=False),
     Column("stage", String(16)),
@@ -73,9 +69,9 @@ analyses = Table(
     Column("started_at", String(32)),
     Column("ended_at", String(32)),
     Column("problem_code", String(32)),
-    Column("problem_facts", SealedText("{}")),
-    Column("awaits", KeyedDigest()),
-    Column("key", KeyedDigest()),
+    Column("problem_facts", Text),
+    Column("awaits", String(64)),
+    Column("key", String(64)),
     Column("priority", Integer, nullable=False, server_default="1"),
     Column("turn", Integer, nullable=False, server_default="0"),
     Column("batch_id", String(32)),
@@ -97,7 +93,7 @@ batches = Table(
     "batches",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("name", SealedText(), nullable=False),
+    Column("name", Text, nullable=False),
     Column("item_count", Integer, nullable=False),  # as it was asked for; those in it now are counted
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
@@ -125,9 +121,9 @@ webhooks = Table(
     "webhooks",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("url", SealedText(), nullable=False),
+    Column("url", Text, nullable=False),
     Column("events", Text, nullable=False),
-    Column("secret", SealedText(), nullable=False),
+    Column("secret", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
 )
 
@@ -148,8 +144,8 @@ uploads = Table(
     Column("id", String(32), primary_key=True),
     Column("length_bytes", BigInteger, nullable=False),
     Column("offset_bytes", BigInteger, nullable=False),
-    Column("metadata", SealedText(), nullable=False),
-    Column("description", SealedText(GONE_REQUEST), nullable=False),
+    Column("metadata", Text, nullable=False),
+    Column("description", Text, nullable=False),
     Column("idle_s", Float, nullable=False),
     Column("recording_id", String(32)),
     Column("is_repeated", Integer, nullable=False, server_default="0"),
@@ -160,9 +156,9 @@ uploads = Table(
 column_mappings = Table(
     "column_mappings",
     metadata,
-    Column("header", KeyedDigest(), primary_key=True),
-    Column("name", SealedText(), nullable=False),
-    Column("profile", SealedText(), nullable=False),
+    Column("header", String(64), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("profile", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
     Column("is_confirmed", Integer, nullable=False, server_default="0"),
 )
@@ -195,8 +191,8 @@ saved_views = Table(
     "saved_views",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("name", SealedText(), nullable=False),
-    Column("query", SealedText(), nullable=False),
+    Column("name", Text, nullable=False),
+    Column("query", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
 )
 

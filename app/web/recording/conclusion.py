@@ -72,12 +72,7 @@ def describe_draft(draft: ConclusionDraft, language: Language) -> str:
 
 
 def read_conclusion(form: Form) -> Conclusion:
-    """Read what was typed.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Read what was typed. Raises BadParameter."""
     text, name, typed_date = (first(form, field) for field in ("text", "name", "date"))
     if not clean_paragraphs(text) or len(text) > LONGEST_CONCLUSION:
         raise BadParameter(name="text", value=text[:60], allowed=f"1 … {LONGEST_CONCLUSION}")

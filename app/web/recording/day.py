@@ -48,21 +48,26 @@ def correct_request(
 ) -> ReportRequest:
     """Give the request of the next analysis; ``used_s``: the windows that the one before used.
 
-    Raises
-    ------
-    BadParameter, fusion.errors.UnusableDiary, fusion.errors.UnusableCalibration
+    Raises BadParameter, UnusableDiary or UnusableCalibration.
     """
     known = _read_pose(before, form, clock, used_s)
     hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
     if hint:
         raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
+    try:
+        subject = check_subject(first(form, "subject"))
+    except ValueError:
+        typed = first(form, "subject")[:60]
+        raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
     diary = read_rows(form, clock)
     place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
+    sides: tuple[Side, ...] = get_args(Side)
+    held: tuple[PoseHeld, ...] = get_args(PoseHeld)
     return replace(
         known,
-        subject=_read_subject(first(form, "subject")),
-        side=_choose_side(first(form, "side")),
-        pose_held=_choose_held(first(form, "held")),
+        subject=subject,
+        side=_choose(sides, first(form, "side"), "side") if first(form, "side") else None,
+        pose_held=_choose(held, first(form, "held"), "held") if first(form, "held") else None,
         slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
         no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
@@ -98,7 +103,8 @@ def _read_pose(
     """Read how the sensor is tied to the arm: by an axis that was strapped along it, or by a pose."""
     if first(form, "pose") == NO_POSE:
         return replace(before, calibration_windows_s=(), arm_axis=_choose_axis(first(form, "axis")))
-    pose = _choose_pose(first(form, "pose"))
+    poses: tuple[Pose, ...] = get_args(Pose)
+    pose = _choose(poses, first(form, "pose"), "pose")
     windows_s = _read_windows(form, "window", clock)
     if pose == "two-point":
         windows_s = [*windows_s[:1], *_read_windows(form, "level", clock)]
@@ -110,17 +116,20 @@ def _read_pose(
 
 def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
     """Read the windows that were typed; None for an empty one, which leaves the choice to the software."""
-    pairs = zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue="")
-    return [_read_window(start.strip(), end.strip(), clock) for start, end in pairs]
-
-
-def _read_window(start: str, end: str, clock: DayClock) -> Window | None:
-    if not start and not end:
-        return None
-    if not (start and end):
-        window = " – ".join(moment or "?" for moment in (start, end))
-        raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
-    return _check_order(clock.read(start, "calibration"), clock.read(end, "calibration"))
+    windows_s: list[Window | None] = []
+    for pair in zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue=""):
+        typed = [moment.strip() for moment in pair]
+        if not any(typed):
+            windows_s.append(None)
+            continue
+        if not all(typed):
+            window = " – ".join(moment or "?" for moment in typed)
+            raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
+        start_s, end_s = (clock.read(moment, "calibration") for moment in typed)
+        if end_s <= start_s:
+            raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
+        windows_s.append((start_s, end_s))
+    return windows_s
 
 
 def _read_times(text: str, name: str, clock: DayClock) -> tuple[float, ...]:
@@ -135,35 +144,7 @@ def _choose_axis(text: str) -> ArmAxis:
         raise BadParameter(name="axis", value=text[:60], allowed=AXIS_HINT) from None
 
 
-def _check_order(start_s: float, end_s: float) -> tuple[float, float]:
-    if end_s <= start_s:
-        raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
-    return start_s, end_s
-
-
-def _read_subject(text: str) -> str:
-    try:
-        return check_subject(text)
-    except ValueError:
-        raise BadParameter(name="subject", value=text[:60], allowed=SUBJECT_HINT) from None
-
-
-def _choose_pose(text: str) -> Pose:
-    poses: tuple[Pose, ...] = get_args(Pose)
-    return _find(poses, text, "pose")
-
-
-def _choose_side(text: str) -> Side | None:
-    sides: tuple[Side, ...] = get_args(Side)
-    return _find(sides, text, "side") if text else None
-
-
-def _choose_held(text: str) -> PoseHeld | None:
-    allowed: tuple[PoseHeld, ...] = get_args(PoseHeld)
-    return _find(allowed, text, "held") if text else None
-
-
-def _find(allowed: tuple[T, ...], text: str, name: str) -> T:
+def _choose(allowed: tuple[T, ...], text: str, name: str) -> T:
     for choice in allowed:
         if choice == text:
             return choice
@@ -173,7 +154,6 @@ def _find(allowed: tuple[T, ...], text: str, name: str) -> T:
 MOST_POINTS = 4000
 MOST_SPANS = 200
 LATEST_S = 1e8
-SPAN_HINT = "start,end (s)"
 
 router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
 Second = Annotated[float, Query(ge=0, le=LATEST_S)]
@@ -223,21 +203,19 @@ def share(
 ) -> dict[str, Any]:
     """Give the time above 60 deg in stretches, each ``start,end`` in s, as of a task of the diary."""
     day = find_day(services, services.store.get(analysis_id))
-    measured = [day.measure_above(*_read_span(each), MAIN_THRESHOLD_DEG) for each in span]
-    valid_s, above_s = (sum(part) for part in zip(*measured, strict=True))
+    valid_s = above_s = 0.0
+    for text in span:
+        try:
+            start_s, end_s = (float(part) for part in text.split(","))
+        except ValueError:
+            start_s = end_s = 0.0
+        if not 0.0 <= start_s < end_s <= LATEST_S:
+            raise BadParameter(name="span", value=text[:60], allowed="start,end (s)")
+        valid, above = day.measure_above(start_s, end_s, MAIN_THRESHOLD_DEG)
+        valid_s, above_s = valid_s + valid, above_s + above
     percent = 100.0 * above_s / valid_s if valid_s else None
     told = (format_duration(above_s, language), format_percent(percent, language))
     return {"percent": percent, "words": "{} ({})".format(*told) if valid_s else told[1]}
-
-
-def _read_span(text: str) -> Window:
-    try:
-        start_s, end_s = (float(part) for part in text.split(","))
-    except ValueError:
-        raise BadParameter(name="span", value=text[:60], allowed=SPAN_HINT) from None
-    if not 0.0 <= start_s < end_s <= LATEST_S:
-        raise BadParameter(name="span", value=text[:60], allowed=SPAN_HINT)
-    return start_s, end_s
 
 
 @router.post("/again")
@@ -347,9 +325,7 @@ async def export_diary(analysis_id: str, request: Request, services: UsedService
 def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
     """Open the day of a finished analysis, or one of the two curves of a comparison.
 
-    Raises
-    ------
-    NoSuchFile, ResultDamaged
+    Raises NoSuchFile or ResultDamaged.
     """
     if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=name)

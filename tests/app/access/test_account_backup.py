@@ -11,14 +11,12 @@ from sqlalchemy import Table, func, select
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.access.tables import known_browsers, sessions, tickets, tries
-from app.errors import KeysNeeded, LoginRefused, WrongSchema
+from app.errors import LoginRefused, WrongSchema
 from app.jobs.store import JobStore
 from app.jobs.trail import TrailQuestion, find_lines
 from app.settings import Settings
 from app.upkeep.account_rows import CopiedPeople
 from app.upkeep.backup import back_up, find_damage, restore
-from app.upkeep.envelope import Recipients
-from app.upkeep.key_backup import back_up_keys, read_key_backup
 from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
 from tests.postgres import PostgresServer
 
@@ -39,15 +37,14 @@ class Move:
     new: Settings = field(init=False)
 
     def back_up(self) -> None:
-        """Back up rows, files and keys."""
+        """Back up rows and files."""
         JobStore(self.settings).close()
         back_up(self.settings, self.file)
-        back_up_keys(self.settings, self.file.with_suffix(".keys"), Recipients())
         self.new = self.empty()
 
     def restore(self) -> CopiedPeople | None:
-        """Restore the backup with its keys."""
-        return restore(self.new, self.file, read_key_backup(self.file.with_suffix(".keys"))).people
+        """Restore the backup."""
+        return restore(self.new, self.file).people
 
     def open(self) -> AccountStore:
         """Open the accounts of the new place."""
@@ -132,19 +129,6 @@ def test_what_goes_on_now_is_in_no_backup(move: Move, add_person: AddPerson, log
 
 def count_rows(accounts: AccountStore, table: Table) -> int:
     return int(accounts.database.read_value(select(func.count()).select_from(table)))
-
-
-def test_accounts_whose_key_is_missing_are_refused_and_leave_nothing_behind(
-    move: Move, add_person: AddPerson
-) -> None:
-    add_person("clara")
-    move.back_up()
-
-    with pytest.raises(KeysNeeded) as refused:
-        restore(move.new, move.file)
-
-    assert refused.value.facts == {"people": 1}
-    assert not move.new.data_dir.exists()
 
 
 @on_both_databases

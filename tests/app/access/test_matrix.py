@@ -15,6 +15,7 @@ from app.access.subjects import ROLES, Permission, collect_permissions
 from app.jobs.recordings import Description
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.server_secret import ServerSecret
 from tests.app.access.conftest import House
 
 REFUSED = (401, 403)
@@ -81,7 +82,9 @@ def known(house: House) -> dict[str, str]:
         "upload_id": services.uploads.open(10, "", Description("x")).id,
         "batch_id": batch,
         "study_id": batch,
-        "webhook_id": services.webhooks.add("https://example.org/", ("batch.finished",)).id,
+        "webhook_id": services.webhooks.add(
+            "https://example.org/", ("batch.finished",), ServerSecret(services.settings.data_dir)
+        ).id,
         "view_id": services.views.find_all()[0].id,
         "header": "00000000000000aa",
         "session_id": "nothere",

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, inspect, text
+from sqlalchemy import create_engine, text
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
@@ -85,10 +85,9 @@ def test_a_further_organisation_is_restored_into_its_own_place(
 ) -> None:
     chosen = ("--organisation", RIVERSIDE)
     assert run("backup", tmp_path / "r.zip", *chosen)[0] == 0
-    assert run("backup-keys", tmp_path / "r.keys", *chosen)[0] == 0
     new = empty_everything(two, request)
 
-    code, told = run("restore", tmp_path / "r.zip", "--keys", tmp_path / "r.keys", *chosen)
+    code, told = run("restore", tmp_path / "r.zip", *chosen)
 
     assert code == 0, told
     assert run("verify", *chosen) == (0, "1 files checked: each holds the bytes its row says.\n")
@@ -99,32 +98,6 @@ def test_a_further_organisation_is_restored_into_its_own_place(
 
 
 @on_both_set_ups
-def test_a_restore_without_keys_leaves_no_place_behind(
-    two: Settings, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    chosen = ("--organisation", RIVERSIDE)
-    run("backup", tmp_path / "r.zip", *chosen)
-    new = empty_everything(two, request)
-
-    code, told = run("restore", tmp_path / "r.zip", *chosen)
-
-    assert (code, told.split()[0]) == (3, "E-KEYS-NEEDED")
-    assert not new.data_dir.exists()
-    assert find_tables(new) == ([], [])
-
-
-def find_tables(settings: Settings) -> tuple[list[str], list[str]]:
-    """Give the schemas of organisations and every table of ours, on PostgreSQL."""
-    if settings.database_url.startswith("sqlite"):
-        return [], []
-    engine = create_engine(settings.database_url)
-    schemas = [name for name in inspect(engine).get_schema_names() if name.startswith("org_")]
-    tables = inspect(engine).get_table_names()
-    engine.dispose()
-    return schemas, tables
-
-
-@on_both_set_ups
 def test_the_backup_of_own_names_last_what_it_does_not_hold(two: Settings, tmp_path: Path) -> None:
     code, told = run("backup", tmp_path / "b.zip")
 
@@ -132,10 +105,6 @@ def test_the_backup_of_own_names_last_what_it_does_not_hold(two: Settings, tmp_p
     assert told.splitlines()[-1] == (
         f"Not in it, for each has a backup of its own (--organisation ID): Riverside clinic ({RIVERSIDE})"
     )
-
-
-def test_so_does_the_backup_of_its_keys(two: Settings, tmp_path: Path) -> None:
-    assert f"Riverside clinic ({RIVERSIDE})" in run("backup-keys", tmp_path / "k")[1].splitlines()[-1]
 
 
 def test_the_backup_of_a_further_organisation_holds_no_accounts(two: Settings, tmp_path: Path) -> None:
@@ -150,10 +119,9 @@ def test_accounts_come_back_into_own_alone(
 ) -> None:
     accounts.add_person("own", "clara", "Clara", ["clinician"])
     run("backup", tmp_path / "b.zip")
-    run("backup-keys", tmp_path / "b.keys")
     new = empty_everything(two, request)
 
-    run("restore", tmp_path / "b.zip", "--keys", tmp_path / "b.keys")
+    run("restore", tmp_path / "b.zip")
 
     assert list(new.data_dir.rglob("accounts.sqlite3")) == [new.data_dir / "accounts.sqlite3"]
 
@@ -163,11 +131,9 @@ def test_a_backup_is_not_restored_into_another_organisation(
     two: Settings, tmp_path: Path, request: pytest.FixtureRequest, of: str, into: str
 ) -> None:
     run("backup", tmp_path / "b.zip", "--organisation", of)
-    run("backup-keys", tmp_path / "b.keys", "--organisation", of)
     new = empty_everything(two, request)
 
-    keys = ("--keys", tmp_path / "b.keys")
-    code, told = run("restore", tmp_path / "b.zip", *keys, "--organisation", into)
+    code, told = run("restore", tmp_path / "b.zip", "--organisation", into)
 
     assert (code, told.split()[0]) == (3, "E-BACKUP-OTHER")
     assert f'that of "{of}", and was to be restored into "{into}"' in told
@@ -178,11 +144,10 @@ def test_a_backup_that_names_nobody_is_that_of_own(
     two: Settings, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     run("backup", tmp_path / "b.zip")
-    run("backup-keys", tmp_path / "b.keys")
     drop_fact(tmp_path / "b.zip", tmp_path / "old.zip", "organisation")
     empty_everything(two, request)
 
-    words = ("restore", tmp_path / "old.zip", "--keys", tmp_path / "b.keys")
+    words = ("restore", tmp_path / "old.zip")
 
     assert run(*words, "--organisation", RIVERSIDE)[1].split()[0] == "E-BACKUP-OTHER"
     assert run(*words)[0] == 0
@@ -191,9 +156,8 @@ def test_a_backup_that_names_nobody_is_that_of_own(
 def test_a_drill_takes_the_backup_of_a_further_organisation(two: Settings, tmp_path: Path) -> None:
     chosen = ("--organisation", RIVERSIDE)
     run("backup", tmp_path / "r.zip", *chosen)
-    run("backup-keys", tmp_path / "r.keys", *chosen)
 
-    code, told = run("drill", tmp_path / "r.zip", tmp_path / "r.keys")
+    code, told = run("drill", tmp_path / "r.zip")
 
     assert code == 0
     assert "Drill passed: 1 files" in told

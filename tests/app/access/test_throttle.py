@@ -7,18 +7,16 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import select
 
 from app.access import passwords
 from app.access.accounts import AccountStore
-from app.access.hashing import LOGINS
 from app.access.logins import Caller, Logins
 from app.access.tables import acts, tries
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.jobs.trail import NOBODY, acting
 from app.settings import Settings
-from app.storage.keys import open_keys
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -262,43 +260,6 @@ def test_two_processes_count_the_tries_of_a_name_together(
         codes += done.stdout.split()
 
     assert codes == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-def test_tries_are_counted_after_the_key_of_the_names_is_lost(
-    logins: Logins, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person()
-    guess(logins, "clara")
-    open_keys(settings).destroy(LOGINS)
-
-    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-def test_tries_are_counted_where_the_key_of_the_names_does_not_open(
-    logins: Logins, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person()
-    keys = open_keys(settings)
-    keys.destroy(LOGINS)
-    keys.wrapped.add(LOGINS, b"damaged")
-
-    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-@on_both_databases
-def test_names_that_an_earlier_release_counted_without_a_key_are_forgotten(
-    logins: Logins, accounts: AccountStore, settings: Settings, clock: Clock
-) -> None:
-    guess(logins, "clara")
-    kept, plain = find_keys(accounts), f"account:{hashlib.sha256(b'hunter2').hexdigest()}"
-    rows = [{"key": key, "failures": 1, "blocked_until_s": clock()} for key in (plain, f"told:{plain}")]
-    with accounts.database.write() as connection:
-        connection.execute(insert(tries), rows)
-
-    later = AccountStore(settings, clock)
-
-    assert sorted(find_keys(later)) == sorted(kept)
-    later.database.close()
 
 
 def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:

@@ -125,7 +125,6 @@ def test_backup_verify_and_restore_leave_a_line(
     store.close()
     run(settings, "verify")
     run(settings, "backup", str(tmp_path / "copy.zip"))
-    run(settings, "backup-keys", str(tmp_path / "keys.zip"))
     there = settings.model_copy(
         update={
             "data_dir": tmp_path / "there",
@@ -133,7 +132,7 @@ def test_backup_verify_and_restore_leave_a_line(
         }
     )
 
-    run(there, "restore", str(tmp_path / "copy.zip"), "--keys", str(tmp_path / "keys.zip"))
+    run(there, "restore", str(tmp_path / "copy.zip"))
 
     restored = JobStore(there)
     lines = [(line.who, line.act) for line in find_lines(restored.reader, TrailQuestion(who="machine"))]
@@ -143,12 +142,6 @@ def test_backup_verify_and_restore_leave_a_line(
         ("machine", "store.backed_up"),
         ("machine", "store.verified"),
     ]
-
-
-def test_the_backup_of_the_keys_leaves_a_line(settings: Settings, store: JobStore, tmp_path: Path) -> None:
-    run(settings, "backup-keys", str(tmp_path / "keys.zip"))
-
-    assert [line.act for line in find_lines(store.reader, TrailQuestion(who="machine"))] == ["keys.backed_up"]
 
 
 OF_ANOTHER = '{"organisation": "org_0123456789abcdef", "at": "2026-11-24", "seq": 1, "hash": "00"}\n'
