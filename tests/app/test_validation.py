@@ -14,12 +14,11 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.report.agreement.tables import tell_drift
-from app.report.words.wording import LANGUAGES, load_wording
+from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
 from app.roads.validate import make_validation
 from fusion.simulation.write_truth import write_mvnx
 from fusion.task_windows import TaskWindow
-from tests.app.test_wording import walk_texts
 
 STATISTICS = {"r", "rmse_deg", "mean_absolute_error_deg", "bias_deg", "loa_low_deg", "loa_high_deg"}
 
@@ -202,12 +201,6 @@ def test_a_list_of_tasks_that_cannot_be_read_is_a_slip_of_usage(shift_gt3x: Path
 
     assert done.exit_code == 2
     assert "E-TASKS" in done.output
-
-
-def test_both_languages_of_a_comparison_hold_the_same_texts() -> None:
-    keys = {name: {path for path, _ in walk_texts(load_wording(name, "agreement"))} for name in LANGUAGES}
-
-    assert keys["en"] == keys["fr"]
 
 
 def test_a_motion_capture_is_told_for_what_it_is(shift_mvnx: Path) -> None:
