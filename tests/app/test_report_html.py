@@ -102,10 +102,6 @@ def test_every_header_cell_has_a_scope() -> None:
     assert re.findall(r"<th(?! scope=)[ >]", html) == []
 
 
-def test_the_same_report_gives_the_same_bytes() -> None:
-    assert page("fr") == page("fr")
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_full_shift_is_light(language: Language) -> None:
     assert len(page(language)) <= 400_000

@@ -157,10 +157,6 @@ def test_the_figures_are_attached_byte_for_byte() -> None:
     assert PdfReader(io.BytesIO(document)).attachments == {"results.json": [results]}
 
 
-def test_the_same_report_gives_the_same_bytes() -> None:
-    assert pdf_of() == pdf_of()
-
-
 def test_the_date_is_the_end_of_the_recording() -> None:
     assert date_of(pdf_of()).startswith("D:20260303155712")
 
