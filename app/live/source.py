@@ -13,8 +13,8 @@ from fusion.recording import Float64Array
 class SourceFacts:
     """What is known of a source once its first frames came.
 
-    ``device`` as in :mod:`fusion.devices`, or "other"; ``name`` in words for people; ``start``: the clock of the
-    first frame; ``arm_axis``, shape (3,), if the source knows it, as a recording does that has its pose.
+    ``device`` as in :mod:`fusion.devices`, or "other"; ``name`` in words for people; ``start``: the clock of
+    the first frame; ``arm_axis``, shape (3,), if the source knows it, as a recording with its pose does.
     """
 
     device: str
