@@ -22,7 +22,7 @@ from app.api.live_library import LIVE_FOLDER, LiveLibrary
 from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
-from app.jobs.trail import record
+from app.jobs.audit_log import record
 from app.live.early import EarlyFile, EarlyPort
 from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
 from app.live.session_files import SessionFiles, begin_files
@@ -182,19 +182,18 @@ def _find_limiter() -> CapacityLimiter:
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
     subject = _read_subject(asked.subject)
-    keys = services.storage.keys
     port = _open_port(asked, pushed)
-    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keys, keeps=asked.keeps)
+    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
             whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
             about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
-            port = EarlyPort(port, EarlyFile(files.early, files.key, about))
+            port = EarlyPort(port, EarlyFile(files.early, about))
         session = _start_with(services, asked, port, files)
     except BaseException:
         if port is not None:
             port.close()
-        files.remove(keys)
+        files.remove()
         raise
     played = asked.recording if asked.source == "recording" else ""
     with services.store.engine.begin() as connection:

@@ -12,14 +12,12 @@ import queue
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from app.live.ports import WAIT_S, Port
-from app.storage.keys import RecordingKey
 from app.storage.permissions import create_file
-from app.storage.sealed import Sealer
 
 SYNC_S = 1.0
 MOST_BYTES = 32 << 20
@@ -33,17 +31,14 @@ _PIECE = struct.Struct("<dI")
 class EarlyFile:
     """A file of bytes as they came; what is asked of the session stands first, as JSON."""
 
-    def __init__(self, path: Path, key: RecordingKey | None, about: Mapping[str, Any]) -> None:
-        """Create the file, sealed where there is a key.
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Create the file.
 
         Raises
         ------
         FileExistsError, OSError
         """
         self._path, self._file = path, create_file(path)
-        self._write: Callable[[bytes], object] = (
-            self._file.write if key is None else Sealer(self._file.write, key).write
-        )
         asked = json.dumps(about).encode()
         self.size_bytes = 0
         self._add(_ABOUT.pack(len(asked)) + asked)
@@ -73,7 +68,7 @@ class EarlyFile:
         self._path.unlink(missing_ok=True)
 
     def _add(self, content: bytes) -> None:
-        self._write(content)
+        self._file.write(content)
         self.size_bytes += len(content)
 
 

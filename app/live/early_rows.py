@@ -9,8 +9,7 @@ from typing import Any
 from app.live.cue_log import find_limit, format_rule, parse_rule
 from app.live.early import read_about, read_pieces
 from app.live.raw_file import PREFIX, RawFile, RawHeader, Wearer
-from app.live.session_files import EARLY, read_unfinished
-from app.storage.keys import RecordingKey
+from app.live.session_files import EARLY
 from fusion.errors import FusionError
 from fusion.live import Frames
 from fusion.live.cues import CueRule
@@ -18,16 +17,14 @@ from fusion.live.lines import LineReader
 from fusion.recording import MICROSECONDS
 
 
-def write_early_rows(early: Path, raw: Path, key: RecordingKey | None) -> bool:
+def write_early_rows(early: Path, raw: Path) -> bool:
     """Write the raw file anew from what came early, which is removed; False where that held no row.
-
-    Both files are sealed where there is a key.
 
     Raises
     ------
-    OSError, BrokenSeal
+    OSError
     """
-    content = b"".join(read_unfinished(early, key))
+    content = early.read_bytes()
     raw.unlink(missing_ok=True)
     reader = LineReader()
     found: list[tuple[Frames, float]] = []
@@ -35,7 +32,7 @@ def write_early_rows(early: Path, raw: Path, key: RecordingKey | None) -> bool:
         found.extend(_read_frames(reader, content))
     rows = [frames for frames, _ in found if len(frames)]
     if rows:
-        with RawFile(raw, _make_header(reader, read_about(content), *found[0]), key) as opened:
+        with RawFile(raw, _make_header(reader, read_about(content), *found[0])) as opened:
             for frames in rows:
                 opened.write(frames)
     early.unlink()
@@ -49,7 +46,7 @@ def take_early(folder: Path) -> None:
     """
     for early in sorted(folder.glob(f"{PREFIX}*{EARLY}")):
         with suppress(OSError, ValueError):
-            write_early_rows(early, early.with_name(f"{early.stem}-early.csv"), None)
+            write_early_rows(early, early.with_name(f"{early.stem}-early.csv"))
 
 
 def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:

@@ -26,8 +26,6 @@ from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
 from app.live.session_files import SessionFiles
 from app.live.source import Source
-from app.storage.keys import KeyStore
-from app.storage.store import BrokenSeal
 from fusion.errors import FusionError
 from fusion.live import LiveRows, LiveStatus
 from fusion.live.cues import Cue, CueRule
@@ -73,10 +71,6 @@ class Ended:
 
 class Library(Protocol):
     """What a session hands on."""
-
-    @property
-    def keys(self) -> KeyStore:
-        """The keys, of which those of sessions are destroyed with their files."""
 
     def keep(self, ended: Ended) -> str:
         """Take the raw file in; give the id of its analysis."""
@@ -251,8 +245,8 @@ class RunningSession:
                 self._early.release()
             ended = Ended(self.files, self.request, tuple(self.recorder.cues))
             analysis_id = library.keep(ended) if self.files.is_kept else ""
-            self.files.remove(library.keys)
-        except (AppError, OSError, BrokenSeal, SQLAlchemyError):
+            self.files.remove()
+        except (AppError, OSError, SQLAlchemyError):
             logger.exception("the raw file of a live session stays in its folder")
             state, analysis_id = "failed", ""
         with self._lock:
@@ -303,7 +297,7 @@ class LiveHub:
                         del self._sessions[ended_id], self._threads[ended_id]
                 if sum(one.state == "running" for one in self._sessions.values()) >= MOST_SESSIONS:
                     raise TooManySessions(max=MOST_SESSIONS)
-                recorder = Recorder(files.raw, source.facts, request.wearer, request.rules, key=files.key)
+                recorder = Recorder(files.raw, source.facts, request.wearer, request.rules)
                 session = RunningSession(files, source, recorder, request)
                 run = (session.run, self.library)
                 thread = threading.Thread(target=copy_context().run, args=run, name="live", daemon=True)

@@ -118,7 +118,7 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
     """
     port = open_port(source, baud)
     try:
-        kept = EarlyPort(port, EarlyFile(early, None, about))
+        kept = EarlyPort(port, EarlyFile(early, about))
     except OSError:
         port.close()
         raise

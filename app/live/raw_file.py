@@ -5,14 +5,10 @@ overwritten in place. The system has the rows once :meth:`RawFile.write` has ret
 :meth:`RawFile.sync`; whoever drives the session calls it each second. A session that was cut shows
 ``stopped: no``: what came after the last row is lost, at most :data:`SYNC_S` and the time until its caller
 noticed.
-
-A server seals the file as it grows (:mod:`app.storage.sealed`). There nothing can be overwritten: what
-changes is stated again between the rows, and :func:`restate` puts it into the header as the file is read.
 """
 
 import os
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -20,9 +16,7 @@ from types import TracebackType
 from typing import Self
 
 from app.request import clean_file_name
-from app.storage.keys import RecordingKey
 from app.storage.permissions import create_file
-from app.storage.sealed import Sealer
 from fusion.conventions import ArmAxis, Side
 from fusion.live import Frames
 from fusion.recording import MICROSECONDS
@@ -32,7 +26,6 @@ PREFIX = "live-"
 COLUMNS = "time_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 WIDTH = 40
 _NOT_STOPPED = "no"
-_STATED = re.compile(rb"^# (pose_window_s|stopped): (.*)\n", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +60,8 @@ class RawHeader:
 class RawFile:
     """Takes frames and appends them; a context manager."""
 
-    def __init__(self, path: Path, header: RawHeader, key: RecordingKey | None = None) -> None:
-        """Create the file with its header; with a key it is sealed.
+    def __init__(self, path: Path, header: RawHeader) -> None:
+        """Create the file with its header.
 
         Raises
         ------
@@ -78,10 +71,6 @@ class RawFile:
         self.path = path
         self._places: dict[str, int] = {}
         self._file = create_file(path)
-        self._is_sealed = key is not None
-        self._write: Callable[[bytes], object] = (
-            self._file.write if key is None else Sealer(self._file.write, key).write
-        )
         self._write_header(header)
         self.sync()
 
@@ -94,7 +83,7 @@ class RawFile:
             *(map(str, column) for column in frames.gyr_dps.T),
             strict=True,
         )
-        self._write("".join(f"{','.join(row)}\n" for row in rows).encode())
+        self._file.write("".join(f"{','.join(row)}\n" for row in rows).encode())
         self._file.flush()
 
     def state_pose(self, start_s: float, end_s: float) -> None:
@@ -141,46 +130,18 @@ class RawFile:
             self._put("cues", header.cues)
         self._put("pose_window_s", "none".ljust(WIDTH))
         self._put("stopped", _NOT_STOPPED.ljust(WIDTH))
-        self._write(f"{COLUMNS}\n".encode())
+        self._file.write(f"{COLUMNS}\n".encode())
 
     def _put(self, name: str, value: str) -> None:
-        self._write(f"# {name}: ".encode())
+        self._file.write(f"# {name}: ".encode())
         self._places[name] = self._file.tell()
-        self._write(f"{value}\n".encode())
+        self._file.write(f"{value}\n".encode())
 
     def _overwrite(self, name: str, value: str) -> None:
-        if self._is_sealed:
-            self._write(f"# {name}: {value.ljust(WIDTH)}\n".encode())
-            return
         self._file.flush()
         self._file.seek(self._places[name])
         self._file.write(value.ljust(WIDTH).encode())
         self._file.seek(0, os.SEEK_END)
-
-
-def restate(read: Callable[[], Iterator[bytes]]) -> Iterator[bytes]:
-    """Give the content of a sealed raw file, read twice, as that of a plain one."""
-    stated = {name: line for block in _cut_after_lines(read()) for name, line in _find_stated(block)}
-    is_head = True
-    for block in _cut_after_lines(read()):
-        head, columns, rows = block.partition(COLUMNS.encode()) if is_head else (b"", b"", block)
-        yield _STATED.sub(lambda found: stated[found[1]], head) + columns + _STATED.sub(b"", rows)
-        is_head = False
-
-
-def _find_stated(block: bytes) -> Iterator[tuple[bytes, bytes]]:
-    yield from ((found[1], found[0]) for found in _STATED.finditer(block))
-
-
-def _cut_after_lines(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Give blocks of whole lines; a torn last one comes by itself."""
-    carried = b""
-    for piece in pieces:
-        whole, mark, carried = (carried + piece).rpartition(b"\n")
-        if mark:
-            yield whole + mark
-    if not carried.startswith(b"#"):
-        yield carried
 
 
 def was_stopped(path: Path) -> bool:

@@ -8,7 +8,6 @@ from app.live.cue_log import format_rule
 from app.live.early import EarlyPort
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
 from app.live.source import SourceFacts
-from app.storage.keys import RecordingKey
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
 from fusion.live.cues import Cue, CueRule, CueWatch
 from fusion.pose.axes import point_along
@@ -23,10 +22,8 @@ class Recorder:
         facts: SourceFacts,
         wearer: Wearer = UNKNOWN,
         rules: tuple[CueRule, ...] = (),
-        *,
-        key: RecordingKey | None = None,
     ) -> None:
-        """Create the raw file, sealed where there is a key.
+        """Create the raw file.
 
         An axis that a person names goes before the one that the source knows.
 
@@ -51,7 +48,7 @@ class Recorder:
             gyr_range_dps=facts.gyr_range_dps,
             cues=" ".join(map(format_rule, rules)),
         )
-        self._raw = RawFile(path, header, key)
+        self._raw = RawFile(path, header)
         self._stated_pose_s: tuple[float, float] | None = None
 
     @property

@@ -16,11 +16,11 @@ from app.api.library.files import build_download_name
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.names import find_names
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
+from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
-from app.jobs.trail import touch
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
 from app.report.export.naming import make_safe_name
@@ -28,6 +28,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
+from app.upkeep.backup_term import find_backup_term
 from app.web.forms import first, read_form
 from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.recording.analysis import find_results
@@ -232,6 +233,9 @@ def _ask(
         "held_by": find_names(request, [row.hold_by], language)[row.hold_by],
         **_describe_trash(services, language),
     }
+    if for_good:
+        term = find_backup_term(services.storage)
+        values["backups"] = fill(values["t"]["backups"][term.kind], {"until": term.until})
     return render_page(request, "delete.html", language, values)
 
 

@@ -19,14 +19,14 @@ from app.jobs.worker import run_next
 from app.main import create_app
 from app.request import clean_file_name
 from app.settings import Settings
-from app.storage.sealing import SealedStorage
+from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 
 URL = "/api/v1/analyze"
 
 
-def files_in(storage: SealedStorage) -> list[Path]:
+def files_in(storage: Storage) -> list[Path]:
     return [path for name in ("uploads", "recordings") for path in (storage.root / name).iterdir()]
 
 
@@ -38,7 +38,7 @@ def test_a_recording_is_taken_with_202_and_its_address(client: TestClient) -> No
     assert answer.headers["retry-after"] == "2"
 
 
-def test_what_is_kept_is_what_was_sent(client: TestClient, storage: SealedStorage) -> None:
+def test_what_is_kept_is_what_was_sent(client: TestClient, storage: Storage) -> None:
     content = b"0123456789" * 300_00
 
     job = client.post(URL, content=content).json()
@@ -102,7 +102,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     ],
 )
 def test_a_value_that_cannot_be_is_refused_by_name(
-    client: TestClient, storage: SealedStorage, name: str, value: str
+    client: TestClient, storage: Storage, name: str, value: str
 ) -> None:
     problem = client.post(URL, content=b"x", params={name: value})
 
@@ -138,23 +138,21 @@ def test_windows_that_fit_neither_pose_nor_axis_are_refused(
     assert (problem.status_code, problem.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_an_empty_body_is_refused_at_once(client: TestClient, storage: SealedStorage) -> None:
+def test_an_empty_body_is_refused_at_once(client: TestClient, storage: Storage) -> None:
     problem = client.post(URL, content=b"")
 
     assert (problem.status_code, problem.json()["code"]) == (422, "E-EMPTY")
     assert files_in(storage) == []
 
 
-def test_a_body_announced_too_large_is_refused(client: TestClient, storage: SealedStorage) -> None:
+def test_a_body_announced_too_large_is_refused(client: TestClient, storage: Storage) -> None:
     problem = client.post(URL, content=b"x" * 1_000_001)
 
     assert (problem.status_code, problem.json()["code"]) == (413, "E-BIG")
     assert files_in(storage) == []
 
 
-def test_a_body_that_grows_too_large_is_refused_and_removed(
-    client: TestClient, storage: SealedStorage
-) -> None:
+def test_a_body_that_grows_too_large_is_refused_and_removed(client: TestClient, storage: Storage) -> None:
     problem = client.post(URL, content=iter([b"x" * 600_000] * 2))
 
     assert (problem.status_code, problem.json()["code"]) == (413, "E-BIG")
@@ -178,7 +176,7 @@ def test_a_form_is_not_taken_for_a_recording(client: TestClient) -> None:
 
 
 def test_a_row_that_cannot_be_written_leaves_no_recording(
-    client: TestClient, storage: SealedStorage, store: JobStore
+    client: TestClient, storage: Storage, store: JobStore
 ) -> None:
     with store._engine.begin() as connection:
         connection.exec_driver_sql("DROP TABLE analyses")

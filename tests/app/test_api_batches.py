@@ -22,8 +22,8 @@ def keep(client: TestClient, k: int) -> str:
     return str(answer.json()["id"])
 
 
-def start(client: TestClient, count: int = 2, **wish: Any) -> dict[str, Any]:
-    items = [{"recording_id": keep(client, k)} for k in range(count)]
+def start(client: TestClient, count: int = 2, first: int = 0, **wish: Any) -> dict[str, Any]:
+    items = [{"recording_id": keep(client, first + k)} for k in range(count)]
     answer = client.post(URL, json={"name": "spring", "items": items} | wish)
     assert answer.status_code == 202, answer.text
     batch: dict[str, Any] = answer.json()
@@ -103,7 +103,7 @@ def test_failed_ones_can_be_tried_again_and_count_once(client: TestClient, bench
 
 
 def test_batches_take_turns(client: TestClient, store: JobStore) -> None:
-    first, second = start(client, 3)["id"], start(client, 3, settings={"side": "left"})["id"]
+    first, second = start(client, 3)["id"], start(client, 3, first=3)["id"]
 
     order = []
     while job := store.claim():

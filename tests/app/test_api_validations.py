@@ -15,7 +15,6 @@ from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
@@ -123,9 +122,7 @@ def test_a_list_of_tasks_that_cannot_be_used_is_refused_at_once(client: TestClie
     assert (answer.status_code, answer.json()["code"]) == (422, "E-TASKS")
 
 
-def test_the_reference_outlives_a_restart(
-    client: TestClient, storage: SealedStorage, store: JobStore
-) -> None:
+def test_the_reference_outlives_a_restart(client: TestClient, storage: Storage, store: JobStore) -> None:
     client.post("/api/v1/validations", files=FILES)
 
     assert find_unknown(store, storage) == Unknown()

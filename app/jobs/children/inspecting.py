@@ -6,6 +6,7 @@ import shutil
 import tempfile
 import threading
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +19,17 @@ MOST_CONCURRENT = 2
 PREFIX = "look_"
 
 
-def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect a whole file; the science is loaded in the child process only."""
-    importlib.import_module("app.roads.inspect").write_inspection(log, request, out, on_stage)
+def load_and_call(
+    module: str, function: str, log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    """Call a function of a module that is loaded only here, in the child process."""
+    getattr(importlib.import_module(module), function)(log, request, out, on_stage)
 
 
-def load_and_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect the first bytes of a file."""
-    importlib.import_module("app.roads.inspect").write_preview(log, request, out, on_stage)
-
-
-def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write angles as text."""
-    importlib.import_module("app.roads.analyse").write_elevation_csv(log, request, out, on_stage)
-
-
-def load_and_propose_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Propose what the columns of a table are, from its first rows."""
-    importlib.import_module("app.roads.inspect").write_column_proposal(log, request, out, on_stage)
+INSPECT = partial(load_and_call, "app.roads.inspect", "write_inspection")
+PREVIEW = partial(load_and_call, "app.roads.inspect", "write_preview")
+PROPOSE_COLUMNS = partial(load_and_call, "app.roads.inspect", "write_column_proposal")
+WRITE_ANGLES = partial(load_and_call, "app.roads.analyse", "write_elevation_csv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +38,8 @@ class Inspector:
 
     settings: Settings
     folder: Path
-    inspect: MakeReport = load_and_inspect
-    make_preview: MakeReport = load_and_preview
+    inspect: MakeReport = INSPECT
+    make_preview: MakeReport = PREVIEW
     _turns: threading.BoundedSemaphore = field(
         default_factory=lambda: threading.BoundedSemaphore(MOST_CONCURRENT)
     )
@@ -97,11 +91,11 @@ class Inspector:
         ------
         RecordedProblem
         """
-        return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
+        return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
 
     def write_angles(self, parquet: Path) -> bytes:
         """Write the angles as CSV in gzip."""
-        return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
+        return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
         """Give the content of the file of this name that the child has written."""

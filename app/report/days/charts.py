@@ -13,9 +13,10 @@ from app.report.charts.svg import NARROW, WIDE
 from app.report.charts.visits import Visit, VisitPanel, draw_visits
 from app.report.days.document import MAIN, follow_days
 from app.report.days.people import ArmDays, MeasuredDay
-from app.report.days.tables import format_points, name_arm
+from app.report.days.tables import name_arm
 from app.report.figures import format_figure
 from app.report.model import Chart, Table
+from app.report.pairs import format_points
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
 from fusion.days import Trend

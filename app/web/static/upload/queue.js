@@ -146,7 +146,8 @@ export class Queue {
     }
     if (entry.isCancelled) return this.drop(entry, recordingId);
     if (!isAsSaid) {
-      await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
+      const read = { "If-Match": `"${recording.version}"` };
+      await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null }, read);
     }
     await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
     this.added(entry);
@@ -229,8 +230,8 @@ export class Queue {
     return this.send("GET", path);
   }
 
-  async send(method, path, body) {
-    const headers = body ? { "Content-Type": "application/json" } : {};
+  async send(method, path, body, more = {}) {
+    const headers = { ...(body && { "Content-Type": "application/json" }), ...more };
     const answer = await fetch(this.api + path, { method, headers, body: body && JSON.stringify(body) });
     const told = await answer.json();
     if (!answer.ok) throw new Refusal(told);
