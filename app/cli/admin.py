@@ -142,7 +142,7 @@ def backup(
     with refusals_printed(lang, settings):
         record_command(find_place(settings, organisation), "store.backed_up")
         copied = back_up(settings, file, Recipients(tuple(recipient or ())), organisation)
-        dropped = drop_older_backups(file, keep) if keep else ()
+        dropped = drop_older_backups(file, keep) if keep and not copied.faults else ()
         record_backup(open_storage(find_place(settings, organisation)), keep)
         further = find_further(settings) if organisation == OWN_ORGANISATION else ()
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
