@@ -115,12 +115,7 @@ def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
 
 
 def refuse_foreign_folder(folder: Path) -> None:
-    """Refuse to replace a folder that we did not make.
-
-    Raises
-    ------
-    FileExistsError
-    """
+    """Refuse to replace a folder that we did not make. Raises FileExistsError."""
     if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
         raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
 

@@ -46,12 +46,7 @@ class Shard:
 
 
 def parse_shard(text: str) -> Shard:
-    """Read ``K/N``.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read ``K/N``. Raises ValueError."""
     number, count = (int(part) for part in text.split("/"))
     if not 1 <= number <= count:
         raise ValueError(SHARD_HINT)

@@ -10,18 +10,16 @@ from typing import Any
 from sqlalchemy import Connection, Select, func, insert, select, update
 
 from app.errors import NotHere
+from app.jobs.audit_log import record
 from app.jobs.database.connect import lock_tables
-from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, answers, batch_items, batches
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.trail import record
 from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same, settle_conclusion
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
-from app.storage.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ class BatchStore(RowStore):
                 return self.get(repeated)
             known = {} if again else _find_known(connection, list(asked))
             wanted = {key: item for key, item in asked.items() if key not in known}
-            row = {"id": batch_id, "name": Label(batch_id, name), "created_at": format_now(), "key": key}
+            row = {"id": batch_id, "name": name, "created_at": format_now(), "key": key}
             counts = {"item_count": len(asked), "duplicate_count": len(items) - len(wanted)}
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
@@ -156,12 +154,10 @@ def _take_key(connection: Connection, key: str) -> str | None:
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
     """Give the analysis of each key that has one, the oldest."""
     found: dict[str, str] = {}
-    sealer = find_sealer(connection.engine)
-    asked = {sealer.key_digest(key): key for key in keys}
     for first in range(0, len(keys), KEYS_PER_QUERY):
         query = select_same(keys[first : first + KEYS_PER_QUERY])
         for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
-            found.setdefault(asked[key], analysis_id)
+            found.setdefault(key, analysis_id)
     return found
 
 

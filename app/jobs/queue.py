@@ -14,15 +14,14 @@ from sqlalchemy import ColumnElement, Connection, Float, Update, exists, func, i
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
+from app.jobs.audit_log import Act, find_actor, record
 from app.jobs.database.tables import analyses, batch_items, recordings
 from app.jobs.job import TRANSITIONS, JobState, find_sources
 from app.jobs.queries import format_now, select_running_s
 from app.jobs.side_files import increment_revision, increment_revision_of
-from app.jobs.trail import Act, find_actor, record
 from app.jobs.versions import identify_work, number_versions
 from app.jobs.webhooks import announce_end
 from app.request import ReportRequest
-from app.storage.labels import Label
 
 WayIn = Literal["web", "api"]
 PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
@@ -136,7 +135,7 @@ def enqueue_all(
         {
             "id": f"an_{secrets.token_hex(8)}",
             "recording_id": recording_id,
-            "request": Label(recording_id, request.to_json()),
+            "request": request.to_json(),
             "key": identify_work(sha256, request),
             "way_in": way_in,
             "state": JobState.QUEUED,

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
-from app.jobs.database.sealed_text import find_sealer
+from app.jobs.audit_log import Act, find_actor, record
 from app.jobs.database.tables import (
     analyses,
     batch_items,
@@ -22,7 +22,6 @@ from app.jobs.database.tables import (
 )
 from app.jobs.job import JobState
 from app.jobs.library.studies import join_study
-from app.jobs.library.words import Words, build_places, find_index
 from app.jobs.queries import (
     PURGING,
     REFERENCE,
@@ -32,22 +31,19 @@ from app.jobs.queries import (
     format_diary,
     format_now,
     format_tags,
-    label_row,
     read_diary,
     read_tags,
     select_running_s,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, find_actor, record
 from app.request import ReportRequest
-from app.storage.labels import LABELS, Label
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
 
 HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
-"""Why a recording is kept whatever happens: codes, for the trail holds no sentence."""
+"""Why a recording is kept whatever happens: codes, for the audit log holds no sentence."""
 HOLD_REASONS: tuple[HoldReason, ...] = get_args(HoldReason)
 
 REPETITION_S = 24 * 3600.0
@@ -110,11 +106,6 @@ class RecordingFilter:
         """Order by start, where the filter bounds it; else by the time of storing."""
         return bool(self.begin or self.end)
 
-    def is_called(self, words: Words) -> bool:
-        """Tell whether a recording bears the subject and the name in people's own system."""
-        has_subject = self.subject in ("", words.subject)
-        return has_subject and self.external_id in ("", words.external_id)
-
     def place(self, row: StoredRow) -> Place:
         """Give the place of a row in the list."""
         return (row.start or "" if self.by_start else row.created_at), row.id
@@ -171,9 +162,6 @@ class RecordingStore(RowStore):
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that the filter lets through, from ``after`` on."""
         query = _select_wanted(wanted)
-        if wanted.subject or wanted.external_id:
-            found = find_index(self._reader).find(wanted.is_called)
-            query = query.where(recordings.c.id.in_(select(build_places(self._reader, found).c.id)))
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
         if after is not None:
             query = query.where(is_after((moment, recordings.c.id), after))
@@ -188,7 +176,7 @@ class RecordingStore(RowStore):
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
         """Give the ids of a subject's recordings of now, in the trash or not."""
-        return frozenset(find_index(self._reader).find(lambda words: words.subject == subject))
+        return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, unless the row has changed since this version.
@@ -200,8 +188,7 @@ class RecordingStore(RowStore):
         mine = (recordings.c.id == recording_id, recordings.c.version == version)
         change = update(recordings).where(*mine, recordings.c.state == STORED)
         with self._engine.begin() as connection:
-            sealed = label_row(recording_id, values)
-            if connection.execute(change.values(version=version + 1, **sealed)).rowcount != 1:
+            if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
                 raise StaleVersion
             increment_revision(connection, recording_id)
             changed = dict.fromkeys(values, "changed")
@@ -229,17 +216,14 @@ class RecordingStore(RowStore):
                 tags = format_tags({*read_tags(text), *added} - {taken})
                 if tags != text:
                     grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-                    connection.execute(
-                        update(recordings).where(*mine).values(tags=Label(recording_id, tags), **grown)
-                    )
+                    connection.execute(update(recordings).where(*mine).values(tags=tags, **grown))
                     record(connection, "recording.tagged", recording_id)
                     changed += 1
         return changed
 
     def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
         """Store what an inspection found; it follows from the bytes, so that no version guards it."""
-        inspection = Label(recording_id, json.dumps(dict(found)))
-        values = {"inspection": inspection, "start": found.get("start")}
+        values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
         with self._engine.begin() as connection:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
             increment_revision(connection, recording_id)
@@ -301,8 +285,9 @@ class RecordingStore(RowStore):
             files = (recording_id, *_find_references(connection, recording_id))
             _remember_purged(connection, recording_id)
             gone = update(recordings).where(recordings.c.id.in_(files))
-            connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1))
-            record(connection, "recording.purging", recording_id)
+            gone = gone.where(recordings.c.state != PURGING)
+            if connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1)).rowcount:
+                record(connection, "recording.purging", recording_id)
         return Purged(of_it, files)
 
     def forget_purged(self) -> None:
@@ -319,9 +304,8 @@ class RecordingStore(RowStore):
     def end_purge(self, recording_id: str) -> None:
         """Delete every row of a recording and of its references, once their files are gone."""
         with self._engine.begin() as connection:
-            emptied = delete_recording(connection, recording_id)
-            record(connection, "recording.purged", recording_id)
-        find_sealer(self._engine).destroy(emptied)
+            if delete_recording(connection, recording_id):
+                record(connection, "recording.purged", recording_id)
         self._empty_log()
 
     def _empty_log(self) -> None:
@@ -393,28 +377,28 @@ def _check_hold(connection: Connection, recording_id: str) -> None:
         raise OnHold(id=recording_id, why=held)
 
 
-def delete_recording(connection: Connection, recording_id: str) -> tuple[str, ...]:
-    """Delete every row of a recording, its references and its analyses; gives the studies left empty.
+def delete_recording(connection: Connection, recording_id: str) -> bool:
+    """Delete every row of a recording, its references, its analyses and the studies left empty.
 
-    The rows of its uploads stay without words until their term: the upload has an end that can be told.
+    The rows of its uploads stay without words until their term: the upload has an end that can be told. False
+    if there was none.
     """
     of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
     references = _find_references(connection, recording_id)
     connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
     connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
-    emptied = {"recording_id": PURGED, **_label_upload(LABELS, Description(""), "")}
+    emptied = {"recording_id": PURGED, "metadata": "", "description": json.dumps(asdict(Description("")))}
     connection.execute(update(uploads).where(uploads.c.recording_id == recording_id).values(emptied))
     files = (recording_id, *references)
-    connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
-    return drop_empty_batches(connection)
+    deleted = connection.execute(delete(recordings).where(recordings.c.id.in_(files))).rowcount
+    drop_empty_batches(connection)
+    return deleted > 0
 
 
-def drop_empty_batches(connection: Connection) -> tuple[str, ...]:
-    """Delete the batches that hold no analysis any more; return their ids."""
+def drop_empty_batches(connection: Connection) -> None:
+    """Delete the batches that hold no analysis any more."""
     no_item = ~exists().where(batch_items.c.batch_id == batches.c.id)
-    empty = tuple(connection.execute(select(batches.c.id).where(no_item)).scalars())
-    connection.execute(delete(batches).where(batches.c.id.in_(empty), no_item))
-    return empty
+    connection.execute(delete(batches).where(no_item))
 
 
 def _find_repeated(connection: Connection, stored: StoredRecording, about: Description) -> str | None:
@@ -476,7 +460,7 @@ def insert_recording(
     row = asdict(stored) | {"state": state, "created_at": format_now()}
     row |= {"duplicate_of": connection.execute(same).scalar_one_or_none(), "since_s": select_running_s()}
     row |= {"stored_by": find_actor()}
-    connection.execute(insert(recordings).values(row | label_row(stored.id, asdict(about))))
+    connection.execute(insert(recordings).values(row | asdict(about)))
     record(connection, "recording.stored", stored.id)
 
 
@@ -487,6 +471,10 @@ def is_after(columns: tuple[Any, Any], place: Place) -> Any:
 
 def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
     query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
+    if wanted.subject:
+        query = query.where(recordings.c.subject == wanted.subject)
+    if wanted.external_id:
+        query = query.where(recordings.c.external_id == wanted.external_id)
     if wanted.sha256:
         query = query.where(recordings.c.sha256 == wanted.sha256)
     if wanted.begin:
@@ -555,7 +543,8 @@ class UploadStore(RowStore):
             "offset_bytes": 0,
             "idle_s": 0.0,
             "created_at": format_now(),
-            **_label_upload(LABELS, about, metadata),
+            "description": json.dumps(asdict(about)),
+            "metadata": metadata,
         }
         with self._engine.begin() as connection:
             connection.execute(insert(uploads).values(row))
@@ -595,7 +584,7 @@ class UploadStore(RowStore):
         """Change what is said of an upload; one that is a recording by now stays as it is."""
         mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            connection.execute(mine.values(_label_upload(LABELS, about, metadata)))
+            connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
             record(connection, "upload.described", other={"upload": upload_id})
         return self.get(upload_id)
 
@@ -621,8 +610,7 @@ class UploadStore(RowStore):
         with self._engine.begin() as connection:
             repeated = _find_repeated(connection, stored, row.about)
             recording_id = repeated or stored.id
-            ended = _label_upload(recording_id, row.about, row.metadata)
-            ended |= {"recording_id": recording_id, "is_repeated": int(repeated is not None)}
+            ended = {"recording_id": recording_id, "is_repeated": int(repeated is not None)}
             if connection.execute(update(uploads).where(*unfinished).values(ended)).rowcount == 1:
                 if repeated is None:
                     insert_recording(connection, stored, row.about)
@@ -654,11 +642,6 @@ class UploadStore(RowStore):
             connection.execute(update(uploads).values(idle_s=uploads.c.idle_s + elapsed_s))
             due = select(uploads.c.id).where(uploads.c.idle_s >= term_s)
             return tuple(connection.execute(due).scalars())
-
-
-def _label_upload(owner: str, about: Description, metadata: str) -> dict[str, object]:
-    """Label what is said of an upload: it belongs to the organisation, then to the recording it became."""
-    return {"description": Label(owner, json.dumps(asdict(about))), "metadata": Label(owner, metadata)}
 
 
 def _is_analysed(connection: Connection, stored: StoredRecording) -> bool:

@@ -22,13 +22,12 @@ from sqlalchemy import (
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
+from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
-from app.jobs.database.sealed_text import use_sealer
 from app.jobs.database.tables import analyses, facts, recordings, result_files
 from app.jobs.job import Job, JobState
 from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline
 from app.jobs.library.studies import follow_recording, join_study
-from app.jobs.library.words import WordIndex, use_index
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import (
     DatabaseClock,
@@ -44,19 +43,16 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
-from app.storage.keys import open_keys
-from app.storage.labels import Label, LabelSealer
 from app.storage.store import ResultFile, StoredRecording
 from fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 MOST_SAME = 20
 AWAITED = "header"
-"""The fact of a refusal that names the header whose columns an analysis awaits; rows hold it keyed."""
+"""The fact of a refusal that names the header whose columns an analysis awaits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +73,8 @@ class JobStore(RowStore):
 
     def __init__(self, settings: Settings) -> None:
         engine = open_database(settings.database_url)
-        use_sealer(engine, LabelSealer(open_keys(settings)))
         super().__init__(engine, engine.execution_options(**READ_ONLY))
         self._lease_s, self._most_interruptions = settings.lease_s, settings.max_interruptions
-        use_index(engine, WordIndex(self._reader))
 
     def close(self) -> None:
         """Close every connection to the database."""
@@ -410,7 +404,7 @@ class JobStore(RowStore):
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job, with the reason."""
         with self._engine.begin() as connection:
-            ended = _write_end(connection, analysis_id, code, facts)
+            ended = _write_end(code, facts)
             return change_state(connection, analysis_id, JobState.FAILED, ended, token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
@@ -430,15 +424,14 @@ class JobStore(RowStore):
             times = 1 + int(connection.execute(mine).scalar() or 0)
             if times < self._most_interruptions:
                 return change_state(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
-            ended = _write_end(connection, analysis_id, Interrupted.code, {"times": times})
+            ended = _write_end(Interrupted.code, {"times": times})
             return change_state(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
     def record_delay(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
         """Record what delays an attempt, and how often its job was put back for it."""
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
-        label = Label(self.find_recording(analysis_id), facts)
-        delay = {"problem_code": code, "problem_facts": label, "put_backs": put_backs}
+        delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
         self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
@@ -543,13 +536,10 @@ def _select_files(analysis_id: str) -> Select[Any]:
     return select(*columns).where(result_files.c.analysis_id == analysis_id)
 
 
-def _write_end(
-    connection: Connection, analysis_id: str, code: str, facts: Mapping[str, Fact]
-) -> dict[str, object]:
-    owner = connection.execute(select(analyses.c.recording_id).where(analyses.c.id == analysis_id)).scalar()
+def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
     return {
         "problem_code": code,
-        "problem_facts": Label(str(owner), json.dumps(dict(facts))),
+        "problem_facts": json.dumps(dict(facts)),
         "awaits": facts.get(AWAITED),
         "ended_at": format_now(),
     }

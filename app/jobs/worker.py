@@ -15,7 +15,7 @@ from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import AppError, Crashed, DiskFull, KeyGone, ResultDamaged, StoreAway, StoreDamaged
+from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
 from app.jobs.children.attempt import (
     Attempt,
     Died,
@@ -35,7 +35,6 @@ from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.library.mappings import MappingStore
 from app.jobs.processes.lease import Lease
-from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
@@ -44,8 +43,7 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
-from app.storage.sealing import SealedStorage
-from app.storage.store import borrow_recording, borrow_result, check_folder
+from app.storage.store import TEMPORARY_S, Storage, borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
@@ -61,7 +59,7 @@ class Bench:
     """Everything that a worker needs; ``make`` replaces the science where it is given."""
 
     store: JobStore
-    storage: SealedStorage
+    storage: Storage
     settings: Settings
     stopping: threading.Event
     cache: DecodedCache
@@ -102,18 +100,9 @@ def run_next(bench: Bench) -> bool:
             lease.renew(None, 0.0)
             if bench.stopping.wait(TROUBLE_S):
                 raise
-    _write_side_file(bench, job.recording_id)
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
-
-
-def _write_side_file(bench: Bench, recording_id: str) -> None:
-    """Write the side file from the rows of this moment; the server writes it later if this fails."""
-    try:
-        SideWriter(bench.store.engine, bench.store.reader, bench.storage).write(recording_id)
-    except (AppError, OSError, OperationalError):
-        logger.exception("side file of %s is not written", recording_id)
 
 
 def return_expired(bench: Bench) -> None:
@@ -194,7 +183,7 @@ def _delay(bench: Bench, job: Job, lease: Lease, code: str, pause_s: float) -> O
 
 
 def _attempt(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
-    bench.storage.opened.sweep()  # a killed worker may have left copies in clear
+    bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
     out = bench.storage.open_attempt(job.id, token)
     limits = choose_limits(bench.settings, job.size_bytes)
     with ExitStack() as stack:
@@ -228,7 +217,7 @@ def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fracti
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
     """Give the one road, with the digest that was just verified: the child need not compute it again."""
     digests = () if job.request.joined else (job.sha256,)
-    cache = bench.cache.of(bench.storage.find_key(job.recording_id))
+    cache = replace(bench.cache, recording_id=job.recording_id)
     return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
@@ -246,7 +235,9 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease) -> None:
     kept = False
-    if isinstance(outcome, Finished) and _keep(bench, job, token, lease):
+    if isinstance(outcome, Finished):
+        limit_s = choose_limits(bench.settings, job.size_bytes).wall_s
+        lease.keep_during(lambda: bench.storage.keep_attempt(job.id, token), limit_s)
         won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
@@ -264,16 +255,6 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease)
         bench.store.release(job.id, token, forgiven=True)
     if not kept:
         bench.storage.drop_attempt(job.id, token)
-
-
-def _keep(bench: Bench, job: Job, token: str, lease: Lease) -> bool:
-    """Seal and keep the files of an attempt; False where the recording was erased meanwhile."""
-    limit_s = choose_limits(bench.settings, job.size_bytes).wall_s
-    try:
-        lease.keep_during(lambda: bench.storage.keep_attempt(job.id, token, job.recording_id), limit_s)
-    except KeyGone:
-        return False
-    return True
 
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:

@@ -13,6 +13,7 @@ from app.report.analysis.chapters import format_accuracy, format_found, format_p
 from app.report.analysis.charts import build_parts, share_below
 from app.report.charts.distribution import Curve, draw_two_curves
 from app.report.charts.svg import NARROW, WIDE
+from app.report.figures import format_figure
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Note, Section, Table
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
@@ -214,6 +215,16 @@ def format_pose(findings: Findings, words: Words) -> str:
     if calibration.pose is None or calibration.state in UNHELD:
         return format_found(findings, words)
     return str(words["pose"][calibration.pose])
+
+
+def format_points(points: float, name: str, language: Language, *, is_signed: bool = False) -> str:
+    """Write a difference or a deviation: of shares in points, whose French plural begins at 2."""
+    sign = "+" if is_signed and round(points, 1) > 0 else ""
+    if not name.endswith("_percent"):
+        return sign + format_figure(points, name, language)
+    form = "points" if round(abs(points), 1) >= 2 else "points_under_two"
+    words = load_pair_words(language)["compare"]
+    return sign + fill(words[form], {"value": format_number(points, 1, language)})
 
 
 def describe_source(kept: Kept) -> dict[str, object]:

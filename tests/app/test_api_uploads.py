@@ -15,7 +15,6 @@ from app.jobs.store import JobStore
 from app.main import create_app
 from app.services import find_services
 from app.settings import Settings
-from app.storage.sealed import HEAD_BYTES
 from app.storage.store import Storage, borrow_recording
 
 URL = "/api/v1/uploads"
@@ -256,7 +255,7 @@ def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
     address = announce(client, 4)
     append(client, address, 0, b"01")
     upload_id = address.rpartition("/")[2]
-    file = find_services(Request({"type": "http", "app": client.app})).incoming.open(upload_id, 2, 4)
+    file = find_services(Request({"type": "http", "app": client.app})).incoming.open(upload_id, 2)
     file.write(b"23")
     file.flush()
     file.close()
@@ -265,40 +264,6 @@ def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
 
     recording = client.get(client.get(address).json()["links"]["recording"]).json()
     assert recording["sha256"] == hashlib.sha256(b"0123").hexdigest()
-
-
-@pytest.mark.parametrize("sent", [b"01", b"0123"], ids=["a part", "all"])
-def test_an_upload_that_an_earlier_release_took_in_clear_goes_on_and_is_sealed(
-    client: TestClient, store: JobStore, settings: Settings, sent: bytes
-) -> None:
-    address = announce(client, 4)
-    incoming = settings.data_dir / "incoming" / address.rpartition("/")[2]
-    incoming.write_bytes(sent)
-    with store.engine.begin() as connection:
-        connection.exec_driver_sql(f"UPDATE uploads SET offset_bytes = {len(sent)}")
-    if len(sent) < 4:
-        append(client, address, len(sent), b"23")
-
-    recording = client.get(client.get(address).json()["links"]["recording"]).json()
-
-    assert recording["sha256"] == hashlib.sha256(b"0123").hexdigest()
-    assert b"01" not in (settings.data_dir / "recordings" / recording["id"]).read_bytes()[HEAD_BYTES:]
-
-
-def test_bytes_under_way_are_sealed_and_end_with_their_key(client: TestClient, settings: Settings) -> None:
-    canary = b"a canary of thirty-two bytes, so"
-    address = announce(client, 100)
-    append(client, address, 0, canary)
-    services = find_services(Request({"type": "http", "app": client.app}))
-    upload_id = address.rpartition("/")[2]
-    recording_id = services.incoming.find_recording_id(upload_id)
-    assert recording_id is not None
-    assert canary not in (settings.data_dir / "incoming" / upload_id).read_bytes()
-    assert services.storage.keys.find(recording_id) is not None
-
-    client.delete(address, headers=TUS)
-
-    assert services.storage.keys.find(recording_id) is None
 
 
 def test_the_same_file_again_is_the_recording_that_there_is(client: TestClient, settings: Settings) -> None:

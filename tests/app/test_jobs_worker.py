@@ -6,9 +6,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
-from functools import partial
 from multiprocessing import forkserver
-from pathlib import Path
 from typing import cast
 
 import pytest
@@ -24,10 +22,7 @@ from app.jobs.job import JobState
 from app.jobs.processes.lease import Lease
 from app.jobs.store import JobStore
 from app.jobs.worker import return_expired, run_next
-from app.request import OnStage, ReportRequest
 from app.settings import Settings
-from app.storage.keys import open_keys
-from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
@@ -376,37 +371,6 @@ def wait_for_stage(store: JobStore, job_id: str) -> None:
         time.sleep(0.05)
 
 
-def test_a_recording_without_its_key_gives_no_report_and_says_so(
-    store: JobStore, storage: SealedStorage, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-    storage.keys.destroy(job.recording_id)
-
-    run_next(bench(stand_ins.write_report))
-
-    assert store.get(job.id).problem_code == "E-KEY-GONE"
-
-
-def report_and_erase(
-    settings: Settings, log: Path, request: ReportRequest, out: Path, on_stage: OnStage
-) -> None:
-    """Make a report of a recording that is erased meanwhile."""
-    stand_ins.write_report(log, request, out, on_stage)
-    keys = open_keys(settings)
-    keys.erase(*(name for name, _ in keys.export()))
-
-
-def test_a_report_of_a_recording_that_is_erased_meanwhile_is_not_kept(
-    settings: Settings, store: JobStore, storage: SealedStorage, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-
-    run_next(bench(partial(report_and_erase, settings)))
-
-    assert store.get(job.id).state is JobState.QUEUED
-    assert [name for name in storage.find_names() if name.startswith("analyses/")] == []
-
-
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_renews_its_lease_while_the_store_is_slow(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
@@ -414,7 +378,7 @@ def test_a_holder_renews_its_lease_while_the_store_is_slow(
     job = add_job()
     road = SlowRoad(storage, store, way)
 
-    run_next(replace(bench(stand_ins.write_report), storage=cast("SealedStorage", road)))
+    run_next(replace(bench(stand_ins.write_report), storage=cast("Storage", road)))
 
     assert len(road.leases) == 3
     assert store.get(job.id).state is JobState.SUCCEEDED

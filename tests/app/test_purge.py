@@ -17,7 +17,7 @@ from app.jobs.webhooks import EVENTS, WebhookStore
 from app.services import Services, find_services
 from app.settings import Settings
 from app.storage.decoded import DecodedCache, hash_entry_key
-from app.storage.open import open_storage
+from app.storage.server_secret import ServerSecret
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, do_next, on_both_set_ups
@@ -40,11 +40,12 @@ def purged(
     bench: OpenBench,
     small_gt3x: bytes,
     caplog: pytest.LogCaptureFixture,
+    tmp_path: Path,
 ) -> None:
     """Make every kind of row and file of which a person's words can become part, then purge them all."""
     caplog.set_level(logging.INFO)
     assert len(CANARY) == 32
-    WebhookStore(store.engine, store.reader).add("https://nobody.invalid/", EVENTS)
+    WebhookStore(store.engine, store.reader).add("https://nobody.invalid/", EVENTS, ServerSecret(tmp_path))
     post(client, "recordings", json={"subject": CANARY})
     send_by_tus(client, b"PATIENT " + CANARY.encode())
     analyse_in_every_way(client, bench, small_gt3x)
@@ -129,8 +130,7 @@ def test_no_line_of_the_log_holds_one(caplog: pytest.LogCaptureFixture) -> None:
 
 def keep_samples(settings: Settings, recording_id: str) -> Path:
     """Keep the samples of a recording as a worker does; gives the folder."""
-    key = open_storage(settings).find_key(recording_id)
-    cache = DecodedCache(settings.data_dir / "cache", 1 << 20).of(key)
+    cache = DecodedCache(settings.data_dir / "cache", 1 << 20, recording_id)
     cache.keep(hash_entry_key("", "", ""), hold((0, 1)).recording)
     return cache.folder
 
@@ -179,10 +179,12 @@ def test_a_start_removes_what_a_crash_left_of_a_look(services: Services) -> None
     assert list(services.inspector.folder.iterdir()) == [stranger]
 
 
-def test_an_error_of_the_database_does_not_repeat_what_was_to_be_written(store: JobStore) -> None:
+def test_an_error_of_the_database_does_not_repeat_what_was_to_be_written(
+    store: JobStore, tmp_path: Path
+) -> None:
     with store.engine.begin() as connection:
         connection.exec_driver_sql("DROP TABLE webhooks")
     with pytest.raises(Exception, match="no such table") as failure:
-        WebhookStore(store.engine, store.reader).add(f"https://{CANARY}/", EVENTS)
+        WebhookStore(store.engine, store.reader).add(f"https://{CANARY}/", EVENTS, ServerSecret(tmp_path))
 
     assert CANARY not in str(failure.value)

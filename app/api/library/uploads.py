@@ -40,8 +40,8 @@ from app.jobs.queue import WayIn
 from app.jobs.recordings import PURGED, UploadRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices, find_way_in
-from app.storage.incoming import GrowingFile
-from app.storage.store import read_recording
+from app.storage.incoming import GrowingFile, name_recording
+from app.storage.store import StoredRecording, read_recording
 from fusion.errors import EmptyFile
 
 # The bytes of a tus upload: written as they come, counted when they are on the disk.
@@ -125,16 +125,16 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     if not row.is_whole or row.recording_id is not None:
         return row
     try:
-        services.incoming.complete(row.id, row.length_bytes)
         sha256 = services.incoming.hash(row.id, row.length_bytes)
-        stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
+        stored = StoredRecording(name_recording(row.id), sha256, row.length_bytes)
+        services.storage.adopt(services.incoming.path(row.id), stored.id)
     except FileNotFoundError:  # a peer was quicker
         return services.uploads.get(row.id)
     declared = read_declared(row.metadata)
     study, asked = (
         ("", None) if declared is None else (declared.study, _build_declared(services, row, declared))
     )
-    counts = services.uploads.finish(row, stored, asked, way_in, study)  # its bytes say which id it gets
+    counts = services.uploads.finish(row, stored, asked, way_in, study)
     if counts != stored.id and not services.store.may_hold(stored.id):
         services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
@@ -160,20 +160,10 @@ def drop_upload(services: Services, row: UploadRow) -> None:
     if not services.incoming.acquire(row.id):
         raise LockedUpload
     try:
-        recording_id = services.incoming.find_recording_id(row.id)
         services.uploads.drop(row.id)
         services.incoming.forget(row.id)
-        forget_unfinished(services, recording_id)
     finally:
         services.incoming.release(row.id)
-
-
-def forget_unfinished(services: Services, recording_id: str | None) -> None:
-    """Destroy the key of an upload that has ended, unless its bytes are, or may be, a recording."""
-    if recording_id is None or services.store.may_hold(recording_id):
-        return
-    if not services.storage.holds(recording_id):
-        services.storage.keys.destroy(recording_id)
 
 
 def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
@@ -186,7 +176,7 @@ def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
 
 def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
     digest, expected = _read_checksum(checksum) if checksum else (None, b"")
-    file = services.incoming.open(row.id, row.offset_bytes, row.length_bytes)
+    file = services.incoming.open(row.id, row.offset_bytes)
     return _Body(services, row, file, digest, expected)
 
 

@@ -12,9 +12,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, insert, select, update
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings
-from app.jobs.queries import format_diary, label_row, read_diary
-from app.jobs.trail import record
+from app.jobs.queries import format_diary, read_diary
 from app.report.figures import load_results
 from app.request import ReportRequest
 
@@ -42,8 +42,7 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
     changed = _find_changed(connection, row, asked)
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-        sealed = label_row(row.id, changed)
-        connection.execute(update(recordings).where(recordings.c.id == row.id).values(sealed | grown))
+        connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
         names = dict.fromkeys(changed, "adopted")
         record(connection, "recording.changed", row.id, analysis_id, other=names)
 

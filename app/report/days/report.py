@@ -28,14 +28,13 @@ from app.report.days.tables import (
     build_group,
     build_means,
     build_sources,
-    format_points,
     format_span,
     load_days_words,
     name_arm,
 )
 from app.report.figures import format_figure
 from app.report.model import Chart, Note, Pair, Report, Section, VerdictLine
-from app.report.pairs import format_person, identify
+from app.report.pairs import format_person, format_points, identify
 from app.report.render.brief import format_signature
 from app.report.words.numbers import NONE, format_date, format_number
 from app.report.words.subject import cut_text

@@ -6,7 +6,7 @@ from app.report.days.document import FIGURES, describe_arm, find_group_pose, lis
 from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.figures import format_figure, format_figure_range
 from app.report.model import Section, Table
-from app.report.pairs import format_pose, load_pair_words
+from app.report.pairs import format_points, format_pose, load_pair_words
 from app.report.words.numbers import (
     NONE,
     Clock,
@@ -48,16 +48,6 @@ def format_span(interval: Interval | None, name: str, language: Language) -> str
     if name.endswith("_deg"):
         return format_angle_range(interval, language, 1)
     return format_figure_range(interval, name, language)
-
-
-def format_points(points: float, name: str, language: Language, *, is_signed: bool = False) -> str:
-    """Write a difference or a deviation: of shares in percentage points."""
-    sign = "+" if is_signed and round(points, 1) > 0 else ""
-    if not name.endswith("_percent"):
-        return sign + format_figure(points, name, language)
-    words = load_pair_words(language)["compare"]
-    form = "points" if round(abs(points), 1) >= 2 else "points_under_two"
-    return sign + fill(words[form], {"value": format_number(points, 1, language)})
 
 
 def _name_figure(name: str, language: Language) -> str:
