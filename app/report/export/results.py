@@ -344,10 +344,16 @@ def decode_results(content: bytes) -> Kept:
 
     Raises
     ------
-    ValueError, KeyError
+    ValueError
         When it is no such file, or of another form.
     """
-    results = json.loads(content)
+    try:
+        return _read_kept(json.loads(content))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"no {SCHEMA}: {error}") from error
+
+
+def _read_kept(results: Mapping[str, Any]) -> Kept:
     if results["schema"] != SCHEMA:
         raise ValueError(results["schema"])
     report, recording, software = results["report"], results["recording"], results["software"]
