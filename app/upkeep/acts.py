@@ -13,7 +13,7 @@ from app.settings import Settings
 def record_command(settings: Settings, act: Act) -> None:
     """Write the line of a command that changes no row.
 
-    A store that cannot be written, or of an earlier release, is backed up and verified all the same.
+    A store that cannot be written is backed up and verified all the same.
     """
     engine = connect(settings.database_url)
     try:

@@ -33,7 +33,7 @@ Laid = tuple[Job, str, float | None]
 
 
 def build_curves(services: Services, laid: Sequence[Laid], base: str) -> tuple[CurveView, ...]:
-    """Build a curve for each analysis; none where one of them has no curve, as of an earlier release."""
+    """Build a curve for each analysis; none if one of them has no curve."""
     try:
         clocks = [DayClock.of(find_day(services, job).facts) for job, _, _ in laid]
     except NoSuchFile:
@@ -65,5 +65,5 @@ def _read_minutes(services: Services, job: Job) -> Minutes:
     """Read the minutes of the report's day; none if its results cannot be read."""
     try:
         return list_minutes(decode_results(services.results.read(job, "results.json")).findings, "en")
-    except (NoSuchFile, ValueError, KeyError):
+    except (NoSuchFile, ValueError):
         return ()

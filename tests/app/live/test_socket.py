@@ -19,7 +19,7 @@ from app.api.live_library import LIVE_FOLDER
 from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
-from app.live.raw_file import RawFile, RawHeader, Wearer
+from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.session_files import SessionFiles, begin_files
 from app.live.source import SourceFacts
@@ -40,7 +40,7 @@ DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
 
 
 def write_raw(path: Path, recording: Recording, wearer: Wearer) -> None:
-    with RawFile(path, RawHeader("other", "made", START, 100.0, wearer)) as raw:
+    with RawFile(path, SourceFacts("other", "made", 100.0, START), wearer) as raw:
         for frames in replay_frames(recording, 1e6):
             raw.write(frames)
 
