@@ -233,22 +233,8 @@ class LiveSourceFailed(AppError):
     fact_meanings = name_facts(name="of the port", why=TERM)
 
 
-class KeyReused(AppError):
-    """The idempotency key was used for another request."""
-
-    code = "E-KEY-REUSED"
-    outcome = Outcome(422, 2)
-
-
-class KeyInUse(AppError):
-    """The request with this idempotency key is still under way."""
-
-    code = "E-KEY-IN-USE"
-    outcome = Outcome(409, 3, retryable=True)
-
-
 class PurgedSince(AppError):
-    """What a request with this idempotency key made has been deleted for good."""
+    """The recording of this upload has been deleted for good."""
 
     code = "E-PURGED"
     outcome = Outcome(410, 3)
@@ -274,7 +260,7 @@ class StaleVersion(AppError):
     """Somebody else has changed it meanwhile."""
 
     code = "E-STALE"
-    outcome = Outcome(412, 3)
+    outcome = Outcome(409, 3)
 
 
 class NotHere(AppError):
@@ -510,17 +496,10 @@ class DatabaseLocked(ServerRefused):
     fact_meanings = name_facts(file="path", pid="process, where known")
 
 
-class DatabaseTooOld(ServerRefused):
-    """The tables are of an earlier release, and only the server migrates."""
+class WrongSchema(ServerRefused):
+    """The tables or a backup are of another version; they are left untouched."""
 
-    code = "E-DATABASE-OLD"
-    fact_meanings = name_facts(found="revision", needed="revision")
-
-
-class DatabaseTooNew(ServerRefused):
-    """The tables are of a later release."""
-
-    code = "E-DATABASE-NEW"
+    code = "E-SCHEMA"
     fact_meanings = name_facts(found="revision", needed="revision")
 
 
@@ -531,27 +510,11 @@ class StoreMismatch(ServerRefused):
     fact_meanings = name_facts(found="store", needed="store")
 
 
-class KeyFileMissing(ServerRefused):
-    """The organisation's key, which opens the keys of all recordings, is not where it was."""
+class AccountsLost(ServerRefused):
+    """The server of this data folder has accounts, and its database holds none."""
 
-    code = "E-KEY-FILE"
+    code = "E-ACCOUNTS-LOST"
     fact_meanings = name_facts(file="path")
-
-
-class KeyMismatch(ServerRefused):
-    """The organisation's key is not the one that wrapped the keys of the recordings."""
-
-    code = "E-KEY-OTHER"
-    fact_meanings = name_facts(file="path")
-
-
-class KeysNeeded(ServerRefused):
-    """Recordings (or names and authenticators of accounts) are sealed, and their keys are not here."""
-
-    code = "E-KEYS-NEEDED"
-    fact_meanings = name_facts(
-        number="recordings", first="id of one", people="people whose name or authenticator is sealed"
-    )
 
 
 class UnknownRecordings(ServerRefused):
@@ -575,20 +538,6 @@ class BackupRefused(ServerRefused):
     fact_meanings = name_facts(why="by the system")
 
 
-class NoHead(ServerRefused):
-    """A file named as the trail's anchor cannot be read, or holds no head of this trail."""
-
-    code = "E-TRAIL-ANCHOR"
-    fact_meanings = name_facts(file="path", organisation="whose trail")
-
-
-class OtherOrganisation(ServerRefused):
-    """A backup is restored into the organisation that it is of, and into no other."""
-
-    code = "E-BACKUP-OTHER"
-    fact_meanings = name_facts(found="organisation of the backup", asked="organisation that was asked for")
-
-
 class NotInstalled(ServerRefused):
     """What a setting needs is not installed."""
 
@@ -610,12 +559,20 @@ class StoreDamaged(AppError):
     outcome = Outcome(410, 3)
 
 
-class KeyGone(StoreDamaged):
-    """The key of a recording is not here: it was erased, or the keys were not restored."""
+class PurgeUnfinished(AppError):
+    """A recording is hidden, but its rows are still in the database: its copies could not be renewed."""
 
-    code = "E-KEY-GONE"
-    outcome = Outcome(410, 3)
-    fact_meanings = name_facts(id="of the recording")
+    code = "E-PURGE-UNFINISHED"
+    outcome = Outcome(503, 3)
+    fact_meanings = name_facts(id="of the recording", why="by the system")
+
+
+class SecretUnreadable(AppError):
+    """The secret of this server is gone, or is not the one that encrypted a second factor or a webhook."""
+
+    code = "E-SECRET"
+    outcome = Outcome(503, 3)
+    fact_meanings = name_facts(file="path")
 
 
 class ResultDamaged(AppError):

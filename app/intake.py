@@ -66,22 +66,10 @@ class Intake:
         ------
         FileTooLarge, DiskFull, OSError
         """
-        pieces = iter(lambda: file.read(COPY_BYTES), b"")
-        return self.add_pieces(pieces, os.fstat(file.fileno()).st_size, request, way_in)
-
-    def add_pieces(
-        self, pieces: Iterable[bytes], size_bytes: int, request: ReportRequest, way_in: WayIn
-    ) -> Job:
-        """Do the same with a content of about so many bytes, piece by piece.
-
-        Raises
-        ------
-        FileTooLarge, DiskFull, OSError
-        """
-        self.storage.check_space(size_bytes, self.settings.min_free_bytes)
+        self.storage.check_space(os.fstat(file.fileno()).st_size, self.settings.min_free_bytes)
         upload = self.storage.open_upload(self.settings.max_upload_bytes)
         try:
-            for piece in pieces:
+            while piece := file.read(COPY_BYTES):
                 upload.write(piece)
             stored = upload.keep()
         finally:

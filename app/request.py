@@ -15,7 +15,7 @@ from fusion.diary import DiaryEntry
 from fusion.task_windows import TaskWindow
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
-Language = Literal["en", "fr", "fr-CA", "de"]
+Language = Literal["en", "fr", "fr-CA"]
 """Of a report; the pages are in English and French."""
 ReportKind = Literal["html", "pdf"]
 Paper = Literal["a4", "letter"]

@@ -6,7 +6,6 @@ from typing import Any, Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from app.organisation import OWN_ORGANISATION
 from app.request import Paper
 from fusion.conventions import PoseHeld
 
@@ -15,13 +14,6 @@ GIB = 1 << 30
 
 def _build_database_url(known: dict[str, Any]) -> str:
     return f"sqlite:///{known['data_dir'] / 'acromion.sqlite3'}"
-
-
-def _build_own_database_url(url: str, folder: Path, organisation: str) -> str:
-    """Build the address of an organisation's database: a file, or a schema of the same server."""
-    if url.startswith("sqlite"):
-        return f"sqlite:///{folder / 'acromion.sqlite3'}"
-    return f"{url}{'&' if '?' in url else '?'}options=-csearch_path%3D{organisation}"
 
 
 class Settings(BaseSettings):
@@ -37,10 +29,6 @@ class Settings(BaseSettings):
         Where recordings and reports are: nothing for the data folder, or ``s3://bucket``, whose endpoint,
         region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
         ``AWS_SECRET_ACCESS_KEY``.
-    key_file
-        The organisation's key, which wraps the key of each recording (32 bytes in base64); nothing for
-        ``organisation.key`` in the data folder, which is made at its first use. A file that is named must
-        exist.
     engine
         How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL,
         for workers on many machines.
@@ -59,8 +47,6 @@ class Settings(BaseSettings):
     oidc_claim, oidc_roles
         The claim of the ID token that says somebody's roles, and its values as ``value=role`` with commas
         between; without ``oidc_roles`` the values are the names of the roles.
-    oidc_organisation
-        The organisation of those who log in by the provider.
     no_secret
         Whether anybody on this computer may use a server without accounts: a stated choice.
     tls_cert, tls_key
@@ -81,21 +67,20 @@ class Settings(BaseSettings):
         A folder whose recordings are taken in without the page; None: none is watched.
     watch_pose_held
         "start": the pose was held at the start of wear in every recording of the watched folder.
-    lease_s, heartbeat_s
-        A worker that has not beaten for ``lease_s`` has lost its job.
+    lease_s
+        A worker renews its hold on a job every second; it loses the job after two leases without that.
     max_attempts
         Deaths of the analysis, while its worker lives, after which a recording is given up.
     max_interruptions
         Ends of the worker or its computer during one analysis after which it is set aside (E-INTERRUPTED).
-    worker_silence_s
-        Time without a heartbeat after which ``serve`` replaces a worker; longer than ``lease_s``.
     max_put_backs
         Times that an analysis waits for room on a full disk, 2 s at first and 60 s at most (20: a quarter of
         an hour in all), before it fails with E-DISK.
     memory_limit_bytes
         Address space of one analysis (numba and BLAS map far more than they touch).
     wall_limit_s, wall_limit_s_per_gb
-        Longest time for one analysis: the larger of the first and the second times the file's size.
+        Longest time for one analysis: the larger of the first and the second times the file's size. One
+        without progress is ended after half of it.
     min_body_rate_bytes_per_s, body_patience_s, header_patience_s
         A client that sends more slowly than this, for longer than this, is sent away.
     webhooks_may_be_private
@@ -107,9 +92,6 @@ class Settings(BaseSettings):
     upload_term_s, trash_term_s
         How long the server keeps, while it runs, an upload that nobody goes on with, and what is
         in the trash.
-    trail_anchor
-        Where the head of the trail is written down daily and at each start and stop: a file outside the data
-        folder, or an ``https://`` address; empty: nowhere.
     """
 
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
@@ -117,7 +99,6 @@ class Settings(BaseSettings):
     data_dir: Path = Path("acromion-data")
     database_url: str = Field(default_factory=_build_database_url)
     object_store: str = ""
-    key_file: Path | None = None
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
     port: int = 8080
@@ -129,7 +110,6 @@ class Settings(BaseSettings):
     oidc_client_secret: str = Field(default="", repr=False)
     oidc_claim: str = "roles"
     oidc_roles: str = ""
-    oidc_organisation: str = OWN_ORGANISATION
     no_secret: bool = False
     tls_cert: Path | None = None
     tls_key: Path | None = None
@@ -141,11 +121,9 @@ class Settings(BaseSettings):
     root_path: str = ""
     watch_dir: Path | None = None
     watch_pose_held: PoseHeld | None = None
-    lease_s: float = 30.0
-    heartbeat_s: float = 3.0
+    lease_s: float = 4.0
     max_attempts: int = 3
     max_interruptions: int = 5
-    worker_silence_s: float = 60.0
     max_put_backs: int = 20
     memory_limit_bytes: int = 6 * GIB
     wall_limit_s: float = 600.0
@@ -158,7 +136,6 @@ class Settings(BaseSettings):
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0
-    trail_anchor: str = ""
 
     @property
     def host_names(self) -> frozenset[str]:
@@ -169,22 +146,6 @@ class Settings(BaseSettings):
     def is_database_inside(self) -> bool:
         """Whether the rows are in the data folder."""
         return self.database_url == _build_database_url({"data_dir": self.data_dir})
-
-    def for_organisation(self, organisation: str) -> "Settings":
-        """Give the settings of one organisation: a folder, a database and a part of the bucket of its own."""
-        if organisation == OWN_ORGANISATION:
-            return self
-        place = f"organisations/{organisation}"
-        folder = self.data_dir / place
-        return self.model_copy(
-            update={
-                "data_dir": folder,
-                "database_url": _build_own_database_url(self.database_url, folder, organisation),
-                "object_store": f"{self.object_store.rstrip('/')}/{place}" if self.object_store else "",
-                "watch_dir": None,
-                "key_file": self.key_file and self.key_file.with_name(f"{organisation}.key"),
-            }
-        )
 
     def as_environment(self) -> dict[str, str]:
         """Give every setting that was chosen, as a worker process reads it, but for how people log in."""

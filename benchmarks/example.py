@@ -2,13 +2,15 @@
 
     python -m benchmarks.example
 
-Writes ``templates/example/findings.json``; ``tests/app/test_example.py`` holds it against today's engine.
+Writes ``templates/example/results.json``; ``tests/app/test_example.py`` holds it against today's engine.
 """
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
-from app.report.findings import Findings, encode_findings, take_findings
+from app.report.export.results import encode_results, identify_report
+from app.report.findings import Findings, take_findings
 from app.report.words.subject import ReportSubject, Software
 from app.version import software_revision, software_version
 from app.web.example import find_example
@@ -41,9 +43,10 @@ def main() -> None:
     subject = ReportSubject(
         "example.gt3x", "EXAMPLE", "right", Software(software_version(), software_revision())
     )
-    path = find_example()
+    path, findings = find_example(), analyse_example()
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(encode_findings(analyse_example(), subject))
+    subject = replace(subject, report_id=identify_report(SETTINGS, findings, subject))
+    path.write_bytes(encode_results(findings, subject))
     print(path.name, path.stat().st_size)
 
 

@@ -17,12 +17,10 @@ from sqlalchemy import insert
 
 from app.api.library.recording_models import write_cursor
 from app.jobs.database.tables import analyses, recordings
-from app.jobs.queries import label_row
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.labels import Label
 
 ROUNDS = 300
 AT_ONCE = 10_000
@@ -49,8 +47,7 @@ def make_recording(k: int) -> dict[str, object]:
     """Give the row of one recording."""
     told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": tell_moment(k)[:19]}
     stored = {"sha256": f"{k:064x}", "size_bytes": 1_000_000, "file_name": f"{k}.gt3x", "state": "stored"}
-    row = {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
-    return label_row(f"rec_{k:016x}", row)
+    return {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
 
 
 def make_analysis(k: int, request: str) -> dict[str, object]:
@@ -58,12 +55,12 @@ def make_analysis(k: int, request: str) -> dict[str, object]:
     ended = {"state": "succeeded" if k % 20 else "failed", "progress": 1.0, "attempts": 1, "beats": 9}
     known = {
         "recording_id": f"rec_{k:016x}",
-        "request": Label(f"rec_{k:016x}", request),
+        "request": request,
         "way_in": "api",
         "token": "0" * 16,
     }
     problem = {"problem_code": None if k % 20 else "E-SHORT", "problem_facts": None}
-    row = {"id": f"an_{k:016x}", "created_at": tell_moment(k), "batch_id": None}
+    row: dict[str, object] = {"id": f"an_{k:016x}", "created_at": tell_moment(k), "batch_id": None}
     return row | ended | known | problem
 
 

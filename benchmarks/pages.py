@@ -20,11 +20,9 @@ from sqlalchemy import insert
 
 from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.job import JobState
-from app.jobs.queries import label_row
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.labels import Label
 from fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 
@@ -46,12 +44,12 @@ def fill_library(data: Path) -> None:
         )
         name = {"file_name": f"shift_{number}.gt3x", "subject": f"S{number % 500:03d}"}
         rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
-        rows[-1] = label_row(recording, rows[-1] | {"created_at": moment})
+        rows[-1] |= {"created_at": moment}
         request = ReportRequest(name["file_name"], name["subject"])
         job: dict[str, object] = {
             "id": analysis,
             "recording_id": recording,
-            "request": Label(recording, request.to_json()),
+            "request": request.to_json(),
             "way_in": "api",
         }
         job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}

@@ -1,12 +1,10 @@
-"""A lost database, and an upgrade: ``python -m benchmarks.recover`` (1,000 recordings, some minutes).
+"""A lost database: ``python -m benchmarks.recover`` (1,000 recordings, some minutes).
 
 - ``folder``: recordings are stored and analysed (by a stand-in for the science), some get periods, some are
   put in the trash; the SQLite file is thrown away; ``acromion recover`` has to bring back what the API said
   before.
 - ``bucket``: the same with the recordings in a bucket of a real S3 server and the rows in PostgreSQL, whose
   tables are dropped; recovered from another folder than before.
-- ``upgrade``: a folder made by an earlier revision (``--old``, taken from git) is started with today's code;
-  nothing may be lost and every recording has to have its side file; then as ``folder``.
 
 Prints a table; exits 1 when anything differs.
 """
@@ -14,7 +12,6 @@ Prints a table; exits 1 when anything differs.
 import argparse
 import os
 import random
-import subprocess
 import sys
 import tempfile
 import time
@@ -32,8 +29,6 @@ from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 from tests.ways_in.servers import ROOT
 
-OLD = "0fd4ccf"
-OLD_RECORDINGS = 50
 PERIODS_OF, TRASH_OF, ANALYSES_AT_ONCE = 10, 7, 100
 CHANGING = frozenset({"links", "files"})
 Views = dict[str, dict[str, Any]]
@@ -188,61 +183,26 @@ def try_bucket(folder: Path, number: int) -> list[Tried]:
     return [tried]
 
 
-def try_upgrade(folder: Path, old: Path) -> list[Tried]:
-    upgraded, tried = (
-        Tried(f"started with today's code: a folder of {OLD}"),
-        Tried(f"then as above, of {OLD}"),
-    )
-    with running(folder, {}, workers=2, root=old) as client:
-        fill(client, OLD_RECORDINGS, seed=3)
-        before = read_all(client)
-    started_s = time.monotonic()
-    with running(folder, {}) as client:
-        after = read_all(client)
-    upgraded.seconds = time.monotonic() - started_s
-    upgraded.broken += compare(before, after)
-    upgraded.back = sum(before[name] == after.get(name) for name in before if name.startswith("rec_"))
-    stored = [name for name in before if name.startswith("rec_")]
-    without = [name for name in stored if not (folder / "data" / "recordings" / f"{name}.json").exists()]
-    upgraded.broken += [f"{name} has no side file" for name in without]
-    _throw_away_sqlite(folder / "data")
-    recover_all(tried, folder, {}, before)
-    upgraded.recordings, upgraded.trashed, upgraded.reports = tried.recordings, tried.trashed, tried.reports
-    return [upgraded, tried]
-
-
 def _throw_away_sqlite(data: Path) -> None:
     for path in data.glob("acromion.sqlite3*"):
         path.unlink()
 
 
-def take_old(folder: Path) -> Path:
-    """Give the code of the earlier revision, as git has it."""
-    archive = folder / "old.tar"
-    subprocess.run(["git", "archive", "-o", str(archive), OLD], cwd=ROOT, check=True)
-    (folder / "old").mkdir()
-    subprocess.run(["tar", "-xf", str(archive), "-C", str(folder / "old")], check=True)
-    return folder / "old"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Throw the database away, recover, compare.")
     parser.add_argument("--recordings", type=int, default=1000)
-    parser.add_argument("--only", choices=("folder", "bucket", "upgrade"))
-    parser.add_argument("--old", type=Path, help=f"code of {OLD}; else it is taken from git")
+    parser.add_argument("--only", choices=("folder", "bucket"))
     wished = parser.parse_args()
     tried: list[Tried] = []
-    for what in ("folder", "bucket", "upgrade"):
+    for what in ("folder", "bucket"):
         if wished.only not in (None, what):
             continue
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             if what == "folder":
                 tried += try_folder(folder, wished.recordings)
-            elif what == "bucket":
-                tried += try_bucket(folder, wished.recordings)
             else:
-                tried += try_upgrade(folder, wished.old or take_old(folder))
+                tried += try_bucket(folder, wished.recordings)
         for line in tried[-1].broken[:10]:
             print("   ", line)
     print("| what | recordings | of them in the trash | reports | back | s | differences |")

@@ -18,10 +18,11 @@ from statistics import median
 from app.report.analysis.report import build_report
 from app.report.export.all import export_results
 from app.report.export.results import build_results, encode_results
-from app.report.findings import Findings, encode_findings, take_findings
+from app.report.figures import round_all
+from app.report.findings import Findings, take_findings
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
-from app.report.render.write import FINDINGS, RESULTS
+from app.report.render.write import RESULTS
 from app.report.words.subject import ReportSubject
 from app.request import ReportRequest
 from app.roads.analyse import describe_subject
@@ -40,12 +41,11 @@ rewrite_reports(folder, ReportRequest("", languages=("en",)), folder / "again")
 
 
 def keep_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
-    """Simulate a shift, analyse it and keep what it leaves: the results and the findings."""
+    """Simulate a shift, analyse it and keep its results."""
     log = write_shift(folder, simulate_shift("gt9x", hours, seed=1), actilife_csv=False)[0]
     findings = take_findings(analyse(read_recording(io.BytesIO(log.read_bytes()), file_name=log.name)))
     subject = describe_subject(ReportRequest(log.name, "S012", "right"))
     (folder / RESULTS).write_bytes(encode_results(findings, subject))
-    (folder / FINDINGS).write_bytes(encode_findings(findings, subject))
     (folder / "again").mkdir()
     return findings, subject
 
@@ -61,7 +61,7 @@ def time_warm(findings: Findings, subject: ReportSubject, runs: int) -> dict[str
         moments.append(time.perf_counter())
         render_pdf(report, {"results.json": encode_results(findings, subject)})
         moments.append(time.perf_counter())
-        export_results(build_results(findings, subject))
+        export_results(round_all(build_results(findings, subject)))
         moments.append(time.perf_counter())
         for part, begin, end in zip(took.values(), moments, moments[1:], strict=False):
             part.append(1000 * (end - begin))

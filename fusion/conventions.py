@@ -47,6 +47,8 @@ def is_npose(pose: Pose, state: CalibrationState) -> bool:
     return pose == "n-pose" and state not in UNHELD
 
 
+FEWEST_PEOPLE = 5
+"""Fewer people make no group: its figures would be those of single people."""
 SAID_S = 60.0
 """How exactly a person knows when the sensor slipped: so much on both sides is left out."""
 

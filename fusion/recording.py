@@ -30,7 +30,7 @@ class QualityFlag:
     Attributes
     ----------
     code
-        A :class:`fusion.caveats.Caveat`; a plain text where findings of an earlier version were read again.
+        A :class:`fusion.caveats.Caveat`; a plain text of a reader plug-in, or of a report that is read again.
     count
         How many times it was found.
     seconds

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 from sqlalchemy import ColumnElement, delete, func, insert, select, update
 
-from app.access.accounts import AccountStore, Person, normalise_login
-from app.access.acts import note_act
+from app.access.accounts import AccountStore, Person, normalise_login, note_act
 from app.access.hashing import hash_secret
-from app.access.sealed_secrets import is_sealed
-from app.access.tables import known_browsers, link_uses, people, recovery_codes
-from app.errors import KeyGone
+from app.errors import SecretUnreadable
+from app.jobs.database.tables import known_browsers, link_uses, people, recovery_codes
 from app.jobs.queries import format_now
 
 UNOPENED = "?"
@@ -91,7 +89,7 @@ class CredentialStore:
 
     def note_told(self, person_id: str) -> None:
         """Note that a person knows of the link."""
-        with self._database.write(is_act=False) as connection:
+        with self._database.write() as connection:
             mine = update(link_uses).where(link_uses.c.person_id == person_id)
             connection.execute(mine.values(told_at=format_now()))
 
@@ -106,19 +104,6 @@ class CredentialStore:
             if rows:
                 connection.execute(insert(recovery_codes), rows)
             note_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
-
-    def seal_earlier(self) -> int:
-        """Seal the authenticators of an earlier release; gives their number."""
-        if not self._database.is_there:
-            return 0
-        rows = self._database.read_all(select(people.c.id, people.c.totp_secret))
-        open_ones = [row for row in rows if row.totp_secret and not is_sealed(row.totp_secret.decode())]
-        for row in open_ones:
-            sealed = self._sealer.seal(row.id, row.totp_secret.decode()).encode()
-            is_it = (people.c.id == row.id, people.c.totp_secret == row.totp_secret)
-            with self._database.write(is_act=False) as connection:
-                connection.execute(update(people).where(*is_it).values(totp_secret=sealed))
-        return len(open_ones)
 
     def use_step(self, person_id: str, step: int) -> bool:
         """Use up the step of a code; False where it, or a later one, was used: of two at once one wins."""
@@ -163,16 +148,16 @@ class CredentialStore:
         row = self._database.read_one(select(people).where(is_it, people.c.ended_at.is_(None)))
         if row is None:
             return None
-        secret = self._open(row.id, (row.totp_secret or b"").decode())
+        secret = self._open(row.id, row.totp_secret.decode()) if row.totp_secret else ""
         return Credentials(row.id, row.password_hash, secret, row.totp_step)
 
     def _open(self, person_id: str, kept: str) -> str:
         try:
             return self._sealer.open(person_id, kept)
-        except KeyGone:
+        except SecretUnreadable:
             logger.error(
-                "the second factor of %s cannot be read: its key is not here; restore the keys "
-                "(acromion recover --keys FILE), or acromion account reset LOGIN --second-factor",
+                "the second factor of %s cannot be read: put server.key back, or "
+                "acromion account reset LOGIN --second-factor",
                 person_id,
             )
             return UNOPENED

@@ -2,18 +2,9 @@
 
 import hashlib
 import hmac
-import logging
-import secrets
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from app.errors import KeyFileMissing, KeyGone, KeyMismatch
-from app.storage.keys import KeyStore
-from app.storage.labels import write_keyed
-
-LOGINS = "logins"
-"""The name of the key of digests of what was typed. Nothing else needs it: a lost one is made anew."""
-
-logger = logging.getLogger(__name__)
+from app.storage.server_secret import ServerSecret
 
 
 def hash_secret(secret: str) -> str:
@@ -25,20 +16,11 @@ def hash_secret(secret: str) -> str:
 class NameHasher:
     """Digests of names as people type them, who sometimes type a password: no guess can be tried on the rows.
 
-    The key is one of the organisation "own", so that all servers count together. Where it does not open, a
-    server counts by a key in its memory: alone, but it counts.
+    The key comes from the secret of the server, so that all servers count together.
     """
 
-    keys: KeyStore
-    _own: bytes = field(default_factory=lambda: secrets.token_bytes(32), repr=False)
+    server: ServerSecret
 
     def hash(self, typed: str) -> str:
         """Give the keyed digest of what was typed."""
-        return write_keyed(hmac.digest(self._find_key(), typed.encode(), "sha256"))
-
-    def _find_key(self) -> bytes:
-        try:
-            return self.keys.create(LOGINS).derive(b"", b"digest")
-        except (KeyGone, KeyFileMissing, KeyMismatch):
-            logger.warning("the key %s does not open: wrong logins are counted by this server alone", LOGINS)
-            return self._own
+        return hmac.digest(self.server.derive("logins"), typed.encode(), "sha256").hex()

@@ -1,18 +1,10 @@
 """Opens what knows who may come in: the secret of the start, and the accounts."""
 
-import time
-from collections.abc import Callable
-
 from app.access.accounts import AccountStore
 from app.access.gate import Gate
 from app.access.secret import read_or_create_secret
 from app.settings import Settings
 from app.storage.permissions import make_folder
-
-
-def open_accounts(settings: Settings, clock: Callable[[], float] = time.time) -> AccountStore:
-    """Open the accounts of an installation; without any there is no file of them."""
-    return AccountStore(settings, clock)
 
 
 def open_gate(settings: Settings, accounts: AccountStore) -> Gate:

@@ -1,57 +1,28 @@
-"""Secrets of authenticators and names of people, sealed before they reach the database of the accounts.
+"""Secrets of authenticators, encrypted before they reach the database.
 
-Their key is one of those of the organisation "own" (:mod:`app.storage.keys`): a copy
-of the accounts without the keys shows none, and the backup of the keys opens them elsewhere. The person is
-bound to what is sealed, so that no row opens as another's.
+The person is bound to what is encrypted, so that no row opens as another's.
 """
 
-import base64
 from dataclasses import dataclass
-from typing import Literal
 
-from app.errors import KeyGone
-from app.storage.keys import KeyStore
-from app.storage.store import BrokenSeal
-
-ACCOUNTS = "accounts"
-"""The name of the key."""
-MARK = "~1~"
-What = Literal["second factor", "name"]
+from app.storage.server_secret import ServerSecret
 
 
 @dataclass(frozen=True, slots=True)
 class SecretSealer:
-    """Seals and opens what is kept of a person: ``what`` it is, is bound to it."""
+    """Encrypts and decrypts the secret of a person's authenticator."""
 
-    keys: KeyStore
+    server: ServerSecret
 
-    @property
-    def has_key(self) -> bool:
-        """Whether the key is here."""
-        return self.keys.find(ACCOUNTS) is not None
-
-    def seal(self, person_id: str, secret: str, what: What = "second factor") -> str:
+    def seal(self, person_id: str, secret: str) -> str:
         """Give a secret as it is kept."""
-        sealed = self.keys.create(ACCOUNTS).seal(secret.encode(), f"{what} of {person_id}")
-        return MARK + base64.b64encode(sealed).decode()
+        return self.server.encrypt(secret, f"second factor of {person_id}")
 
-    def open(self, person_id: str, kept: str, what: What = "second factor") -> str:
-        """Give the secret; one of an earlier release, in clear, is given as it is.
+    def open(self, person_id: str, kept: str) -> str:
+        """Give the secret.
 
         Raises
         ------
-        KeyGone
-            The key is not here, or it sealed something else.
+        SecretUnreadable
         """
-        if not is_sealed(kept):
-            return kept
-        try:
-            sealed = base64.b64decode(kept.removeprefix(MARK))
-            return self.keys.get(ACCOUNTS).open(sealed, f"{what} of {person_id}").decode()
-        except (BrokenSeal, ValueError):
-            raise KeyGone(id=ACCOUNTS) from None
-
-
-def is_sealed(kept: str) -> bool:
-    """Tell whether a kept secret is sealed."""
-    return kept.startswith(MARK)
+        return self.server.decrypt(kept, f"second factor of {person_id}")

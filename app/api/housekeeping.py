@@ -14,20 +14,18 @@ import anyio
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from app.api.library.analyses import run_to_end
-from app.api.library.recordings import forget_samples, purge_recording
-from app.api.library.uploads import drop_upload, forget_unfinished
-from app.api.middleware.side_files import write_side_files
+from app.api.library.recordings import finish_purge, forget_samples, purge_recording
+from app.api.library.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
-from app.errors import AppError, LockedUpload, OnHold
-from app.jobs.database.seal_rows import COPIES_FOLDER, drop_open_copies, seal_rows
+from app.errors import AppError, LockedUpload, OnHold, SecretUnreadable
+from app.jobs.audit_log import Act, AuditQuestion, find_lines, record_alone
 from app.jobs.processes.leader import Leader
-from app.jobs.results import complete_headlines
-from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
-from app.jobs.webhooks import Delivery
+from app.jobs.webhooks import SECRET_OF_WEBHOOK, Delivery
 from app.services import Services
-from app.upkeep.anchors import anchor_trail
+from app.storage.server_secret import SECRET_FILE, ServerSecret
+from app.storage.store import TEMPORARY_S
+from app.upkeep.copies import keep_daily_copy, renew_copies
 from app.upkeep.recover import (
-    TEMPORARY_S,
     Unknown,
     catch_up,
     check_known,
@@ -37,15 +35,10 @@ from app.upkeep.recover import (
     quarantine_strange,
     restore_known,
 )
-from app.upkeep.seal_earlier import EarlierFiles
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
-HEADLINES_AT_ONCE = 20
-ROWS_AT_ONCE = 200
 AGE_S = 60.0
-ANCHOR_S = 24 * 3600.0
-RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
 MOST_AT_ONCE = 16
@@ -57,29 +50,25 @@ logger = logging.getLogger(__name__)
 async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
-    await _anchor(services, "server.started")
+    await _note(services, "server.started")
     try:
         await _run_rounds(services, leader, sender)
     finally:
         await sender.stop()
         leader.close()
-        await asyncio.shield(_anchor(services, "server.stopped"))
+        await asyncio.shield(_note(services, "server.stopped"))
 
 
-async def _anchor(services: Services, act: Act | None = None) -> None:
-    """Write the head of the trail down; trouble with that stops no server."""
+async def _note(services: Services, act: Act) -> None:
+    """Write a line about the server itself; trouble with that stops no server."""
     try:
-        if act is not None:
-            await run_to_end(record_alone, services.store.engine, act)
-        await anchor_trail(services.settings, services.store.reader)
+        await run_to_end(record_alone, services.store.engine, act)
     except SQLAlchemyError:
-        logger.exception("the trail cannot be read or written; the head is not written down")
+        logger.exception("the audit log cannot be written")
 
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
-    looked_s = aged_s = anchored_s = time.monotonic()
-    may_have_older = True  # of an earlier release: none comes while this one serves
-    earlier = EarlierFiles(services.settings, services.store, services.storage, services.side_files)
+    looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
@@ -87,32 +76,26 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             if not await run_to_end(leader.is_leader):
                 looked_s = aged_s = now_s  # another counts this time
                 continue
-            await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
-            if may_have_older:
-                may_have_older = await run_to_end(_complete_older, services, earlier)
+            await run_to_end(write_side_files, services)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
                 await run_to_end(grow_older, services, now_s - aged_s)
                 aged_s = now_s
-            if now_s - anchored_s > ANCHOR_S:
-                await _anchor(services)
-                anchored_s = now_s
+                await run_to_end(keep_daily_copy, services.settings, services.store.engine)
         except OperationalError:
             logger.exception("the database does not answer; trying again")
         except (AppError, OSError):
             logger.exception("housekeeping is not done; trying again")
 
 
-def _complete_older(services: Services, earlier: EarlierFiles) -> bool:
-    """Complete and seal some rows and files of an earlier release; False when none is left."""
-    completed = complete_headlines(services.store, services.results, HEADLINES_AT_ONCE)
-    sealed = seal_rows(services.store.engine, ROWS_AT_ONCE)
-    if earlier.seal_next() or completed + sealed > 0:
-        return True
-    for name in drop_open_copies(services.settings.data_dir / COPIES_FOLDER):
-        logger.info("%s is removed: the words in it were in clear", name)
-    return False
+def write_side_files(services: Services) -> None:
+    """Write the side files of what has changed; trouble takes back nothing: the rows are committed."""
+    try:
+        while services.side_files.write_lagging(SIDE_FILES_AT_ONCE) == SIDE_FILES_AT_ONCE:
+            continue
+    except (AppError, OSError, SQLAlchemyError):
+        logger.exception("side files are not written; trying again")
 
 
 def reconcile(services: Services) -> None:
@@ -142,7 +125,7 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_purges(services: Services, unknown: Unknown) -> None:
-    again = services.storage.keys.find_erased() & services.store.find_recordings()
+    again = services.storage.ledger.find() & services.store.find_recordings()
     for recording_id in {*services.recordings.find_purging(), *again}:
         try:
             purge_recording(services, recording_id)
@@ -157,7 +140,7 @@ def _finish_dropped(services: Services) -> int:
     strays = there - services.store.find_analyses()
     if not strays:
         return 0
-    lines = find_lines(services.store.reader, TrailQuestion(act="analysis.purged"))
+    lines = find_lines(services.store.reader, AuditQuestion(act="analysis.purged"))
     dropped = strays & {line.analysis_id for line in lines}
     for analysis_id in dropped:
         services.storage.drop_analysis(analysis_id)
@@ -167,9 +150,7 @@ def _finish_dropped(services: Services) -> int:
 def _drop_temporary(services: Services) -> int:
     uploads, swept = services.uploads, 0
     for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
-        recording_id = services.incoming.find_recording_id(upload_id)
         swept += services.incoming.sweep(upload_id)
-        forget_unfinished(services, recording_id)
     return swept + services.storage.drop_temporary(TEMPORARY_S)
 
 
@@ -224,17 +205,20 @@ class WebhookSender:
             for delivery in deliveries:
                 if not await run_to_end(webhooks.take, delivery):
                     continue
-                message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
+                secret = ServerSecret(settings.data_dir).decrypt(delivery.secret, SECRET_OF_WEBHOOK)
+                message = Message(delivery.id, delivery.url, secret, delivery.body)
                 allow_private = settings.webhooks_may_be_private
                 if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
                     return
                 await run_to_end(webhooks.drop_delivery, delivery)
         except OperationalError:
             logger.exception("the database does not answer; a webhook is told again later")
+        except SecretUnreadable:
+            logger.error("%s did not encrypt the secret of a webhook: add it again", SECRET_FILE)
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
-    """Age uploads, trash and kept responses by ``elapsed_s``; delete what has reached its term."""
+    """Age uploads and trash by ``elapsed_s``; delete what has reached its term."""
     settings = services.settings
     for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):
         try:
@@ -244,14 +228,22 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     services.retention.add_running_time(elapsed_s)
     trash_term_s = services.retention.find_trash_term_s(settings.trash_term_s)
     due = services.recordings.age_trash(elapsed_s, trash_term_s)
-    for recording_id in (*due, *services.retention.find_due_recordings()):
+    begun = []
+    for recording_id in (
+        *services.recordings.find_purging(),
+        *due,
+        *services.retention.find_due_recordings(),
+    ):
         with suppress(OnHold):  # put on hold since it was found
-            purge_recording(services, recording_id)
-    for analysis_id in services.retention.find_due_results():
-        if services.retention.drop_analysis(analysis_id):
-            services.storage.drop_analysis(analysis_id)
-    services.retention.shorten_trail()
+            begun.append(services.recordings.begin_purge(recording_id))
+    finish_purge(services, *begun)
+    dropped = [one for one in services.retention.find_due_results() if services.retention.drop_analysis(one)]
+    for analysis_id in dropped:
+        services.storage.drop_analysis(analysis_id)
+    if dropped:
+        renew_copies(settings, services.store.engine, ())
+    services.retention.shorten_audit_log()
     forget_samples(services)  # a child may have written some while its recording was being purged
-    services.responses.age(elapsed_s, RESPONSE_TERM_S)
+    services.recordings.forget_purged()
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantine.names = find_strange(services.storage)

@@ -22,7 +22,7 @@ from app.api.live_library import LIVE_FOLDER, LiveLibrary
 from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
-from app.jobs.trail import record
+from app.jobs.audit_log import record
 from app.live.early import EarlyFile, EarlyPort
 from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
 from app.live.session_files import SessionFiles, begin_files
@@ -146,24 +146,15 @@ async def live(socket: WebSocket) -> None:
 
 
 def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
-    refusal = error if isinstance(error, AppError | FusionError) else _name_wrong_part(error)
+    """Describe a refusal; of a message that cannot be, name the part and what it held."""
+    refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False, include_context=False)[0]
+        name = ".".join(map(str, first["loc"])) or "message"
+        refusal = BadParameter(name=clean_text(hide_tokens(name))[:60], value=clean_text(show_input(first)))
     problem = describe_problem(refusal.code, refusal.facts, language)
-    return {
-        "type": "problem",
-        "code": refusal.code,
-        "title": problem.title,
-        "detail": problem.detail,
-        "fix": problem.fix,
-    }
-
-
-def _name_wrong_part(error: Exception) -> BadParameter:
-    """Name the part of a message that cannot be, and what it held."""
-    if not isinstance(error, ValidationError):
-        return BadParameter(name="message")
-    first = error.errors(include_url=False, include_context=False)[0]
-    name = ".".join(map(str, first["loc"])) or "message"
-    return BadParameter(name=clean_text(hide_tokens(name))[:60], value=clean_text(show_input(first)))
+    told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
+    return {"type": "problem", "code": refusal.code} | told
 
 
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
@@ -191,28 +182,23 @@ def _find_limiter() -> CapacityLimiter:
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
     subject = _read_subject(asked.subject)
-    keys = services.storage.keys
     port = _open_port(asked, pushed)
-    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keys, keeps=asked.keeps)
+    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
-            port = EarlyPort(port, EarlyFile(files.early, files.key, _describe_asked(asked, subject)))
+            whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
+            about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
+            port = EarlyPort(port, EarlyFile(files.early, about))
         session = _start_with(services, asked, port, files)
     except BaseException:
         if port is not None:
             port.close()
-        files.remove(keys)
+        files.remove()
         raise
     played = asked.recording if asked.source == "recording" else ""
     with services.store.engine.begin() as connection:
         record(connection, "live.started", played, other={"session": session.id})
     return session
-
-
-def _describe_asked(asked: Start, subject: str) -> dict[str, Any]:
-    """Give what a raw file states of a session."""
-    whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
-    return whose | {"cues": [rule.model_dump() for rule in asked.cues]}
 
 
 def _name_source(asked: Start) -> str:
@@ -231,16 +217,30 @@ def _open_port(asked: Start, pushed: PushedPort) -> Port | None:
 
 
 def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
-    from app.live.early_rows import make_rule  # noqa: PLC0415  the science
+    from app.live.demo import make_demo  # noqa: PLC0415  the science
+    from app.live.early_rows import make_rule  # noqa: PLC0415
     from app.live.hub import SessionRequest  # noqa: PLC0415
+    from app.live.lines import LineSource  # noqa: PLC0415
     from app.live.raw_file import Wearer  # noqa: PLC0415
+    from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(_read_subject(asked.subject), asked.side, asked.axis),
         rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
-    return find_hub(services).start(_open_source(services, asked, port), request, files)
+    source: Source
+    if port is not None:
+        silence_s = SILENCE_S if asked.source == "lines" else inf
+        now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
+        source = LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
+    elif asked.source == "demo":
+        source = ReplaySource(make_demo(), "demo", asked.speed)
+    else:
+        row = services.recordings.get(asked.recording)
+        with borrow_recording(services.storage, row.id, row.sha256) as path:
+            source = open_replay(path, asked.speed, row.about.file_name)
+    return find_hub(services).start(source, request, files)
 
 
 def _read_subject(text: str) -> str:
@@ -248,22 +248,6 @@ def _read_subject(text: str) -> str:
         return check_subject(text)
     except ValueError as error:
         raise BadParameter(name="subject", value=clean_text(text)[:60]) from error
-
-
-def _open_source(services: Services, asked: Start, port: Port | None) -> "Source":
-    from app.live.demo import make_demo  # noqa: PLC0415
-    from app.live.lines import LineSource  # noqa: PLC0415
-    from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
-
-    if port is not None:
-        silence_s = SILENCE_S if asked.source == "lines" else inf
-        now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
-        return LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
-    if asked.source == "demo":
-        return ReplaySource(make_demo(), "demo", asked.speed)
-    row = services.recordings.get(asked.recording)
-    with borrow_recording(services.storage, row.id, row.sha256) as path:
-        return open_replay(path, asked.speed, row.about.file_name)
 
 
 class DifferenceView(BaseModel):
@@ -290,17 +274,16 @@ def get_difference(session_id: str, services: UsedServices, language: UsedLangua
     job = services.store.get(session.analysis_id)
     with services.results.borrow(job, "elevation.parquet") as parquet:
         found = measure_difference(session.recorder.shown, parquet)
-    view = DifferenceView(text=describe_difference(found, language))
+    text = describe_difference(found, language)
     if found is None:
-        return view
-    return view.model_copy(
-        update={
-            "compared_s": found.compared_s,
-            "rmse_deg": round(found.rmse_deg, 6),
-            "bias_deg": round(found.bias_deg, 6),
-            "live_percent": [round(percent, 6) for percent in found.live_percent],
-            "report_percent": [round(percent, 6) for percent in found.report_percent],
-        }
+        return DifferenceView(text=text)
+    return DifferenceView(
+        text=text,
+        compared_s=found.compared_s,
+        rmse_deg=round(found.rmse_deg, 6),
+        bias_deg=round(found.bias_deg, 6),
+        live_percent=[round(percent, 6) for percent in found.live_percent],
+        report_percent=[round(percent, 6) for percent in found.report_percent],
     )
 
 
@@ -311,7 +294,16 @@ async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox"
     was_closed = False
     try:
         while True:
-            _take(await inbox.take(), session, outbox)
+            asked = _LATER.validate_json(await inbox.take())
+            if isinstance(asked, Pose):
+                session.ask_pose(asked.countdown_s)
+            elif isinstance(asked, Cues):
+                session.pause_cues(paused=asked.paused)
+            elif isinstance(asked, Stop):
+                session.stop()
+            else:
+                clock_s = round(time.time(), 4)
+                outbox.put({"type": "pong", "sent_ms": asked.sent_ms, "server_s": clock_s})
     except WebSocketDisconnect as end:
         was_closed = end.code in GOODBYES
         raise
@@ -320,18 +312,6 @@ async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox"
         sender.cancel()
         with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
             await sender
-
-
-def _take(text: str, session: "RunningSession", outbox: "Outbox") -> None:
-    asked = _LATER.validate_json(text)
-    if isinstance(asked, Pose):
-        session.ask_pose(asked.countdown_s)
-    elif isinstance(asked, Cues):
-        session.pause_cues(paused=asked.paused)
-    elif isinstance(asked, Stop):
-        session.stop()
-    else:
-        outbox.put({"type": "pong", "sent_ms": asked.sent_ms, "server_s": outbox.read_clock_s()})
 
 
 async def _send_on(socket: WebSocket, outbox: "Outbox") -> None:
@@ -361,12 +341,7 @@ class Inbox:
                 await self._texts.put(message["text"])
 
     async def take(self) -> str:
-        """Wait for the next text.
-
-        Raises
-        ------
-        WebSocketDisconnect
-        """
+        """Wait for the next text. Raises WebSocketDisconnect."""
         text = await self._texts.get()
         if isinstance(text, int):
             raise WebSocketDisconnect(text)
@@ -406,11 +381,6 @@ class Outbox:
             if not self._waiting:
                 await self._has_any.wait()
         return self._waiting.popleft()
-
-    @staticmethod
-    def read_clock_s() -> float:
-        """Give the clock that the messages of a session bear."""
-        return round(time.time(), 4)
 
 
 def find_hub(services: Services) -> "LiveHub":

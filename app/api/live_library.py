@@ -3,28 +3,16 @@
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from app.errors import AppError
 from app.intake import Intake
+from app.jobs.audit_log import record
 from app.jobs.job import Job
-from app.jobs.trail import record
-from app.live.session_files import (
-    PLAYED,
-    RAW,
-    SessionFiles,
-    find_left,
-    has_content,
-    open_left,
-    read_unfinished,
-)
+from app.live.session_files import PLAYED, RAW, SessionFiles, find_left
 from app.request import LONGEST_SUBJECT, ReportRequest
 from app.services import Services
-from app.storage.store import BrokenSeal
 from fusion.conventions import Side
 
 if TYPE_CHECKING:
@@ -44,7 +32,7 @@ class LiveLibrary:
     """Takes raw files in, as recordings with their analysis; announces cues."""
 
     def __init__(self, services: Services) -> None:
-        self._services, self.keys = services, services.storage.keys
+        self._services = services
 
     def keep(self, ended: "Ended") -> str:
         """Store the file and queue its analysis; give the id of the analysis."""
@@ -76,68 +64,41 @@ class LiveLibrary:
 def take_in_cut(services: Services) -> int:
     """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
     folder = services.settings.data_dir / LIVE_FOLDER
-    for path in (*folder.glob(f"{PLAYED}*{RAW}"), *folder.glob(f"{PLAYED}*.csv")):
+    for path in folder.glob(f"{PLAYED}*{RAW}"):
         path.unlink()  # what was played is stored already
     count = 0
-    for session_id in find_left(folder):
-        count += _try(partial(_take_in_left, services, folder, session_id), session_id)
-    for path in sorted(folder.glob("live-*.csv")):
-        count += _try(partial(_take_in_clear, services, path), path.name)
+    for files in find_left(folder):
+        try:
+            count += _take_in_left(services, files)
+        except (AppError, OSError):
+            logger.exception("what a live session left stays in its folder: %s", files.session_id)
     return count
 
 
-def _try(take_in: Callable[[], bool], name: str) -> bool:
-    try:
-        return take_in()
-    except (AppError, OSError, BrokenSeal):
-        logger.exception("what a live session left stays in its folder: %s", name)
-        return False
-
-
-def _take_in_left(services: Services, folder: Path, session_id: str) -> bool:
+def _take_in_left(services: Services, files: SessionFiles) -> bool:
     """Take in what a killed server left of a session; False where it held no row."""
     from app.live.early_rows import write_early_rows  # noqa: PLC0415  the science
-    from app.live.raw_file import restate  # noqa: PLC0415
 
-    keys = services.storage.keys
-    files = open_left(folder, keys, session_id)
     is_early = files.early.exists()
-    has_rows = write_early_rows(files.early, files.raw, files.key) if is_early else has_content(files.raw)
+    has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
     if has_rows:
-        head = next(restate(lambda: read_unfinished(files.raw, files.key)), b"")
-        subject, side, has_cues = _read_head(head)
-        _tag_cued(services, _take_in(services, files, subject, side), has_cues=has_cues)
-    files.remove(keys)
+        with files.raw.open("rb") as file:
+            subject, side, has_cues = _read_head(file.read(HEAD_BYTES))
+        analysis = _take_in(services, files, subject, side)
+        if has_cues:
+            services.recordings.tag([analysis.recording_id], [CUED])
+    files.remove()
     return has_rows
 
 
 def _take_in(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
     """Make the raw file of a session a recording, and queue its analysis."""
-    from app.live.raw_file import restate  # noqa: PLC0415  the science
-
-    pieces = restate(lambda: read_unfinished(files.raw, files.key))
-    name, size_bytes = f"live-{files.session_id}.csv", files.raw.stat().st_size
-    request = ReportRequest(name, subject, side, paper=services.settings.paper)
-    analysis = _find_intake(services).add_pieces(pieces, size_bytes, request, "web")
+    request = ReportRequest(f"live-{files.session_id}.csv", subject, side, paper=services.settings.paper)
+    analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
     with services.store.engine.begin() as connection:
         ended = {"session": files.session_id}
         record(connection, "live.ended", analysis.recording_id, analysis.id, other=ended)
     return analysis
-
-
-def _take_in_clear(services: Services, path: Path) -> bool:
-    """Take in a raw file that an earlier release wrote in clear."""
-    with path.open("rb") as file:
-        subject, side, has_cues = _read_head(file.read(HEAD_BYTES))
-    request = ReportRequest(path.name, subject, side, paper=services.settings.paper)
-    analysis = _find_intake(services).add(path, request, "web")
-    _tag_cued(services, analysis, has_cues=has_cues)
-    path.unlink()
-    return True
-
-
-def _find_intake(services: Services) -> Intake:
-    return Intake(services.store, services.storage, services.settings)
 
 
 def _read_head(head: bytes) -> tuple[str, Side | None, bool]:
@@ -146,8 +107,3 @@ def _read_head(head: bytes) -> tuple[str, Side | None, bool]:
     found = dict(re.findall(r"^# (subject|side|cues): (.*)$", text, re.MULTILINE))
     side = next((one for one in get_args(Side) if one == found.get("side")), None)
     return found.get("subject", "")[:LONGEST_SUBJECT], side, "cues" in found
-
-
-def _tag_cued(services: Services, analysis: Job, *, has_cues: bool) -> None:
-    if has_cues:
-        services.recordings.tag([analysis.recording_id], [CUED])

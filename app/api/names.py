@@ -7,7 +7,7 @@ from starlette.requests import HTTPConnection
 
 from app.access.accounts import AccountStore
 from app.access.gate import Gate
-from app.jobs.trail import AT_MACHINE, NOBODY, SYSTEM
+from app.jobs.audit_log import AT_MACHINE, NOBODY, SYSTEM
 from app.report.words.wording import Language, load_wording
 
 

@@ -6,10 +6,9 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.library.analysis_models import view_settings
 from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.errors import BadParameter, CannotCompare
+from app.errors import BadParameter
 from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
@@ -44,22 +43,12 @@ class FigureView(BaseModel):
     verdict: str
 
 
-class ComparisonView(BaseModel):
-    """Two analyses beside one another. With any ``differences``, the figures are to be read with care."""
-
-    before: str
-    after: str
-    figures: list[FigureView]
-    differences: list[str]
-    settings: dict[str, list[Any]]
-    one_person: OnePersonView
-    source: str
-
-
-class SourceView(BaseModel):
-    """One of the analyses. ``start``: by the device's clock, null where it was never set."""
-
+class _Exact(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+
+class SourceView(_Exact):
+    """One of the analyses. ``start``: by the device's clock, null where it was never set."""
 
     report_id: str
     sha256: str
@@ -71,47 +60,37 @@ class SourceView(BaseModel):
     verdict: Literal["good", "caution", "poor"]
 
 
-class ClockView(BaseModel):
+class ClockView(_Exact):
     """When a recording began, seconds after the left arm's, and whether the devices' clocks say so."""
-
-    model_config = ConfigDict(extra="forbid")
 
     offset_s: float
     stated_by: Annotated[Literal["clocks", "person"], Field(alias="from")]
 
 
-class ArmView(BaseModel):
+class ArmView(_Exact):
     """One arm over the time that both share; keys are percentiles, and angles in degrees."""
-
-    model_config = ConfigDict(extra="forbid")
 
     percentiles_deg: dict[str, float]
     time_above_percent: dict[str, float]
 
 
-class RatioView(BaseModel):
+class RatioView(_Exact):
     """Right arm to left; null where the left is 0."""
-
-    model_config = ConfigDict(extra="forbid")
 
     time_above_60: float | None
     elevation_p50: float | None
 
 
-class TrunkView(BaseModel):
+class TrunkView(_Exact):
     """An arm's elevation less the trunk's inclination; ``limit`` says what it cannot show."""
-
-    model_config = ConfigDict(extra="forbid")
 
     limit: str
     shared_s: float
     percentiles_deg: dict[str, float] | None
 
 
-class PairView(BaseModel):
+class PairView(_Exact):
     """The figures of both arms of one shift; ``intervals`` are 95 % ranges."""
-
-    model_config = ConfigDict(extra="forbid")
 
     layout: Annotated[Literal["acromion.pair/1"], Field(alias="schema")]
     left: SourceView
@@ -127,10 +106,8 @@ class PairView(BaseModel):
     trunk_relative: dict[Side, TrunkView]
 
 
-class ChangeView(BaseModel):
+class ChangeView(_Exact):
     """The figures of one day beside those of an earlier one."""
-
-    model_config = ConfigDict(extra="forbid")
 
     layout: Annotated[Literal["acromion.comparison/1"], Field(alias="schema")]
     before: SourceView
@@ -147,10 +124,8 @@ Stage = Literal["all", "before", "after"]
 Ends = tuple[float, float]
 
 
-class RangeView(BaseModel):
+class RangeView(_Exact):
     """The range of a figure on one day, and the one that also holds the N-pose's error."""
-
-    model_config = ConfigDict(extra="forbid")
 
     low: float
     high: float
@@ -169,13 +144,11 @@ class DayView(SourceView):
     ranges: dict[str, RangeView | None]
 
 
-class MeanView(BaseModel):
+class MeanView(_Exact):
     """A figure over the days of one arm; ranges are 95 % ranges, null of one day.
 
     ``low_pose`` and ``high_pose``: means of those of the days; null unless each has them.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     days: int
     mean: float
@@ -186,10 +159,8 @@ class MeanView(BaseModel):
     high_pose: float | None
 
 
-class TellingView(BaseModel):
+class TellingView(_Exact):
     """The days that tell a change of half the time above 60 deg, and by whose deviation."""
-
-    model_config = ConfigDict(extra="forbid")
 
     sd: float
     sd_from: Literal["person", "published"]
@@ -199,13 +170,11 @@ class TellingView(BaseModel):
     detectable_range: Ends | None
 
 
-class TrendView(BaseModel):
+class TrendView(_Exact):
     """One person's time above 60 deg from the first day to the last.
 
     ``outside``: later days that differ from the first by more than ``detectable``.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     first: float
     last: float
@@ -215,10 +184,8 @@ class TrendView(BaseModel):
     outside: int
 
 
-class BandView(BaseModel):
+class BandView(_Exact):
     """A quarter hour of the clock over the days; null where too few days are analysed in it."""
-
-    model_config = ConfigDict(extra="forbid")
 
     clock: str
     days: int
@@ -229,10 +196,8 @@ class BandView(BaseModel):
     p90_deg: float | None
 
 
-class ArmDaysView(BaseModel):
+class ArmDaysView(_Exact):
     """One arm of one person, on one side of a change ("all" without a change)."""
-
-    model_config = ConfigDict(extra="forbid")
 
     subject: str
     side: Side | None
@@ -244,10 +209,8 @@ class ArmDaysView(BaseModel):
     overlay: list[BandView]
 
 
-class SpreadView(BaseModel):
+class SpreadView(_Exact):
     """A figure over a group: standard deviations between and within people."""
-
-    model_config = ConfigDict(extra="forbid")
 
     people: int
     days: int
@@ -259,20 +222,16 @@ class SpreadView(BaseModel):
     high_pose: float | None
 
 
-class GroupView(BaseModel):
+class GroupView(_Exact):
     """The spread of a group, for one arm on one side of a change."""
-
-    model_config = ConfigDict(extra="forbid")
 
     side: Side | None
     stage: Stage
     figures: dict[str, SpreadView]
 
 
-class PeopleChangeView(BaseModel):
+class PeopleChangeView(_Exact):
     """After less before, of the people with days on both sides; ``detectable``: of one person alone."""
-
-    model_config = ConfigDict(extra="forbid")
 
     people: int
     before: float
@@ -283,19 +242,15 @@ class PeopleChangeView(BaseModel):
     verdict: Literal["larger", "not larger", "unknown"]
 
 
-class SideChangeView(BaseModel):
+class SideChangeView(_Exact):
     """The change of one arm."""
-
-    model_config = ConfigDict(extra="forbid")
 
     side: Side | None
     figures: dict[str, PeopleChangeView]
 
 
-class ProfileView(BaseModel):
+class ProfileView(_Exact):
     """Several days of a person, or of a group."""
-
-    model_config = ConfigDict(extra="forbid")
 
     layout: Annotated[Literal["acromion.profile/1"], Field(alias="schema")]
     one_person: OnePersonView
@@ -307,29 +262,17 @@ class ProfileView(BaseModel):
     source: str
 
 
-class ComparisonQuery(BaseModel):
-    """The two analyses, the earlier first."""
-
-    model_config = ConfigDict(extra="forbid")
+class ChangeQuery(_Exact):
+    """The two analyses, the earlier first, and the paper of their report."""
 
     analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
     same_subject: SameSubject = False
     lang: Language | None = None
-
-
-class ChangeQuery(ComparisonQuery):
-    """The two analyses, the earlier first, and the paper of their report."""
-
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
 
     def find(self, services: Services) -> PairedJobs:
-        """Find the analyses.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Find the analyses. Raises NotHere."""
         before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
         paper = self.paper or before.request.paper
         request = PairRequest(
@@ -338,10 +281,8 @@ class ChangeQuery(ComparisonQuery):
         return PairedJobs(before, after, None, request)
 
 
-class PairQuery(BaseModel):
+class PairQuery(_Exact):
     """The analyses of both arms and, where it was measured, of the trunk."""
-
-    model_config = ConfigDict(extra="forbid")
 
     left: Annotated[str, Field(description="Analysis of the left arm.")]
     right: Annotated[str, Field(description="Analysis of the right arm.")]
@@ -363,12 +304,7 @@ class PairQuery(BaseModel):
         return self
 
     def find(self, services: Services) -> PairedJobs:
-        """Find the analyses.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Find the analyses. Raises NotHere."""
         left, right = services.store.get(self.left), services.store.get(self.right)
         trunk = services.store.get(self.trunk) if self.trunk else None
         paper = self.paper or left.request.paper
@@ -379,10 +315,8 @@ class PairQuery(BaseModel):
         return PairedJobs(left, right, trunk, request)
 
 
-class ProfileQuery(BaseModel):
+class ProfileQuery(_Exact):
     """The analyses of the days; with ``after``, those before a change and those after it."""
-
-    model_config = ConfigDict(extra="forbid")
 
     analysis: Annotated[
         list[str], Field(min_length=1, max_length=MOST_DAYS, description="Once for each day.")
@@ -396,12 +330,7 @@ class ProfileQuery(BaseModel):
     lang: Language | None = None
 
     def find(self, services: Services) -> ProfiledJobs:
-        """Find the analyses.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Find the analyses. Raises NotHere."""
         jobs = tuple(services.store.get(each) for each in (*self.analysis, *self.after))
         request = ProfileRequest(
             len(self.analysis) if self.after else None,
@@ -420,25 +349,6 @@ ReportName = Literal["report.html", "report.pdf", "answer.txt"]
 REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
     200: {"content": {kind: {} for kind in ("text/html", "application/pdf", "text/plain")}}
 }
-
-
-TABLE_RESPONSE: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {}}}}
-
-
-@router.get("/compare", tags=["about"])
-def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
-    """Set one finished analysis beside another, and name the settings that differ."""
-    before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
-    findings = [services.results.read(job, "findings.json") for job in (before, after)]
-    compared = services.inspector.compare(*findings)
-    first, second = view_settings(before.request), view_settings(after.request)
-    differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
-    figures = {name: compared[name] for name in ("figures", "differences", "one_person", "source")}
-    if figures["one_person"] == "unknown":
-        if not asked.same_subject:
-            raise CannotCompare(why="person")
-        figures["one_person"] = "person"
-    return ComparisonView(before=before.id, after=after.id, settings=differing, **figures)
 
 
 @router.get(

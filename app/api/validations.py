@@ -19,7 +19,6 @@ from app.report.words.wording import Language, find_nearest
 from app.request import (
     SUBJECT_HINT,
     WINDOW_HINT,
-    Paper,
     Reference,
     ReportRequest,
     check_subject,
@@ -95,7 +94,8 @@ FORM = {
 @router.post("/validations", status_code=202, response_model=ValidationView, openapi_extra=FORM)
 async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
-    job = await receive_validation(request, services)
+    async with open_form(request, services) as form:
+        job = await queue_validation(form, services)
     body = view_validation(job, language).model_dump()
     headers = {"Location": f"/api/v1/validations/{job.id}", "Retry-After": "2"}
     return JSONResponse(body, 202, headers)
@@ -127,12 +127,7 @@ def get_validation_file(
 
 
 def find_validation(services: Services, validation_id: str) -> Job:
-    """Give a job that is a comparison.
-
-    Raises
-    ------
-    NotHere
-    """
+    """Give a job that is a comparison. Raises NotHere."""
     job = services.store.get(validation_id)
     if job.request.reference is None:
         raise NotHere
@@ -160,47 +155,12 @@ def view_validation(job: Job, language: Language) -> ValidationView:
     )
 
 
-async def receive_validation(request: Request, services: Services) -> Job:
-    """Store the files of the form, and queue the comparison.
-
-    Raises
-    ------
-    FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
-    """
-    async with open_form(request, services) as form:
-        return await queue_validation(form, services)
-
-
 @asynccontextmanager
 async def open_form(request: Request, services: Services) -> AsyncIterator[FormData]:
-    """Take the form, its files on the disk.
+    """Take the form, its files on the disk; what can be refused before the first byte is.
 
-    Raises
-    ------
-    FileTooLarge, DiskFull, BadParameter
+    Raises FileTooLarge, DiskFull or BadParameter.
     """
-    _check_length(request, services)
-    async with request.form(max_files=3, max_fields=len(KNOWN)) as form:
-        yield form
-
-
-async def queue_validation(form: FormData, services: Services) -> Job:
-    """Queue the comparison that a form asks for.
-
-    Raises
-    ------
-    FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
-    """
-    recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
-    asked = _read_request(form, services.settings.paper)
-    given = _read_reference(form, reference, await _read_tasks(form))
-    study = _read(form, "study", check_subject, SUBJECT_HINT) or ""
-    files = recording.file, reference.file
-    return await run_in_threadpool(_store, services, files, (asked, given), study)
-
-
-def _check_length(request: Request, services: Services) -> None:
-    """Refuse before the first byte what can be refused then; the length must be stated."""
     announced = request.headers.get("content-length", "")
     if not announced.isdecimal():
         raise BadParameter(name="Content-Length", value=announced[:20], allowed="a number of bytes")
@@ -208,41 +168,35 @@ def _check_length(request: Request, services: Services) -> None:
     if int(announced) > limit_bytes:
         raise too_large(int(announced), limit_bytes)
     services.storage.check_space(2 * int(announced), services.settings.min_free_bytes)
+    async with request.form(max_files=3, max_fields=len(KNOWN)) as form:
+        yield form
 
 
-def _require_file(form: FormData, name: str) -> UploadFile:
-    file = form.get(name)
-    if not isinstance(file, UploadFile) or not file.filename:
-        raise BadParameter(name=name, value="", allowed="a file")
-    return file
+async def queue_validation(form: FormData, services: Services) -> Job:
+    """Queue the comparison that a form asks for.
 
-
-async def _read_tasks(form: FormData) -> tuple[TaskWindow, ...]:
-    file = form.get("tasks")
-    if not isinstance(file, UploadFile) or not file.filename:
-        return ()
-    return read_tasks(await file.read(MOST_TASK_BYTES))
-
-
-def _read_request(form: FormData, paper: Paper) -> ReportRequest:
+    Raises FileTooLarge, DiskFull, EmptyFile, BadParameter or UnusableTasks.
+    """
+    recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
     for name in form:
         if name not in KNOWN:
             raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
     chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
-    chosen["side"], chosen["paper"] = chosen["side"] or None, chosen["paper"] or paper
-    chosen["pose_held"] = chosen["pose_held"] or None
-    windows = [_read(form, "calibration", parse_window, WINDOW_HINT)] if _text(form, "calibration") else []
-    return ReportRequest(
-        clean_file_name(_require_file(form, "recording").filename or ""),
+    chosen["side"], chosen["pose_held"] = chosen["side"] or None, chosen["pose_held"] or None
+    chosen["paper"] = chosen["paper"] or services.settings.paper
+    window = _read(form, "calibration", parse_window, WINDOW_HINT)
+    asked = ReportRequest(
+        clean_file_name(recording.filename or ""),
         subject=_read(form, "subject", check_subject, SUBJECT_HINT) or "",
-        calibration_windows_s=tuple(window for window in windows if window is not None),
+        calibration_windows_s=(window,) if window is not None else (),
         rate_hz=_read(form, "rate_hz", _read_rate, "1 to 10000"),
         **chosen,
     )
-
-
-def _read_reference(form: FormData, reference: UploadFile, tasks: tuple[TaskWindow, ...]) -> Reference:
-    return Reference(
+    file = form.get("tasks")
+    tasks: tuple[TaskWindow, ...] = ()
+    if isinstance(file, UploadFile) and file.filename:
+        tasks = read_tasks(await file.read(MOST_TASK_BYTES))
+    given = Reference(
         "",
         clean_file_name(reference.filename or ""),
         _read(form, "offset_s", _read_number, "a number of seconds"),
@@ -250,6 +204,16 @@ def _read_reference(form: FormData, reference: UploadFile, tasks: tuple[TaskWind
         _read(form, "reference_rate_hz", _read_rate, "1 to 10000"),
         tasks,
     )
+    study = _read(form, "study", check_subject, SUBJECT_HINT) or ""
+    files = recording.file, reference.file
+    return await run_in_threadpool(_store, services, files, (asked, given), study)
+
+
+def _require_file(form: FormData, name: str) -> UploadFile:
+    file = form.get(name)
+    if not isinstance(file, UploadFile) or not file.filename:
+        raise BadParameter(name=name, value="", allowed="a file")
+    return file
 
 
 def _text(form: FormData, name: str) -> str:

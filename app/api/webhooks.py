@@ -10,6 +10,7 @@ from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.delivery import check_address
 from app.jobs.webhooks import EVENTS, USUAL_EVENTS, Webhook
 from app.services import UsedServices
+from app.storage.server_secret import ServerSecret
 
 router = APIRouter(prefix="/api/v1/webhooks", responses=PROBLEM_RESPONSES, tags=["webhooks"])
 EventName = Literal["analysis.finished", "batch.finished", "live.cue"]
@@ -44,7 +45,8 @@ class WebhookList(BaseModel):
 def create_webhook(body: WebhookWish, services: UsedServices) -> WebhookView:
     """Tell an address when something ends: ids only, signed by the secret (Standard Webhooks)."""
     check_address(body.url, allow_private=services.settings.webhooks_may_be_private)
-    hook = services.webhooks.add(body.url, tuple(dict.fromkeys(body.events)))
+    secret = ServerSecret(services.settings.data_dir)
+    hook = services.webhooks.add(body.url, tuple(dict.fromkeys(body.events)), secret)
     view = _view(hook)
     view.secret = hook.secret
     headers = {"Location": f"/api/v1/webhooks/{hook.id}"}

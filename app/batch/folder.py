@@ -26,7 +26,6 @@ if sys.platform != "win32":
 
 _FIGURES = (
     "results.json",
-    "findings.json",
     "elevation.parquet",
     "pair.json",
     "comparison.json",
@@ -41,6 +40,7 @@ class Marker:
 
     fingerprint: str
     input: str = ""
+    """SHA-256 of the log and of each file joined to it."""
     settings: str = "{}"
     version: int = 1
     changes: tuple[str, ...] = ()
@@ -52,18 +52,14 @@ class Marker:
     place: str = ""
     """Where the log lay (:func:`app.batch.plan.identify_place`)."""
 
-    def list_digests(self) -> tuple[str, ...]:
-        """Give the SHA-256 of the log and of each file joined to it."""
-        return tuple(self.input.split())
-
 
 def make_marker(task: Task, digest: str = "") -> Marker:
     """Build the marker of a task: the same input, settings and software give the same figures.
 
     ``digest``: SHA-256 of its one log, where it is known.
     """
-    digest, settings = digest or _hash_files(task), _write_settings(task.request)
-    fingerprint = take_fingerprint(digest, task.request)
+    digest = digest or " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
+    settings, fingerprint = _write_settings(task.request), take_fingerprint(digest, task.request)
     language, paper = task.request.languages[0], task.request.paper
     place = identify_place(task.log)
     return Marker(fingerprint, digest, settings, language=language, papers={language: paper}, place=place)
@@ -119,12 +115,7 @@ def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
 
 
 def refuse_foreign_folder(folder: Path) -> None:
-    """Refuse to replace a folder that we did not make.
-
-    Raises
-    ------
-    FileExistsError
-    """
+    """Refuse to replace a folder that we did not make. Raises FileExistsError."""
     if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
         raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
 
@@ -205,7 +196,8 @@ def open_staging(folder: Path) -> Iterator[Path]:
     staging.mkdir(parents=True, exist_ok=True)
     with _hold_alone(staging):
         try:
-            _empty(staging)
+            for left in staging.iterdir():
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
             yield staging
         finally:
             shutil.rmtree(staging, ignore_errors=True)
@@ -213,33 +205,22 @@ def open_staging(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _hold_alone(staging: Path) -> Iterator[None]:
-    """Lock a folder until the end of the block or of this process, where the file system can."""
+    """Lock a folder until the end of the block or of this process, unless it is on a drive without locks."""
     if sys.platform == "win32":
         yield
         return
     descriptor = os.open(staging, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        with _leave_unlockable():
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise BlockingIOError(errno.EAGAIN, "another run makes the same report just now") from None
+    except OSError:
+        pass
+    try:
         yield
     finally:
         os.close(descriptor)
-
-
-@contextmanager
-def _leave_unlockable() -> Iterator[None]:
-    """Go on where a network drive has no locks; raise where another run holds the lock."""
-    try:
-        yield
-    except BlockingIOError:
-        raise BlockingIOError(errno.EAGAIN, "another run makes the same report just now") from None
-    except OSError:
-        return
-
-
-def _empty(folder: Path) -> None:
-    for path in folder.iterdir():
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def write_version(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
@@ -270,7 +251,3 @@ def read_digest(folder: Path, task: Task) -> str:
         return ""
     results = json.loads((folder / "results.json").read_bytes())
     return str(results["recording"]["sha256"])
-
-
-def _hash_files(task: Task) -> str:
-    return " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))

@@ -89,22 +89,17 @@ def assign_participants(
         hint = find_window_hint(asked.pose, len(asked.calibration_windows_s), asked.arm_axis)
         if hint and place in owners:
             refusals.append(_refuse(owners[place], "window count", allowed=hint))
-    _refuse_all(refusals)
+    own = [refusal.facts for refusal in refusals if isinstance(refusal, UnusableParticipants)]
+    if own:
+        raise UnusableParticipants(**join_facts(sorted(own, key=lambda facts: int(facts["line"]))))
+    if refusals:  # a diary that the list names is told of once the list itself is sound
+        raise refusals[0]
     known = set(places)
     return assigned, [row for place, row in owners.items() if place not in known]
 
 
 def _refuse(row: Participant, why: str, **facts: Fact) -> UnusableParticipants:
     return UnusableParticipants(line=row.line, why=why, value=row.file[-60:], **facts)
-
-
-def _refuse_all(refusals: Sequence[UnusableParticipants | UnusableDiary]) -> None:
-    """Raise all faults of the list as one; a diary that it names is told once the list itself is sound."""
-    own = [refusal.facts for refusal in refusals if isinstance(refusal, UnusableParticipants)]
-    if own:
-        raise UnusableParticipants(**join_facts(sorted(own, key=lambda facts: int(facts["line"]))))
-    if refusals:
-        raise refusals[0]
 
 
 def _find_fitting(named: Mapping[_Parts, Sequence[_Parts]], file: str) -> list[_Parts]:
@@ -163,9 +158,13 @@ def read_participants(
         for name, reader in readers.items():
             try:
                 if text := row.get(name, ""):
-                    stated[reader.field] = _read_cell(line, text, reader)
-            except (UnusableParticipants, UnusableDiary) as refusal:
+                    stated[reader.field] = reader.read(text)
+            except UnusableDiary as refusal:
                 refusals.append(refusal)
+            except (ValueError, FileNotFoundError) as error:
+                is_absent = isinstance(error, FileNotFoundError)
+                why, allowed = ("no such file", "") if is_absent else ("value", reader.allowed)
+                refusals.append(UnusableParticipants(line=line, why=why, value=text[:60], allowed=allowed))
         if file := row.get("file", ""):
             people.append(Participant(file, line, stated))
         else:
@@ -184,15 +183,6 @@ def _map_columns(line: int, cells: list[str]) -> list[str]:
             allowed=", ".join(dict.fromkeys(COLUMNS.values())),
         )
     return names
-
-
-def _read_cell(line: int, text: str, reader: "Reader") -> Any:
-    try:
-        return reader.read(text)
-    except ValueError:
-        raise UnusableParticipants(line=line, why="value", value=text[:60], allowed=reader.allowed) from None
-    except FileNotFoundError:
-        raise UnusableParticipants(line=line, why="no such file", value=text[:60], allowed="") from None
 
 
 @dataclass(frozen=True, slots=True)

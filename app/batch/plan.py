@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from itertools import chain, count
 from pathlib import Path
 
@@ -59,56 +59,50 @@ OWN_FOLDERS = (PROFILES, SHARDS)
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 
-@dataclass(frozen=True, slots=True)
-class _Made:
-    """What one look at the results saw: the folders of each stem, in order, and which recording each names.
-
-    It is looked at once: folders that another process makes meanwhile change nothing of this plan.
-    """
-
-    folders: Mapping[str, tuple[Path, ...]]
-    names: Mapping[Path, Mapping[str, str]]
-
-    def list_numbered(self, log: Path) -> tuple[Path, ...]:
-        """List the folders that may be of a recording, those of its stem, by number."""
-        return self.folders.get(format_folder_name(log).casefold(), ())
-
-    def find_place(self, path: Path) -> str:
-        """Give the hash of the place that a folder names; "" for none."""
-        return self.names.get(path, {}).get("place", "")
-
-
-def _look_at(out: Path, logs: Iterable[Path]) -> _Made:
-    """Read the markers of the folders that may be of these recordings."""
-    folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
-    for path in out.iterdir() if out.is_dir() else ():
-        whole = path.name.casefold()
-        for stem, number in {(whole, 1), _split_number(whole)}:
-            if stem in folders:
-                folders[stem].append((number, path))
-    ordered = {stem: tuple(path for _, path in sorted(found)) for stem, found in folders.items()}
-    every = {path for found in ordered.values() for path in found}
-    return _Made(ordered, {path: _read_marker(path) for path in every})
-
-
-def _split_number(name: str) -> tuple[str, int]:
-    """Split ``arm-2`` into ``arm`` and 2; 1 where there is no number."""
-    stem, _, number = name.rpartition("-")
-    return (stem, int(number)) if stem and number.isdecimal() else (name, 1)
-
-
 def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
     """Give each recording its folder: that of an earlier run, or one that no other recording has.
 
-    Whatever part of a study is done already, by this process or another, the plan is the same.
+    Whatever part of a study is done already, by this process or another, the plan is the same. The results
+    are looked at once: folders that another process makes meanwhile change nothing of it.
     """
-    made, digest = _look_at(out, logs), cache(hash_file)
+    folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
+    for path in out.iterdir() if out.is_dir() else ():
+        whole = path.name.casefold()
+        stem, _, number = whole.rpartition("-")  # arm-2 is the second folder of arm, or the first of arm-2
+        numbered = (stem, int(number)) if stem and number.isdecimal() else (whole, 1)
+        for name, place in {(whole, 1), numbered}:
+            if name in folders:
+                folders[name].append((place, path))
+    markers = {path: _read_marker(path) for found in folders.values() for _, path in found}
+    digest, taken = cache(hash_file), {name.casefold() for name in TABLES}
+
+    def list_made(log: Path) -> Iterator[Path]:
+        found = (path for _, path in sorted(folders[format_folder_name(log).casefold()]))
+        return (path for path in found if path.name.casefold() not in taken and markers[path].get("place"))
+
+    def find_by_place(log: Path) -> Path | None:
+        place = identify_place(log)
+        return next((path for path in list_made(log) if markers[path]["place"] == place), None)
+
+    def find_by_bytes(log: Path) -> Path | None:
+        """Find the folder that was made of these bytes while they lay elsewhere."""
+        for path in list_made(log):
+            with suppress(OSError):  # a log that cannot be read is reported when its turn comes
+                if markers[path].get("input", "").split()[:1] == [digest(log)]:
+                    return path
+        return None
+
+    def find_free(log: Path) -> Path | None:
+        """Find a folder that names no recording: its stem, then numbered."""
+        stem = format_folder_name(log)
+        every = chain([out / stem], (out / f"{stem}-{number}" for number in count(2)))
+        free = (path for path in every if path.name.casefold() not in taken)
+        return next(path for path in free if not markers.get(path, {}).get("place"))
+
     placed: dict[int, Path] = {}
-    taken = {name.casefold() for name in TABLES}
-    by_bytes = partial(_find_bytes, made, digest)
-    for find in (partial(_find_place, made), by_bytes, partial(_find_free, made)):
+    for find in (find_by_place, find_by_bytes, find_free):
         for k, log in enumerate(logs):
-            folder = None if k in placed else find(log, _Names(log, out, taken))
+            folder = None if k in placed else find(log)
             if folder is not None:
                 placed[k] = folder
                 taken.add(folder.name.casefold())
@@ -127,47 +121,8 @@ def format_folder_name(log: Path) -> str:
     return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
 
 
-@dataclass(frozen=True, slots=True)
-class _Names:
-    """The names that a recording's folder may have: its stem, then numbered."""
-
-    log: Path
-    out: Path
-    taken: Collection[str]
-
-    def list_all(self) -> Iterator[Path]:
-        stem = format_folder_name(self.log)
-        every = chain([self.out / stem], (self.out / f"{stem}-{number}" for number in count(2)))
-        return filter(self.is_free, every)
-
-    def is_free(self, path: Path) -> bool:
-        return path.name.casefold() not in self.taken
-
-
-def _find_place(made: _Made, log: Path, names: _Names) -> Path | None:
-    """Find the folder that was made of a recording in this very place."""
-    place = identify_place(log)
-    mine = (path for path in made.list_numbered(log) if made.find_place(path) == place)
-    return next(filter(names.is_free, mine), None)
-
-
-def _find_bytes(made: _Made, digest: Callable[[Path], str], log: Path, names: _Names) -> Path | None:
-    """Find the folder that was made of these bytes while they lay elsewhere."""
-    for path in filter(names.is_free, made.list_numbered(log)):
-        first = made.names[path].get("input", "").split()[:1]
-        with suppress(OSError):  # a log that cannot be read is reported when its turn comes
-            if made.find_place(path) and first == [digest(log)]:
-                return path
-    return None
-
-
-def _find_free(made: _Made, _log: Path, names: _Names) -> Path | None:
-    """Find a folder that names no recording: one that does not exist yet, or of an early release."""
-    return next(path for path in names.list_all() if not made.find_place(path))
-
-
 def _read_marker(folder: Path) -> Mapping[str, str]:
-    """Read which recording a folder names; nothing for no marker, or one of an early release."""
+    """Read which recording a folder names; nothing if it has no marker."""
     try:
         values = json.loads((folder / MARKER).read_text("utf-8"))
     except (OSError, ValueError):
@@ -208,15 +163,11 @@ def format_path(path: Path) -> str:
     return os.fsencode(path).decode("utf-8", "replace")
 
 
-def _format_name(log: Path) -> str:
-    return format_path(Path(log.name))
-
-
 def plan_tasks(
     logs: Iterable[Path],
     out: Path,
     request: ReportRequest,
-    format_log: FormatPath = _format_name,
+    format_log: FormatPath = lambda log: format_path(Path(log.name)),
     *,
     force: bool,
 ) -> list[Task]:
@@ -232,7 +183,7 @@ def plan_joined(
     logs: Sequence[Path],
     out: Path,
     request: ReportRequest,
-    format_log: FormatPath = _format_name,
+    format_log: FormatPath = lambda log: format_path(Path(log.name)),
     *,
     force: bool,
 ) -> list[Task]:
@@ -242,9 +193,6 @@ def plan_joined(
 
 
 # Recordings are named one by one, by a folder, by a pattern or in a list.
-
-
-_UNUSUAL = frozenset("*?[")
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +227,11 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
         found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
-    return Found(tuple(logs), others, _find_base(bases))
+    try:
+        base = Path(os.path.commonpath(bases))
+    except ValueError:  # several drives, which nothing holds
+        base = Path()
+    return Found(tuple(logs), others, base)
 
 
 def _lay_out(path: Path) -> Path:
@@ -287,30 +239,21 @@ def _lay_out(path: Path) -> Path:
     return Path(os.path.normpath(path.absolute()))
 
 
-def _find_base(folders: Sequence[Path]) -> Path:
-    """Give the folder that holds all; the root of nothing where they lie on several drives."""
-    try:
-        return Path(os.path.commonpath(folders))
-    except ValueError:
-        return Path()
-
-
 def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
     """List the files, but for results: those of this run, and of any other (it holds ``run.json``).
 
     The truth that ``acromion simulate`` writes beside a recording is no recording either.
     """
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not _is_truth(path)]
-    results = (out, *(path.parent for path in files if path.name in {"run.json", MARKER}))
-    return [
+    files = [
         path
-        for path in files
-        if path.resolve() not in without and not any(_lies_in(path, place) for place in results)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not (path.name == TRUTH and path.with_suffix(".json").exists())
     ]
-
-
-def _is_truth(path: Path) -> bool:
-    return path.name == TRUTH and path.with_suffix(".json").exists()
+    made = (path.parent for path in files if path.name in {"run.json", MARKER})
+    results = {place.resolve() for place in (out, *made)}
+    return [
+        path for path in files if path.resolve() not in without and results.isdisjoint(path.resolve().parents)
+    ]
 
 
 def read_list(content: str, folder: Path) -> list[Path]:
@@ -336,12 +279,8 @@ def read_list(content: str, folder: Path) -> list[Path]:
 def _expand(paths: Iterable[Path]) -> Iterator[Path]:
     """Expand patterns ourselves where the shell did not (Windows, or within quotes)."""
     for path in paths:
-        if _UNUSUAL & set(str(path)) and not path.exists():
+        if set("*?[") & set(str(path)) and not path.exists():
             names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  a path may be absolute
             yield from map(Path, names or [str(path)])
         else:
             yield path
-
-
-def _lies_in(path: Path, folder: Path) -> bool:
-    return folder.resolve() in path.resolve().parents

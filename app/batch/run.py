@@ -72,6 +72,8 @@ def choose_workers(recordings: int, capacity: Capacity) -> int:
 
 
 OnProgress = Callable[[Task, str | None, float], None]
+GoOn = Callable[[str | None, float], bool]
+"""Takes the stage and how far it is; False ends the analysis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +101,11 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
     stopping = threading.Event()
 
     def do(task: Task) -> Outcome:
-        return do_task(
-            task, lambda stage, fraction: _report_progress(task, stage, fraction, on_progress, stopping)
-        )
+        def go_on(stage: str | None, fraction: float) -> bool:
+            on_progress(task, stage, fraction)
+            return not stopping.is_set()
+
+        return do_task(task, go_on)
 
     with ThreadPoolExecutor(workers) as pool:
         begun = sorted(tasks, key=lambda task: not (task.folder / MARKER).exists())
@@ -114,17 +118,18 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
             pool.shutdown(cancel_futures=True)
 
 
-def _report_progress(
-    task: Task, stage: str | None, fraction: float, on_progress: OnProgress, stopping: threading.Event
-) -> bool:
-    on_progress(task, stage, fraction)
-    return not stopping.is_set()
-
-
-def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
+def do_task(task: Task, go_on: GoOn) -> Outcome:
     """Analyse one recording into its folder; whatever happens to it is an outcome, never an exception."""
     try:
-        return _do_or_repeat(task, go_on)
+        restore_earlier(task.folder)
+        before = read_marker(task.folder)
+        asked = make_marker(task) if before else None
+        if before is None or asked is None or before.fingerprint != asked.fingerprint or task.force:
+            return _do(task, before, asked, go_on)
+        if not has_report(task.folder, before, task.request):
+            return _rewrite(task, before, go_on)
+        switch_language(task.folder, before, asked.language)
+        return Outcome(task, _read_answer(task), repeated=True, version=before.version)
     except OSError as error:
         return Outcome(task, code=UNREADABLE_PATH, facts={"why": error.strerror or str(error)})
 
@@ -143,30 +148,20 @@ def find_done(task: Task) -> Outcome | None:
         return None
 
 
-def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
-    restore_earlier(task.folder)
-    before = read_marker(task.folder)
-    asked = make_marker(task) if before else None
-    if before is None or asked is None or before.fingerprint != asked.fingerprint or task.force:
-        return _do(task, before, asked, go_on)
-    if not has_report(task.folder, before, task.request):
-        return _rewrite(task, before, go_on)
-    switch_language(task.folder, before, asked.language)
-    return Outcome(task, _read_answer(task), repeated=True, version=before.version)
+def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) -> Outcome:
+    """Analyse; other settings than before make the next version, the same (``--force``) are the same report.
 
-
-def _do(
-    task: Task, before: Marker | None, asked: Marker | None, go_on: Callable[[str | None, float], bool]
-) -> Outcome:
-    """Analyse; other settings than before make the next version of the report.
-
-    ``asked`` is None where nothing was made before: then the log is hashed while it is read.
+    ``asked`` is None if nothing was made before: then the log is hashed while it is read.
     """
     refuse_foreign_folder(task.folder)
-    version, changes = _number(before, asked, find_last_version(task.folder))
+    version, changes = find_last_version(task.folder) + 1, tuple[str, ...]()
+    if before is not None and asked is not None:
+        version, changes = before.version, before.changes
+        if before.fingerprint != asked.fingerprint:
+            version, changes = version + 1, find_changes(before, asked)
     request = replace(task.request, version=version, changes=changes)
     with open_staging(task.folder) as staging:
-        known = KnownLogs(asked.list_digests() if asked else ())
+        known = KnownLogs(tuple(asked.input.split()) if asked else ())
         outcome = _attempt(task, request, staging, partial(load_and_make_report, known=known), go_on)
         if outcome.code:
             return outcome
@@ -177,16 +172,7 @@ def _do(
     return replace(outcome, answer=_read_answer(task), version=version, changes=changes)
 
 
-def _number(before: Marker | None, asked: Marker | None, last: int) -> tuple[int, tuple[str, ...]]:
-    """Give the report its version and what changed; the same asked again (``--force``) is the same report."""
-    if before is None or asked is None:
-        return last + 1, ()
-    if before.fingerprint == asked.fingerprint:
-        return before.version, before.changes
-    return before.version + 1, find_changes(before, asked)
-
-
-def _rewrite(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:
+def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
     """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:
@@ -204,13 +190,7 @@ def _rewrite(task: Task, before: Marker, go_on: Callable[[str | None, float], bo
     return replace(outcome, answer=_read_answer(task), repeated=True, version=before.version)
 
 
-def _attempt(
-    task: Task,
-    request: ReportRequest,
-    staging: Path,
-    make: MakeReport,
-    go_on: Callable[[str | None, float], bool],
-) -> Outcome:
+def _attempt(task: Task, request: ReportRequest, staging: Path, make: MakeReport, go_on: GoOn) -> Outcome:
     from app.settings import Settings  # noqa: PLC0415  with pydantic, while the science is loaded elsewhere
 
     limits = choose_limits(Settings(), task.log.stat().st_size)

@@ -107,10 +107,6 @@ def _read_kinds(value: Any) -> tuple[ReportKind, ...]:
     return kinds
 
 
-def _read_diary(value: Any) -> tuple[DiaryEntry, ...]:
-    return tuple(_read_entry(**row) for row in value or ())
-
-
 def _read_entry(
     *, start: str = "", end: str = "", start_s: Any = "", end_s: Any = "", kind: Any, **others: Any
 ) -> DiaryEntry:
@@ -124,10 +120,6 @@ def _read_entry(
     if begin is None:
         raise ValueError
     return DiaryEntry(begin, stop, kind, **others)
-
-
-def _read_profile(value: Any) -> str:
-    return write_profile(dict(value)) if value else ""
 
 
 SETTINGS: tuple[Setting, ...] = (
@@ -148,8 +140,13 @@ SETTINGS: tuple[Setting, ...] = (
     ),
     Setting("report", "kinds", _read_kinds, "[html, pdf]"),
     Setting("paper", "paper", *_choose(get_args(Paper))),
-    Setting("diary", "diary", _read_diary, DIARY_HINT),
-    Setting("profile", "profile", _read_profile, "{acceleration, angular_rate, ...}"),
+    Setting("diary", "diary", lambda rows: tuple(_read_entry(**row) for row in rows or ()), DIARY_HINT),
+    Setting(
+        "profile",
+        "profile",
+        lambda value: write_profile(dict(value)) if value else "",
+        "{acceleration, angular_rate, ...}",
+    ),
 )
 _BY_NAME = {setting.name: setting for setting in SETTINGS}
 
@@ -177,7 +174,7 @@ def encode_settings(request: ReportRequest) -> bytes:
 
 
 def _describe_entry(entry: DiaryEntry) -> dict[str, Any]:
-    """Give the settings in a row of the diary; its line in the file it came from is no setting."""
+    """Return the settings in a row of the diary; its line in the file it came from is not one."""
     values = asdict(entry) | split_times(entry)
     return {name: value for name, value in values.items() if value not in {None, ""} and name != "line"}
 
@@ -190,10 +187,6 @@ def read_settings(content: bytes) -> dict[str, Any]:
     UnusableSettings
         With the line or the name, what is allowed and, for a name that is not known, the nearest that is.
     """
-    return {_find(name).field: _convert(name, value) for name, value in _parse(content).items()}
-
-
-def _parse(content: bytes) -> dict[str, Any]:
     try:
         values = yaml.load(content, _PlainLoader)  # noqa: S506  a SafeLoader
     except yaml.YAMLError as error:
@@ -203,22 +196,17 @@ def _parse(content: bytes) -> dict[str, Any]:
         return {}
     if not isinstance(values, dict):
         raise UnusableSettings(line=1, why="yaml")
-    return {str(name): value for name, value in values.items()}
+    return dict(_read_setting(str(name), value) for name, value in values.items())
 
 
-def _find(name: str) -> Setting:
+def _read_setting(name: str, value: Any) -> tuple[str, Any]:
     if name not in _BY_NAME:
-        nearest = get_close_matches(name, _BY_NAME, 1)
-        raise UnusableSettings(
-            name=name[:60], why="setting name", nearest="".join(nearest), allowed=", ".join(_BY_NAME)
-        )
-    return _BY_NAME[name]
-
-
-def _convert(name: str, value: Any) -> Any:
-    setting = _find(name)
+        nearest = "".join(get_close_matches(name, _BY_NAME, 1))
+        allowed = ", ".join(_BY_NAME)
+        raise UnusableSettings(name=name[:60], why="setting name", nearest=nearest, allowed=allowed)
+    setting = _BY_NAME[name]
     try:
-        return setting.read(value)
+        return setting.field, setting.read(value)
     except (TypeError, ValueError):
         shown = str(value)[:60]
         raise UnusableSettings(name=name, why="setting value", value=shown, allowed=setting.allowed) from None

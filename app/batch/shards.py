@@ -46,12 +46,7 @@ class Shard:
 
 
 def parse_shard(text: str) -> Shard:
-    """Read ``K/N``.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read ``K/N``. Raises ValueError."""
     number, count = (int(part) for part in text.split("/"))
     if not 1 <= number <= count:
         raise ValueError(SHARD_HINT)
@@ -62,10 +57,17 @@ class ShardRecord:
     """What one slice leaves for ``acromion collect``."""
 
     def __init__(self, out: Path, shard: Shard, tasks: Sequence[Task], request: ReportRequest) -> None:
-        plan = _encode_plan(tasks, request)
+        recordings = [
+            {
+                "path": task.name,
+                "folder": task.folder.name,
+                "request": replace(task.request, joined=()).to_json(),
+            }
+            for task in tasks
+        ]
         self._folder, self._shard = out / SHARDS, shard
-        self._plan_sha256 = hashlib.sha256(plan).hexdigest()
-        self._content = plan
+        self._content = _encode({"request": request.to_json(), "recordings": recordings})
+        self._plan_sha256 = hashlib.sha256(self._content).hexdigest()
 
     def begin(self) -> None:
         """Write the plan, and take back what an earlier run of this slice, or of other slices, reported."""
@@ -112,46 +114,25 @@ def collect_outcomes(out: Path) -> Collected:
     content = (out / SHARDS / _PLAN).read_bytes()
     plan, plan_sha256 = json.loads(content), hashlib.sha256(content).hexdigest()
     records = {path.stem: json.loads(path.read_bytes()) for path in (out / SHARDS).glob("*-of-*.json")}
-    problems = _gather_problems(records, plan_sha256)
+    others = {stem for stem, record in records.items() if record["plan"] != plan_sha256}
+    problems: dict[str, Mapping[str, Any]] = {}
+    for stem in records.keys() - others:  # what was reported of other plans says nothing
+        problems |= records[stem]["problems"]
     outcomes = [_find_outcome(out, told, problems.get(told["path"])) for told in plan["recordings"]]
+    undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
+    tasks = [outcome.task for outcome in outcomes]
     count = max(int(stem.split("-of-")[1]) for stem in records)
     shards = [Shard(number, count) for number in range(1, count + 1)]
-    others = {stem for stem, record in records.items() if record["plan"] != plan_sha256}
     return Collected(
         outcomes,
         ReportRequest.from_json(plan["request"]),
-        tuple(str(shard) for shard in _select_undone(shards, outcomes)),
-        tuple(str(shard) for shard in shards if shard.stem in others),
+        tuple(str(one) for one in shards if any(task.name in undone for task in one.select(tasks))),
+        tuple(str(one) for one in shards if one.stem in others),
     )
-
-
-def _select_undone(shards: Sequence[Shard], outcomes: Sequence[Outcome]) -> list[Shard]:
-    """Give the slices whose recordings are not all done."""
-    undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
-    tasks = [outcome.task for outcome in outcomes]
-    return [shard for shard in shards if any(task.name in undone for task in shard.select(tasks))]
-
-
-def _encode_plan(tasks: Sequence[Task], request: ReportRequest) -> bytes:
-    recordings = [
-        {
-            "path": task.name,
-            "folder": task.folder.name,
-            "request": replace(task.request, joined=()).to_json(),
-        }
-        for task in tasks
-    ]
-    return _encode({"request": request.to_json(), "recordings": recordings})
 
 
 def _encode(value: Any) -> bytes:
     return (json.dumps(value, ensure_ascii=False, indent=1) + "\n").encode()
-
-
-def _gather_problems(records: Mapping[str, Any], plan_sha256: str) -> dict[str, Mapping[str, Any]]:
-    """Gather the failures of all slices of this plan; what other plans left says nothing."""
-    told = (record["problems"] for record in records.values() if record["plan"] == plan_sha256)
-    return {path: problem for problems in told for path, problem in problems.items()}
 
 
 def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
@@ -161,8 +142,7 @@ def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any]
     if problem is not None:
         return Outcome(task, code=problem["code"], facts=problem["facts"])
     marker = read_marker(task.folder)
-    if marker is None or marker.fingerprint != take_fingerprint(marker.input, request):
-        return Outcome(task, code=Interrupted.code)
-    if not has_report(task.folder, marker, request):
+    is_current = marker is not None and marker.fingerprint == take_fingerprint(marker.input, request)
+    if marker is None or not is_current or not has_report(task.folder, marker, request):
         return Outcome(task, code=Interrupted.code)
     return Outcome(task, version=marker.version)

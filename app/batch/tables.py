@@ -23,7 +23,6 @@ from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.csv import (
     FRENCH_EXCEL,
     PROBLEM_COLUMNS,
-    Cell,
     Row,
     add_origin,
     encode_table,
@@ -32,10 +31,11 @@ from app.report.export.csv import (
 from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.methods_text import write_methods
 from app.report.export.xlsx import encode_workbook
+from app.report.figures import load_results
 from app.report.render.html import IndexRow, render_index
 from app.report.words.messages import describe_problem
 from app.report.words.wording import load_wording
-from app.request import ReportRequest
+from app.request import Language, ReportRequest
 from app.storage.store import write_durably
 from app.version import software_revision, software_version
 
@@ -54,33 +54,37 @@ def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest,
         write_durably(out / name, content)
         sizes[name] = len(content)
     ended_at = made_at.isoformat(timespec="seconds")
-    write_durably(out / CRATE, encode_crate([_list_made(one) for one in outcomes], sizes, ended_at))
-
-
-def _list_made(outcome: Outcome) -> Made:
-    """List the files of one recording as they stand in its folder, without those of earlier versions."""
-    task = outcome.task
-    if outcome.code:
-        return Made(code=outcome.code)
-    files = sorted(path for path in task.folder.iterdir() if path.is_file())
-    sizes = {f"{task.folder.name}/{path.name}": path.stat().st_size for path in files}
-    return Made(sizes, _read_results(outcome))
+    made = []
+    for outcome in outcomes:
+        if outcome.code:
+            made.append(Made(code=outcome.code))
+            continue
+        folder = outcome.task.folder  # the files of earlier versions lie in folders inside
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+        products = {f"{folder.name}/{path.name}": path.stat().st_size for path in files}
+        made.append(Made(products, _read_results(outcome)))
+    write_durably(out / CRATE, encode_crate(made, sizes, ended_at))
 
 
 def _encode_tables(
     outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime
 ) -> Iterator[tuple[str, bytes]]:
+    language = request.languages[0]
     rows = [_summarise(outcome) for outcome in outcomes]
+    done = [_read_results(outcome) for outcome in outcomes if not outcome.code]
+    problems = [tell_problem(o.task.origin, o.code, o.facts, language) for o in outcomes if o.code]
+    periods = [row for results in done for row in describe_periods(results)]
+    index = [_build_index_row(outcome, language) for outcome in outcomes]
     yield "summary.csv", encode_summary(rows)
     yield "summary_fr.csv", encode_summary(rows, FRENCH_EXCEL)
-    yield "summary.xlsx", encode_workbook([_read_results(o) for o in outcomes if not o.code])
-    yield "problems.csv", encode_table(PROBLEM_COLUMNS, _list_problems(outcomes, request))
-    yield "periods.csv", encode_table(PERIOD_COLUMNS, _list_periods(outcomes))
+    yield "summary.xlsx", encode_workbook(done)
+    yield "problems.csv", encode_table(PROBLEM_COLUMNS, problems)
+    yield "periods.csv", encode_table(PERIOD_COLUMNS, periods)
     yield "dictionary.csv", encode_dictionary()
     yield DATAPACKAGE, encode_datapackage(CSV_TABLES)
-    yield "index.html", _render_index(outcomes, request)
+    yield "index.html", render_index(index, request.method, language)
     yield "settings.yaml", encode_settings(request)
-    yield "methods.md", _write_methods(outcomes, request)
+    yield "methods.md", write_methods(done, len(outcomes) - len(done), language)
     yield "run.json", _encode_run(outcomes, request, made_at)
 
 
@@ -112,11 +116,6 @@ def _record(outcome: Outcome) -> dict[str, str | None]:
     }
 
 
-def _write_methods(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:
-    done = [_read_results(outcome) for outcome in outcomes if not outcome.code]
-    return write_methods(done, len(outcomes) - len(done), request.languages[0])
-
-
 def _summarise(outcome: Outcome) -> Row:
     if outcome.code:
         return summarise_failure(outcome.task.origin, outcome.code)
@@ -124,35 +123,17 @@ def _summarise(outcome: Outcome) -> Row:
 
 
 def _read_results(outcome: Outcome) -> dict[str, Any]:
-    results = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    results = load_results((outcome.task.folder / "results.json").read_bytes())
     return add_origin(results, outcome.task.origin)
 
 
-def _list_periods(outcomes: Sequence[Outcome]) -> list[Row]:
-    good = (outcome for outcome in outcomes if not outcome.code)
-    return [row for outcome in good for row in describe_periods(_read_results(outcome))]
-
-
-def _render_index(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:
-    rows = [_build_index_row(outcome, request) for outcome in outcomes]
-    return render_index(rows, request.method, request.languages[0])
-
-
-def _build_index_row(outcome: Outcome, request: ReportRequest) -> IndexRow:
-    name, language = outcome.task.name, request.languages[0]
+def _build_index_row(outcome: Outcome, language: Language) -> IndexRow:
+    name = outcome.task.name
     if outcome.code:
         problem = describe_problem(outcome.code, outcome.facts, language)
         return IndexRow(name, None, None, None, f"{outcome.code}. {problem.title}. {problem.fix}")
     row = _summarise(outcome)
     verdict = load_wording(language)["verdict"][row["verdict"]]["label"]
-    folder = outcome.task.folder.name
-    return IndexRow(name, folder, _number(row["analysed_s"]), _number(row["time_above_60_percent"]), verdict)
-
-
-def _number(cell: Cell) -> float | None:
-    return float(cell) if isinstance(cell, int | float) else None
-
-
-def _list_problems(outcomes: Sequence[Outcome], request: ReportRequest) -> list[Row]:
-    language = request.languages[0]
-    return [tell_problem(o.task.origin, o.code, o.facts, language) for o in outcomes if o.code]
+    cells = (row["analysed_s"], row["time_above_60_percent"])
+    analysed_s, above = (float(cell) if isinstance(cell, int | float) else None for cell in cells)
+    return IndexRow(name, outcome.task.folder.name, analysed_s, above, verdict)

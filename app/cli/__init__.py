@@ -9,7 +9,7 @@ import sys
 import typer
 
 from app.cli.access import account
-from app.cli.admin import backup, backup_keys, doctor, drill, recover, restore, serve, verify, worker
+from app.cli.admin import backup, doctor, drill, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
 from app.cli.conformance import conformance
 from app.cli.export import export
@@ -32,7 +32,7 @@ app = typer.Typer(
 for command in (
     *(run, collect, export, exposure, pair, compare, profile, validate),
     *(live, demo, simulate, conformance, inspect, version),
-    *(serve, worker, get, backup, backup_keys, restore, drill, recover, verify, doctor, retention),
+    *(serve, worker, get, backup, restore, drill, recover, verify, doctor, retention),
 ):
     app.command()(command)
 app.add_typer(trail, name="trail")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,17 +12,14 @@ import typer
 from app.cli.output import Exit, print_problem
 from app.errors import AppError, BackupRefused, DatabaseAway
 from app.logs import escape_controls, start_logging
-from app.organisation import OWN_ORGANISATION
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
 from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
-    from app.access.accounts import Organisation
     from app.settings import Settings
-    from app.upkeep.account_rows import CopiedPeople
+    from app.upkeep.account_rows import Accounts
     from app.upkeep.backup import Copied
-    from app.upkeep.key_backup import KeyBackup
     from app.upkeep.verify import Fault
 
 
@@ -103,7 +101,6 @@ DataOption = Annotated[
     typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
 ]
 LanguageOption = Annotated[Language, typer.Option("--lang")]
-OrganisationOption = Annotated[str, typer.Option("--organisation", metavar="ID", help="Another than own.")]
 RecipientOption = Annotated[
     list[str] | None,
     typer.Option("--recipient", metavar="age1...", help="Who may read it (age); again for several."),
@@ -111,66 +108,49 @@ RecipientOption = Annotated[
 IdentityOption = Annotated[
     Path | None, typer.Option("--identity", metavar="FILE", help="The age identity that opens it.")
 ]
-KeysOption = Annotated[
-    Path | None, typer.Option("--keys", metavar="FILE", help="The backup of the keys (acromion backup-keys).")
-]
 
 
 def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip, .zip.age).")],
     recipient: RecipientOption = None,
+    keep: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Keep so many backups of this name (its digits may differ); delete older ones."
+        ),
+    ] = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
-    """Write every row and every sealed file into one file, without the keys; the server may run meanwhile.
+    """Write every row and every file into one file; the server may run meanwhile.
 
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
+    from app.storage.open import open_storage  # noqa: PLC0415
     from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import back_up  # noqa: PLC0415
+    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415
+    from app.upkeep.backup_term import record_backup  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
+    if keep and not any(letter.isdigit() for letter in file.name):
+        raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        record_command(find_place(settings, organisation), "store.backed_up")
-        copied = back_up(settings, file, Recipients(tuple(recipient or ())), organisation)
-        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
+        check_used(settings)
+        record_command(settings, "store.backed_up")
+        copied = back_up(settings, file, Recipients(tuple(recipient or ())))
+        dropped = drop_older_backups(file, keep) if keep else ()
+        record_backup(open_storage(settings), keep)
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
-    _print_people(lang, "backup", copied.people)
     _print_copied(lang, "backup", copied, file=str(file))
-    _print_further(lang, further)
+    if dropped:
+        print_sentence(lang, "backup", "dropped", keep=str(keep), names=", ".join(dropped))
     _exit_by(copied)
-
-
-def backup_keys(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write.")],
-    recipient: RecipientOption = None,
-    data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
-    lang: LanguageOption = "en",
-) -> None:
-    """Write the keys of the recordings into one file. Keep it apart; replace it after each erasure."""
-    from app.upkeep.acts import record_command  # noqa: PLC0415
-    from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.key_backup import back_up_keys  # noqa: PLC0415
-    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
-
-    settings = find_settings(data)
-    with refusals_printed(lang, settings):
-        place = find_place(settings, organisation)
-        number = back_up_keys(place, file, Recipients(tuple(recipient or ())))
-        record_command(place, "keys.backed_up")
-        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
-    print_sentence(lang, "backup_keys", "encrypted" if recipient else "in_clear")
-    print_sentence(lang, "backup_keys", "done", number=str(number), file=str(file))
-    _print_further(lang, further)
 
 
 def drill(
     file: Annotated[Path, typer.Argument(metavar="BACKUP", help="The backup to try.")],
-    keys: Annotated[Path | None, typer.Argument(metavar="KEYS", help="The backup of its keys.")] = None,
     identity: IdentityOption = None,
     lang: LanguageOption = "en",
 ) -> None:
@@ -178,7 +158,7 @@ def drill(
     from app.upkeep.drill import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
     with refusals_printed(lang, find_settings(None)):
-        done = try_out(file, keys, identity)
+        done = try_out(file, identity)
     _print_faults(lang, done.faults)
     minutes = math.ceil(done.minutes * 10) / 10  # a short drill took no 0.0 minutes
     facts = {"number": str(done.files), "minutes": f"{minutes:.1f}", "faults": str(len(done.faults))}
@@ -189,10 +169,8 @@ def drill(
 
 def restore(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to read.")],
-    keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Put a backup into an empty data folder (or an empty database and bucket).
@@ -200,32 +178,27 @@ def restore(
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        find_place(settings, organisation, is_new=True)
-        copied = put_back(settings, file, _read_keys(keys, identity), identity, organisation)
-    _print_people(lang, "restore", copied.people)
+        copied = put_back(settings, file, identity)
+    _print_accounts(lang, copied.accounts)
+    if copied.erased:
+        print_sentence(lang, "restore", "erased", number=str(copied.erased))
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
     _exit_by(copied)
 
 
 def verify(
     file: Annotated[Path | None, typer.Argument(metavar="FILE", help="A backup; else what is kept.")] = None,
-    keys: KeysOption = None,
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
     with refusals_printed(lang, find_settings(data)):
-        number, faults = (
-            _verify_kept(data, organisation) if file is None else _verify_backup(file, keys, identity)
-        )
-    if file is not None and keys is None:
-        print_sentence(lang, "verify", "sealed")
+        settings = find_settings(data)
+        number, faults = _verify_kept(settings) if file is None else _verify_backup(file, identity)
     _print_faults(lang, faults)
     if faults:
         print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
@@ -234,26 +207,25 @@ def verify(
 
 
 def recover(
-    keys: KeysOption = None,
-    identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.organisations import find_lost_place  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        done = bring_back(find_lost_place(settings, organisation), _read_keys(keys, identity))
+        check_recoverable(settings)
+        done = bring_back(settings)
     for trouble in done.troubles:
         print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
     facts = {name: str(number) for name, number in counts.items()}
+    if done.copied_at:
+        print_sentence(lang, "recover", "copy", at=done.copied_at)
     print_sentence(lang, "recover", "done", **facts)
-    if done.is_trail_new:
-        print_sentence(lang, "recover", "trail_new")
+    _print_accounts(lang, done.accounts)
     if done.troubles:
         print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
         raise typer.Exit(Exit.SOME_FAILED)
@@ -273,31 +245,24 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _verify_kept(data: Path | None, organisation: str) -> "tuple[int, Sequence[Fault]]":
+def _verify_kept(settings: "Settings") -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.acts import record_command  # noqa: PLC0415
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
-    settings = find_place(find_settings(data), organisation)
+    check_used(settings)
     check_whole(settings.database_url)
     record_command(settings, "store.verified")
     kept = find_kept(settings)
     return len(kept), tuple(find_faults(settings, kept))
 
 
-def _verify_backup(file: Path, keys: Path | None, identity: Path | None) -> "tuple[int, Sequence[Fault]]":
+def _verify_backup(file: Path, identity: Path | None) -> "tuple[int, Sequence[Fault]]":
     from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
 
-    found = _read_keys(keys, identity)
-    copied = find_damage(file, found.get if found else None, identity)
+    copied = find_damage(file, identity)
     return copied.promised, copied.faults
-
-
-def _read_keys(file: Path | None, identity: Path | None) -> "KeyBackup | None":
-    from app.upkeep.key_backup import read_key_backup  # noqa: PLC0415
-
-    return None if file is None else read_key_backup(file, identity)
 
 
 def _name_places(settings: "Settings") -> dict[str, str]:
@@ -324,18 +289,13 @@ def _exit_by(copied: "Copied") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _print_people(language: Language, command: str, people: "CopiedPeople | None") -> None:
-    if people is not None:
-        sentence = "people_kept" if people.present else "people"
-        facts = {"number": str(people.number), "present": str(people.present)}
-        print_sentence(language, command, sentence, **facts)
-
-
-def _print_further(language: Language, further: "Sequence[Organisation]") -> None:
-    """Print which organisations have a backup of their own."""
-    if further:
-        names = ", ".join(f"{one.name} ({one.id})" for one in further)
-        print_sentence(language, "backup", "further", names=names)
+def _print_accounts(language: Language, accounts: "Accounts") -> None:
+    """Print who may sign in, and which tokens work."""
+    for login, roles in accounts.people:
+        print_sentence(language, "restore", "person", login=login, roles=roles)
+    for name, login, permissions, expires_s in accounts.tokens:
+        end = datetime.fromtimestamp(expires_s, UTC).isoformat(timespec="minutes")
+        print_sentence(language, "restore", "token", name=name, login=login, permissions=permissions, end=end)
 
 
 def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:

@@ -1,7 +1,6 @@
 """The commands that compare: both arms of one shift, one day beside another, a recording and a reference."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,11 +22,10 @@ from app.cli.options import (
     parse_windows,
     read_tasks_file,
 )
-from app.cli.output import Exit, choose_exit, print_problem, report_progress
-from app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, find_outcome
-from app.request import Language, PairRequest, Reference, ReportRequest
+from app.cli.output import Exit, choose_exit, print_problem, refusals_printed, report_progress
+from app.errors import AppError, CannotCompare, CannotPair
+from app.request import PairRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
-from fusion.errors import FusionError
 
 _INPUT_HELP = "a folder that acromion run made, or a recording, which is analysed first."
 SameSubjectOption = Annotated[
@@ -117,16 +115,9 @@ def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -
     """Make the report of two, and print its answer."""
     from app.roads.pair import make_report_of_two  # noqa: PLC0415  heavy, and only this needs it
 
-    language = request.languages[0]
-    try:
-        make = partial(make_report_of_two, sources, request)
-        marker = write_version(folder, request.figures_name, language, make)
-    except AppError as refusal:
-        print_problem(folder.name, refusal.code, refusal.facts, language)
-        raise typer.Exit(Exit.NOTHING_DONE) from None
-    except OSError as error:
-        print_problem(str(folder), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
-        raise typer.Exit(Exit.NOTHING_DONE) from None
+    make = partial(make_report_of_two, sources, request)
+    with refusals_printed(str(folder), request.languages[0]):
+        marker = write_version(folder, request.figures_name, request.languages[0], make)
     typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
         typer.echo(f"  {line}")
@@ -182,50 +173,32 @@ def validate(
         pose_held=pose_held,
     )
     if path.is_dir():
-        _study(path, request, out)
+        _compare_study(path, request, out)
     if reference is None:
         raise typer.BadParameter("needed, unless FILE is the folder of a study", param_hint="--reference")
+    from app.roads.validate import make_validation  # noqa: PLC0415  heavy, and only this needs it
+
     check_windows([request])
     given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
     given = replace(given, tasks=read_tasks_file(tasks, lang))
-    with _refusals_printed(path.name, lang):
-        _compare(path, replace(request, reference=given), out)
+    with refusals_printed(path.name, lang):
+        out.mkdir(parents=True, exist_ok=True)
+        make_validation(path, replace(request, reference=given), out)
+        use_plain_names(out, lang)
     answer = (out / "answer.txt").read_text("utf-8").splitlines()
     typer.echo("\n  ".join((f"{path.name} -> {out}", *answer)))
 
 
-def _compare(path: Path, request: ReportRequest, out: Path) -> None:
-    """Compare, and give the files plain names."""
-    from app.roads.validate import make_validation  # noqa: PLC0415  heavy, and only this needs it
-
-    out.mkdir(parents=True, exist_ok=True)
-    make_validation(path, request, out)
-    use_plain_names(out, request.languages[0])
-
-
-def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
+def _compare_study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
     """Compare a whole folder; failures are printed, and show in the exit code."""
     from app.roads.agreement_study import make_study  # noqa: PLC0415
 
     language = request.languages[0]
-    with _refusals_printed(str(path), language):
+    with refusals_printed(str(path), language):
         out.mkdir(parents=True, exist_ok=True)
         outcome = make_study(path, request, out, typer.echo)
-        use_plain_names(out, request.languages[0])
+        use_plain_names(out, language)
     for problem in outcome.problems:
         print_problem(problem.name, problem.code, problem.facts, language)
     typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
     raise typer.Exit(Exit.SOME_FAILED if outcome.problems else Exit.ALL_GOOD)
-
-
-@contextmanager
-def _refusals_printed(name: str, language: Language) -> Iterator[None]:
-    """Print a refusal and leave with its exit code."""
-    try:
-        yield
-    except FusionError as refusal:
-        print_problem(name, refusal.code, refusal.facts, language)
-        raise typer.Exit(find_outcome(type(refusal)).exit_code) from None
-    except OSError as error:
-        print_problem(name, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
-        raise typer.Exit(Exit.NOTHING_DONE) from None

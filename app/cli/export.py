@@ -1,6 +1,5 @@
 """The command that writes finished results in a convention of the field."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from app.cli.output import Exit, print_problem
 from app.errors import NO_RESULTS
+from app.report.figures import load_results
 from app.report.words.wording import fill, load_wording
 from app.request import Language
 from app.storage.store import write_durably
@@ -31,7 +31,9 @@ def export(
         raise typer.Exit(Exit.NOTHING_DONE)
     if out.exists() and any(out.iterdir()):
         raise typer.BadParameter(f"{out} is not empty", param_hint="-o")
-    every = [Angles(json.loads((f / "results.json").read_bytes()), f / "elevation.parquet") for f in folders]
+    every = [
+        Angles(load_results((f / "results.json").read_bytes()), f / "elevation.parquet") for f in folders
+    ]
     for name, content in list_bids(every):
         path = out / name
         path.parent.mkdir(parents=True, exist_ok=True)

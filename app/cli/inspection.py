@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from app.cli.options import LanguageOption, ProfileOption, SensorOption, name_sensor, read_profile_file
-from app.cli.output import Exit, print_problem
-from app.errors import UNREADABLE_PATH
+from app.cli.output import refusals_printed
 from app.version import software_revision, software_version
 from fusion.errors import FusionError
 
@@ -25,23 +24,17 @@ def inspect(
     from app.report.inspection import describe_inspection  # noqa: PLC0415
     from app.roads.inspect import inspect_file  # noqa: PLC0415
 
-    try:
-        facts = inspect_file(path, rate_hz, name_sensor(read_profile_file(profile, lang), sensor))
-    except FusionError as refusal:
-        if as_json:
-            typer.echo(_write_refusal(path.name, refusal))
-        print_problem(path.name, refusal.code, refusal.facts, lang)
-        raise typer.Exit(Exit.NOTHING_DONE) from None
-    except OSError as error:
-        print_problem(path.name, UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
-        raise typer.Exit(Exit.NOTHING_DONE) from None
+    with refusals_printed(path.name, lang):
+        try:
+            facts = inspect_file(path, rate_hz, name_sensor(read_profile_file(profile, lang), sensor))
+        except FusionError as refusal:
+            if as_json:
+                told = {"file": path.name, "code": refusal.code, "facts": dict(refusal.facts)}
+                typer.echo(json.dumps(told, indent=1))
+            raise
     typer.echo(
         json.dumps(facts, indent=1, ensure_ascii=False) if as_json else describe_inspection(facts, lang)
     )
-
-
-def _write_refusal(name: str, refusal: FusionError) -> str:
-    return json.dumps({"file": name, "code": refusal.code, "facts": dict(refusal.facts)}, indent=1)
 
 
 def version() -> None:

@@ -3,17 +3,16 @@
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.batch.plan import plan_tasks
 from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
-from app.cli.output import Exit, finish, print_problem, report_progress
+from app.cli.output import finish, handling_signals, print_problem, refusals_printed, report_progress
 from app.errors import UNREADABLE_PATH, AppError
 from app.logs import escape_controls
 from app.report.words.numbers import format_angle, format_duration, format_elapsed, format_number
@@ -22,11 +21,10 @@ from app.request import Language, ReportRequest
 from fusion.errors import FusionError
 
 if TYPE_CHECKING:
-    from app.live.early import EarlyPort
     from app.live.recorder import Recorder
     from app.live.source import Source
     from fusion.live import LiveStatus
-    from fusion.live.cues import Cue, CueRule
+    from fusion.live.cues import Cue
 
 BAR_WIDTH = 30
 REDRAW_S, PRINT_S = 0.1, 1.0
@@ -63,66 +61,57 @@ def live(
     lang: LanguageOption = "en",
 ) -> None:
     """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
-    from app.live.early_rows import describe_asked  # noqa: PLC0415  the science, and only this needs it
+    from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  the science, and only this needs it
+    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415
+    from app.live.early_rows import describe_asked  # noqa: PLC0415
+    from app.live.lines import open_lines  # noqa: PLC0415
     from app.live.ports import names_port  # noqa: PLC0415
     from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415
     from app.live.recorder import Recorder  # noqa: PLC0415
     from app.live.replay import open_replay  # noqa: PLC0415
+    from app.live.session_files import EARLY  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
     _print_cut_sessions(out, lang)
-    rules = _parse_rules(cue)
-    path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
-    wearer = Wearer(request.subject, side, arm_axis)
-    if names_port(source):
-        about = describe_asked(source, wearer, rules)
-        opened = _open(source, lang, lambda: _open_lines(source, baud, path, about))
-    else:
-        opened = _open(source, lang, lambda: open_replay(Path(source), speed))
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        recorder = Recorder(path, opened.facts, wearer, rules)
-    except OSError as error:
-        opened.close()
-        print_problem(str(path), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
-        raise typer.Exit(Exit.NOTHING_DONE) from None
-    _run(opened, recorder, countdown_s, lang)
-    _finish(recorder, out, request)
-
-
-def _parse_rules(texts: list[str] | None) -> "tuple[CueRule, ...]":
-    from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415
-
-    try:
-        return tuple(parse_rule(text) for text in texts or ())
+        rules = tuple(parse_rule(text) for text in cue or ())
     except ValueError:
         raise typer.BadParameter(f"write {CUE_HINT}", param_hint="--cue") from None
-
-
-def _open_lines(source: str, baud: int, path: Path, about: Mapping[str, Any]) -> "Source":
-    from app.live.lines import open_lines  # noqa: PLC0415
-    from app.live.session_files import EARLY  # noqa: PLC0415
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return open_lines(source, baud, path.with_suffix(EARLY), about)
-
-
-def _open(source: str, language: Language, open_it: "Callable[[], Source]") -> "Source":
-    try:
-        return open_it()
-    except (FusionError, AppError) as refusal:
-        print_problem(source, refusal.code, refusal.facts, language)
-    except OSError as error:
-        print_problem(source, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
-    raise typer.Exit(Exit.NOTHING_DONE)
+    path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
+    wearer = Wearer(request.subject, side, arm_axis)
+    opened: Source
+    with refusals_printed(source, lang):
+        if names_port(source):
+            out.mkdir(parents=True, exist_ok=True)
+            about = describe_asked(source, wearer, rules)
+            opened = open_lines(source, baud, path.with_suffix(EARLY), about)
+        else:
+            opened = open_replay(Path(source), speed)
+    with refusals_printed(str(path), lang), ExitStack() as on_failure:
+        on_failure.callback(opened.close)
+        out.mkdir(parents=True, exist_ok=True)
+        recorder = Recorder(path, opened.facts, wearer, rules)
+        on_failure.pop_all()
+    _run(opened, recorder, countdown_s, lang)
+    tasks = plan_tasks([recorder.path], out, request, force=False)
+    outcomes = report_progress(tasks, 1)
+    if not outcomes[0].code:
+        found = measure_difference(recorder.shown, tasks[0].folder / "elevation.parquet")
+        typer.echo(describe_difference(found, lang))
+    finish(outcomes, out, request)
 
 
 def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: Language) -> None:
-    """Take frames until the source ends or Ctrl-C, or SIGTERM, stops the session."""
+    """Take frames until the source ends or Ctrl-C, or SIGTERM, stops the session; then close the raw file.
+
+    What came before the end is taken too; if that fails, its file stays for the next start.
+    """
+    from app.live.cue_log import write_log  # noqa: PLC0415
+
     screen = _Screen(language)
     try:
-        with _stopping_on(signal.SIGTERM):
+        with handling_signals(signal.default_int_handler, signal.SIGTERM):
             _take_frames(source, recorder, countdown_s, screen)
     except KeyboardInterrupt:
         pass
@@ -131,10 +120,15 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
     except OSError as error:  # the disk took no more
         print_problem(str(recorder.path), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
     finally:
-        if source.early is not None:
-            _take_rest(source, source.early, recorder)
+        early = source.early
+        with suppress(FusionError, AppError, OSError):
+            while early and not recorder.settle(early) and (frames := source.read()) is not None:
+                recorder.take(frames)
         source.close()
-    _stop(recorder, language)
+    with refusals_printed(str(recorder.path), language):
+        recorder.stop()
+        if recorder.cues:
+            write_log(recorder.path, recorder.cues)
     screen.show_last(recorder.status())
 
 
@@ -159,39 +153,6 @@ def _take_frames(source: "Source", recorder: "Recorder", countdown_s: float, scr
 def _ask_pose(recorder: "Recorder", countdown_s: float) -> None:
     if recorder.session.arm_axis is None:
         recorder.session.ask_pose(countdown_s)
-
-
-def _take_rest(source: "Source", early: "EarlyPort", recorder: "Recorder") -> None:
-    """Take what came before the session was stopped; where that fails, its file stays for the next start."""
-    with suppress(FusionError, AppError, OSError):
-        while not recorder.settle(early) and (frames := source.read()) is not None:
-            recorder.take(frames)
-
-
-def _stop(recorder: "Recorder", language: Language) -> None:
-    """Close the raw file and write the cues beside it."""
-    try:
-        recorder.stop()
-        _write_cues(recorder)
-    except OSError as error:
-        print_problem(str(recorder.path), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
-        raise typer.Exit(Exit.NOTHING_DONE) from None
-
-
-def _write_cues(recorder: "Recorder") -> None:
-    from app.live.cue_log import write_log  # noqa: PLC0415
-
-    if recorder.cues:
-        write_log(recorder.path, recorder.cues)
-
-
-@contextmanager
-def _stopping_on(number: int) -> Iterator[None]:
-    before = signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(number, before)
 
 
 class _Screen:
@@ -237,36 +198,29 @@ class _Screen:
         if self._is_terminal:
             typer.echo("\r\x1b[K", nl=False)
 
-    def _doubt(self, status: "LiveStatus", silent_s: float) -> str:
-        if silent_s > SILENT_S:
-            return fill(self._words["silent"], {"seconds": format_number(silent_s, 0, self._language)})
-        if status.is_frame_doubtful:
-            return str(self._words["frame"])
-        return "" if status.has_rested else str(self._words["unrested"])
-
     def _describe(self, status: "LiveStatus", silent_s: float = 0.0) -> str:
         is_silent = silent_s > SILENT_S
         if status.pose in ("countdown", "holding") and not is_silent:
             left = format_number(status.pose_left_s, 0, self._language)
             return fill(self._words[status.pose], {"left": left})
+        doubt = "" if status.has_rested else str(self._words["unrested"])
+        if is_silent:
+            doubt = fill(self._words["silent"], {"seconds": format_number(silent_s, 0, self._language)})
+        elif status.is_frame_doubtful:
+            doubt = str(self._words["frame"])
         angle_deg = None if is_silent else status.elevation_deg
-        uncounted_s = status.elapsed_s - status.counted_s
+        filled = round(BAR_WIDTH * min(angle_deg or 0.0, 180.0) / 180.0)
         facts = {
             "angle": format_angle(angle_deg, self._language).rjust(4),
-            "bar": _draw_bar(angle_deg),
+            "bar": "█" * filled + "·" * (BAR_WIDTH - filled),
             "above": format_duration(status.above_s[1], self._language),
             "rises": str(status.rises),
             "lost": str(status.lost),
             "elapsed": format_elapsed(status.elapsed_s),
-            "uncounted": format_duration(uncounted_s, self._language),
-            "doubt": self._doubt(status, silent_s),
+            "uncounted": format_duration(status.elapsed_s - status.counted_s, self._language),
+            "doubt": doubt,
         }
         return fill(self._words["line"], facts)
-
-
-def _draw_bar(elevation_deg: float | None) -> str:
-    filled = 0 if elevation_deg is None else round(BAR_WIDTH * min(elevation_deg, 180.0) / 180.0)
-    return "█" * filled + "·" * (BAR_WIDTH - filled)
 
 
 def _print_cut_sessions(out: Path, language: Language) -> None:
@@ -279,18 +233,3 @@ def _print_cut_sessions(out: Path, language: Language) -> None:
     for cut in find_cut(out):
         facts = {"name": cut.path.name, "elapsed": format_elapsed(cut.elapsed_s)}
         typer.echo(escape_controls(fill(words["cut"], facts)), err=True)
-
-
-def _finish(recorder: "Recorder", out: Path, request: ReportRequest) -> None:
-    """Analyse the raw file as any recording, and say how the live angle and the report's differ."""
-    tasks = plan_tasks([recorder.path], out, request, force=False)
-    outcomes = report_progress(tasks, 1)
-    if not outcomes[0].code:
-        typer.echo(_describe_difference(recorder, tasks[0].folder, request.languages[0]))
-    finish(outcomes, out, request)
-
-
-def _describe_difference(recorder: "Recorder", folder: Path, language: Language) -> str:
-    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415
-
-    return describe_difference(measure_difference(recorder.shown, folder / "elevation.parquet"), language)

@@ -83,7 +83,14 @@ def find_profile(path: Path | None, out: Path) -> Path | None:
 
 def read_profile_file(path: Path | None, language: Language) -> str:
     """Read the column profile before any recording, so that a mistake in it is reported at once."""
-    return _read_option_file(path, language, "", _parse_profile)
+    if path is None:
+        return ""
+    from fusion.readers import parse_profile  # noqa: PLC0415  heavy, and only this needs it
+
+    def parse(file: Path) -> str:
+        return write_profile(asdict(parse_profile(file.read_text("utf-8", errors="replace"))))
+
+    return _read_option_file(path, language, "", parse)
 
 
 def name_sensor(profile: str, sensor: str) -> str:
@@ -137,12 +144,6 @@ def read_tasks_file(path: Path | None, language: Language) -> tuple[TaskWindow, 
     return _read_option_file(path, language, (), lambda file: read_tasks(file.read_bytes()))
 
 
-def _parse_profile(file: Path) -> str:
-    from fusion.readers import parse_profile  # noqa: PLC0415  heavy, and only this needs it
-
-    return write_profile(asdict(parse_profile(file.read_text("utf-8", errors="replace"))))
-
-
 def _read_option_file(path: Path | None, language: Language, nothing: T, read: Callable[[Path], T]) -> T:
     """Read a file that steers the run; one that cannot be used is a usage error with its cure."""
     if path is None:
@@ -158,44 +159,37 @@ def _read_option_file(path: Path | None, language: Language, nothing: T, read: C
     raise typer.Exit(Exit.USAGE)
 
 
-def parse_subject(text: str) -> str:
-    """Check the subject code; a wrong one is a usage error."""
+def _parse(option: str, hint: str, read: Callable[[], T]) -> T:
+    """Read what was typed; a value that cannot be is a usage error."""
     try:
-        return check_subject(text)
+        return read()
     except ValueError:
-        raise typer.BadParameter(f"write {SUBJECT_HINT}", param_hint="--subject") from None
+        raise typer.BadParameter(f"write {hint}", param_hint=option) from None
+
+
+def parse_subject(text: str) -> str:
+    """Check the subject code."""
+    return _parse("--subject", SUBJECT_HINT, lambda: check_subject(text))
 
 
 def parse_windows(texts: list[str] | None) -> tuple[tuple[float, float], ...]:
     """Read the calibration windows."""
-    try:
-        return tuple(parse_window(text) for text in texts or ())
-    except ValueError:
-        raise typer.BadParameter(f"write {WINDOW_HINT}, e.g. 5,15", param_hint="--calibration") from None
+    return _parse("--calibration", f"{WINDOW_HINT}, e.g. 5,15", lambda: tuple(map(parse_window, texts or ())))
 
 
 def parse_axis(text: str | None) -> ArmAxis | None:
     """Read the sensor's axis that was strapped along the arm."""
-    try:
-        return parse_arm_axis(text) if text is not None else None
-    except ValueError:
-        raise typer.BadParameter(f"write {AXIS_HINT}", param_hint="--axis") from None
+    return _parse("--axis", AXIS_HINT, lambda: None if text is None else parse_arm_axis(text))
 
 
 def parse_shard_option(text: str | None) -> Shard | None:
     """Read which slice of the recordings is done; None for all."""
-    try:
-        return parse_shard(text) if text is not None else None
-    except ValueError:
-        raise typer.BadParameter(f"write {SHARD_HINT}, e.g. 3/8", param_hint="--shard") from None
+    return _parse("--shard", f"{SHARD_HINT}, e.g. 3/8", lambda: None if text is None else parse_shard(text))
 
 
 def parse_slip_times(texts: list[str] | None, option: str) -> tuple[float, ...]:
     """Read when the sensor slipped, or did not."""
-    try:
-        return tuple(parse_slip_time(text) for text in texts or ())
-    except ValueError:
-        raise typer.BadParameter(f"write {SLIP_HINT}, e.g. 14400", param_hint=option) from None
+    return _parse(option, f"{SLIP_HINT}, e.g. 14400", lambda: tuple(map(parse_slip_time, texts or ())))
 
 
 def check_windows(requests: Iterable[ReportRequest]) -> None:

@@ -22,13 +22,15 @@ import typer
 from app.batch.plan import Task, format_path
 from app.batch.run import Outcome, find_done, run_tasks
 from app.batch.shards import Collected, ShardRecord
-from app.errors import UNREADABLE_PATH, Interrupted
+from app.errors import UNREADABLE_PATH, AppError, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
+from app.report.figures import load_results
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import Clock, format_duration, format_number
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
+from fusion.errors import FusionError
 
 _TABLES = "app.batch.tables"
 """What only the end of a run needs; it is loaded while the first recording is analysed."""
@@ -94,25 +96,33 @@ def report_progress(
     what an earlier run has done.
     """
     on_outcome = on_outcome or print_outcome
+    on_progress = _print_stage if on_outcome is print_outcome else lambda *_: None
     outcomes: list[Outcome] = []
     start_s = time.monotonic()
     try:
-        with _handling_signals(signal.default_int_handler, signal.SIGTERM):
+        with handling_signals(signal.default_int_handler, signal.SIGTERM):
             warm_up()
             threading.Thread(target=importlib.import_module, args=(_TABLES,), daemon=True).start()
-            for outcome in run_tasks(
-                tasks, workers, _print_stage if on_outcome is print_outcome else _ignore_stage
-            ):
+            for outcome in run_tasks(tasks, workers, on_progress):
                 outcomes.append(outcome)
-                left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
+                # earlier work cost nothing and says nothing of the rest
+                analysed = sum(not one.repeated for one in outcomes)
+                elapsed_s, left = time.monotonic() - start_s, len(tasks) - len(outcomes)
+                left_s = elapsed_s / analysed * left if analysed else None
                 on_outcome(outcome, Progress(len(outcomes), len(tasks), left_s))
     except KeyboardInterrupt:
-        outcomes += _account_for_rest(tasks, [outcome.task for outcome in outcomes])
+        reached = [outcome.task for outcome in outcomes]
+        rest = [task for task in tasks if task not in reached]
+        done: dict[str, Outcome | None] = {}
+        with suppress(KeyboardInterrupt):  # a second Ctrl-C counts all as not done
+            for task in rest:
+                done[task.name] = find_done(task)
+        outcomes += [done.get(task.name) or Outcome(task, code=Interrupted.code) for task in rest]
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
 
 
 @contextmanager
-def _handling_signals(how: Any, *numbers: int) -> Iterator[None]:
+def handling_signals(how: Any, *numbers: int) -> Iterator[None]:
     """Handle these signals by ``how`` until the end of the block."""
     before = {number: signal.signal(number, how) for number in numbers}
     try:
@@ -122,28 +132,8 @@ def _handling_signals(how: Any, *numbers: int) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _account_for_rest(tasks: Sequence[Task], reached: Sequence[Task]) -> list[Outcome]:
-    """Give the outcomes of tasks that a cut run did not reach; a second Ctrl-C counts all as not done."""
-    rest = [task for task in tasks if task not in reached]
-    found: dict[str, Outcome | None] = {}
-    with suppress(KeyboardInterrupt):
-        for task in rest:
-            found[task.name] = find_done(task)
-    return [found.get(task.name) or Outcome(task, code=Interrupted.code) for task in rest]
-
-
-def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> float | None:
-    """Estimate from what this run did: earlier work cost nothing and says nothing of the rest."""
-    analysed = sum(not outcome.repeated for outcome in outcomes)
-    return elapsed_s / analysed * (total - len(outcomes)) if analysed else None
-
-
-def _ignore_stage(_task: Task, _stage: str | None, _fraction: float) -> None:
-    """Take the place of the line that shows the stage."""
-
-
 def _print_stage(task: Task, stage: str | None, fraction: float) -> None:
-    """Keep one line on a terminal up to date; a log file gets of it that the first run prepares."""
+    """Keep one line on a terminal up to date; a log file is told once that the first run takes longer."""
     language = task.request.languages[0]
     if sys.stderr.isatty():
         word = load_wording(language, "page")["stage"][stage or "starting"]
@@ -161,26 +151,24 @@ def _note_preparing(language: Language) -> None:
 
 def print_outcome(outcome: Outcome, progress: Progress) -> None:
     """Print where the report is and its answer, or the problem and its cure."""
-    request = outcome.task.request
+    task, language = outcome.task, outcome.task.request.languages[0]
+    words, counter = load_wording(language, "run")["outcome"], ""
     if sys.stderr.isatty():
         typer.echo("\r\x1b[K", nl=False, err=True)
-    counter = _count(progress, request.languages[0])
+    if progress.all > 1:
+        left = format_duration(progress.left_s, language) if progress.left_s else ""
+        facts = {"done": str(progress.done), "all": str(progress.all), "time": left}
+        counter = f"[{fill(words['counter'], facts)}] "
     if outcome.code:
-        print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
+        print_problem(counter + task.name, outcome.code, outcome.facts, language)
         return
-    line = f"{counter}{outcome.task.name} -> {format_path(outcome.task.folder)}{_format_version(outcome)}"
-    typer.echo(escape_controls(line))
+    told = f" ({words['already']})" if outcome.repeated else ""
+    if outcome.changes:
+        n, old = str(outcome.version), str(outcome.version - 1)
+        told = f" ({fill(words['version'], {'changes': ', '.join(outcome.changes), 'n': n, 'old': old})})"
+    typer.echo(escape_controls(f"{counter}{task.name} -> {format_path(task.folder)}{told}"))
     for line in outcome.answer:
         typer.echo(f"  {line}")
-
-
-def _count(progress: Progress, language: Language) -> str:
-    if progress.all == 1:
-        return ""
-    words = load_wording(language, "run")["outcome"]
-    left = format_duration(progress.left_s, language) if progress.left_s else ""
-    facts = {"done": str(progress.done), "all": str(progress.all), "time": left}
-    return f"[{fill(words['counter'], facts)}] "
 
 
 def print_failure(outcome: Outcome, _progress: Progress) -> None:
@@ -204,25 +192,26 @@ def print_json(outcome: Outcome, progress: Progress) -> None:
     typer.echo(escape_controls(json.dumps(line, ensure_ascii=False)))
 
 
-def _format_version(outcome: Outcome) -> str:
-    """Say what was not done again, and where the report is that a new one replaces."""
-    words = load_wording(outcome.task.request.languages[0], "run")["outcome"]
-    facts = {
-        "changes": ", ".join(outcome.changes),
-        "n": str(outcome.version),
-        "old": str(outcome.version - 1),
-    }
-    if outcome.changes:
-        return f" ({fill(words['version'], facts)})"
-    return f" ({words['already']})" if outcome.repeated else ""
-
-
 def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
-    """OnOutcome on standard error what is wrong, and the cure."""
+    """Print on standard error what is wrong, and the cure."""
     problem = describe_problem(code, facts, language)
     typer.echo(
         f"{escape_controls(name)}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True
     )
+
+
+@contextmanager
+def refusals_printed(name: str, language: Language) -> Iterator[None]:
+    """Print a refusal, or a path that cannot be used, and leave with its exit code."""
+    try:
+        yield
+    except (FusionError, AppError) as refusal:
+        print_problem(name, refusal.code, refusal.facts, language)
+    except OSError as error:
+        print_problem(name, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
+    else:
+        return
+    raise typer.Exit(Exit.NOTHING_DONE)
 
 
 def finish(
@@ -241,7 +230,7 @@ def finish(
     language = request.languages[0]
     if outcomes:
         try:
-            with _handling_signals(
+            with handling_signals(
                 signal.SIG_IGN, signal.SIGINT, signal.SIGTERM
             ):  # the tables are a second's work
                 importlib.import_module(_TABLES).write_tables(out, outcomes, request, datetime.now(UTC))
@@ -258,7 +247,7 @@ def finish(
 
 def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, language: Language) -> NoReturn:
     """Leave the failures of this slice to ``acromion collect``, and leave with the exit code of the slice."""
-    with _handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):
+    with handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):
         record.write(outcomes)
     typer.echo(_format_total(outcomes, language, "_shard"), err=True)
     words = load_wording(language, "run")["outcome"]
@@ -303,7 +292,7 @@ def _read_assumed(outcome: Outcome) -> dict[str, Any] | None:
     """Return the results of a recording whose pose is assumed."""
     if outcome.code:
         return None
-    results: dict[str, Any] = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    results: dict[str, Any] = load_results((outcome.task.folder / "results.json").read_bytes())
     return results if (results["calibration"] or {}).get("state") == "assumed" else None
 
 

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from app.batch.folder import is_up_to_date
-from app.batch.inputs import Participant
 from app.batch.plan import Task, find_recordings, format_path, plan_joined, plan_tasks
 from app.batch.run import choose_workers, measure_capacity
 from app.batch.shards import ShardRecord, collect_outcomes
@@ -146,8 +145,11 @@ def run(
         "kinds": parse_kinds(report),
         "paper": paper,
     }
-    request = _gather_request(config, lang, given)
-    language, profile = request.languages[0], find_profile(profile, out)
+    settings = read_settings_file(config, lang or "en")
+    settings |= {name: value for name, value in given.items() if value}
+    language = lang or settings.get("languages", ("en",))[0]
+    request = replace(ReportRequest(""), **{**settings, "languages": (language,)})
+    profile = find_profile(profile, out)
     request = replace(
         request,
         subject=parse_subject(subject),
@@ -159,13 +161,17 @@ def run(
         [*(paths or ()), *read_list_file(list_, language)], out, request, inputs, join=join, force=force
     )
     tasks, unmatched = apply_participants_file(participants, tasks, language)
-    _print_unmatched(unmatched, language)
+    for row in unmatched:
+        _note("unmatched", language, line=str(row.line), file=row.file)
     check_windows(task.request for task in tasks)
     mine, record = parse_shard_option(shard), None
     if mine:
         tasks, record = mine.select(tasks), ShardRecord(out, mine, tasks, request)
     if dry_run:
-        _print_plan(tasks, language)
+        words = load_wording(language, "run")["outcome"]
+        for task in tasks:
+            verb = words["would_skip" if not task.force and is_up_to_date(task) else "would_do"]
+            typer.echo(f"{verb}: {format_path(task.log)} -> {format_path(task.folder)}")
         raise typer.Exit
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
     keep_profile(profile, out)
@@ -207,14 +213,6 @@ def exposure(
     finish(report_progress(tasks, 1), out, request)
 
 
-def _gather_request(config: Path | None, lang: Language | None, given: dict[str, Any]) -> ReportRequest:
-    """Lay what was typed over the settings of the study, and those over the defaults."""
-    settings = read_settings_file(config, lang or "en")
-    typed = {name: value for name, value in given.items() if value}
-    languages = (lang,) if lang else settings.get("languages", ("en",))
-    return replace(ReportRequest(""), **{**settings, **typed, "languages": languages})
-
-
 def _plan(
     paths: Sequence[Path],
     out: Path,
@@ -242,19 +240,6 @@ def _choose_workers(tasks: Sequence[Task], language: Language) -> int:
     memory = str(round(capacity.free_bytes / (1 << 30), 1))
     _note("workers", language, n=str(count), cores=str(capacity.cores), memory=memory)
     return count
-
-
-def _print_unmatched(rows: Sequence[Participant], language: Language) -> None:
-    for row in rows:
-        _note("unmatched", language, line=str(row.line), file=row.file)
-
-
-def _print_plan(tasks: Sequence[Task], language: Language) -> None:
-    words = load_wording(language, "run")["outcome"]
-    for task in tasks:
-        done = not task.force and is_up_to_date(task)
-        verb = words["would_skip" if done else "would_do"]
-        typer.echo(f"{verb}: {format_path(task.log)} -> {format_path(task.folder)}")
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

@@ -27,15 +27,11 @@ def demo(
     tasks = plan_tasks([log], out, request, force=False)
     outcomes = report_progress(tasks, 1)
     if not choose_exit(outcomes):
-        _open_report(tasks[0].folder, open_=open_)
+        page = (tasks[0].folder / "report.html").resolve()
+        typer.echo(f"Report: {page}\n        {page.with_suffix('.pdf')}")
+        if open_:
+            typer.launch(page.as_uri())
     finish(outcomes, out, request)
-
-
-def _open_report(folder: Path, *, open_: bool) -> None:
-    page = (folder / "report.html").resolve()
-    typer.echo(f"Report: {page}\n        {page.with_suffix('.pdf')}")
-    if open_:
-        typer.launch(page.as_uri())
 
 
 def simulate(

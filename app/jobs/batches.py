@@ -1,24 +1,25 @@
 """Batches: many analyses under one name."""
 
+import hashlib
+import json
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Select, func, insert, select
+from sqlalchemy import Connection, Select, func, insert, select, update
 
 from app.errors import NotHere
-from app.jobs.database.sealed_text import find_sealer
+from app.jobs.audit_log import record
+from app.jobs.database.connect import lock_tables
 from app.jobs.database.tables import analyses, answers, batch_items, batches
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.trail import record
 from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same, settle_conclusion
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
-from app.storage.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,15 +56,22 @@ class BatchStore(RowStore):
 
         The same bytes with the same settings are analysed once: an item that stands twice counts once, and
         an earlier analysis of the same bytes and settings by this engine is reused unless ``again`` is set.
+        A batch of the same name, items, settings and order that is whole is returned as it is, unless
+        ``again`` is set.
         """
         batch_id = f"ba_{secrets.token_hex(8)}"
+        parts = [name, *([recording.id, identify_work(recording.sha256, wish)] for recording, wish in items)]
+        key = None if again else hashlib.sha256(json.dumps(parts).encode()).hexdigest()
         asked: dict[str, tuple[StoredRow, ReportRequest]] = {}
         for item in items:
             asked.setdefault(identify_work(item[0].sha256, item[1]), item)
         with self._engine.begin() as connection:
+            repeated = None if key is None else _take_key(connection, key)
+            if repeated is not None:
+                return self.get(repeated)
             known = {} if again else _find_known(connection, list(asked))
             wanted = {key: item for key, item in asked.items() if key not in known}
-            row = {"id": batch_id, "name": Label(batch_id, name), "created_at": format_now()}
+            row = {"id": batch_id, "name": name, "created_at": format_now(), "key": key}
             counts = {"item_count": len(asked), "duplicate_count": len(items) - len(wanted)}
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
@@ -130,15 +138,26 @@ def _select_jobs_of(batch_id: str) -> Select[Any]:
     return mine.where(batch_items.c.batch_id == batch_id)
 
 
+def _take_key(connection: Connection, key: str) -> str | None:
+    """Find the whole batch of a key; one that has lost an analysis gives the key up."""
+    lock_tables(connection)  # two requests at once make one batch
+    row = connection.execute(select(batches.c.id, batches.c.item_count).where(batches.c.key == key)).first()
+    if row is None:
+        return None
+    held = select(func.count()).select_from(batch_items).where(batch_items.c.batch_id == row.id)
+    if connection.execute(held).scalar_one() == row.item_count:
+        return str(row.id)
+    connection.execute(update(batches).where(batches.c.id == row.id).values(key=None))
+    return None
+
+
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
     """Give the analysis of each key that has one, the oldest."""
     found: dict[str, str] = {}
-    sealer = find_sealer(connection.engine)
-    asked = {sealer.key_digest(key): key for key in keys}
     for first in range(0, len(keys), KEYS_PER_QUERY):
         query = select_same(keys[first : first + KEYS_PER_QUERY])
         for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
-            found.setdefault(asked[key], analysis_id)
+            found.setdefault(key, analysis_id)
     return found
 
 

@@ -44,7 +44,7 @@ class Job:
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` state why a
     failed job failed, or what delays one that is not over. ``attempts`` counts the attempts that died while
     their worker lived, and the one that runs or succeeded. ``interruptions`` counts the ends of the worker or
-    its computer. ``asked_by``: who asked for it, "" where an earlier release did not
+    its computer. ``asked_by``: who asked for it; "" for the machine
     keep that. ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
     repeats it, or of the earlier report that replaces it.
     """
@@ -75,27 +75,3 @@ class Job:
     def is_over(self) -> bool:
         """The state is final."""
         return not TRANSITIONS[self.state]
-
-
-@dataclass(frozen=True, slots=True)
-class Claimer:
-    """A worker process, uniquely identified.
-
-    ``place`` is the computer, its boot and its process namespace: inside one place a process number and
-    its start time are enough to see whether the process lives. ``started`` is "" where it is unknown.
-    """
-
-    place: str
-    pid: int
-    started: str
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """A running job as other workers see it. ``beats`` grows while its holder lives."""
-
-    analysis_id: str
-    token: str
-    beats: int
-    attempts: int
-    claimer: Claimer

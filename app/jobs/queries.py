@@ -1,7 +1,7 @@
 """Queries that several stores share, and how the values of a row are read."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
@@ -11,7 +11,6 @@ from sqlalchemy import Engine, Row, ScalarSelect, Select, func, select
 from app.jobs.database.tables import analyses, batch_items, recordings, running_time
 from app.jobs.job import Job, JobState
 from app.request import ReportRequest
-from app.storage.labels import Label
 from fusion.diary import DiaryEntry
 
 STORED = "stored"
@@ -92,18 +91,6 @@ def read_job(row: Row[Any]) -> Job:
 def select_running_s() -> ScalarSelect[float]:
     """Select how long the server has run in all: ages are counted in it, so that no clock deletes."""
     return select(func.coalesce(func.max(running_time.c.running_s), 0.0)).scalar_subquery()
-
-
-LABELLED = ("file_name", "subject", "external_id", "note", "inspection", "diary", "tags")
-"""The columns of a recording that hold words."""
-
-
-def label_row(recording_id: str, values: Mapping[str, object]) -> dict[str, object]:
-    """Give values of a recording's columns with their words as labels."""
-    return {
-        name: Label(recording_id, value) if name in LABELLED and isinstance(value, str) else value
-        for name, value in values.items()
-    }
 
 
 def read_diary(text: str) -> tuple[DiaryEntry, ...]:

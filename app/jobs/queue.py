@@ -10,17 +10,18 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Update, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Float, Update, exists, func, insert, select, update
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.functions import FunctionElement
 
+from app.jobs.audit_log import Act, find_actor, record
 from app.jobs.database.tables import analyses, batch_items, recordings
-from app.jobs.job import TRANSITIONS, Claimer, JobState, find_sources
+from app.jobs.job import TRANSITIONS, JobState, find_sources
 from app.jobs.queries import format_now, select_running_s
 from app.jobs.side_files import increment_revision, increment_revision_of
-from app.jobs.trail import Act, find_actor, record
 from app.jobs.versions import identify_work, number_versions
 from app.jobs.webhooks import announce_end
 from app.request import ReportRequest
-from app.storage.labels import Label
 
 WayIn = Literal["web", "api"]
 PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
@@ -31,8 +32,25 @@ _ENDS: Mapping[JobState, Act] = {
 }
 
 
-def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
-    """Give a queued job to a worker, with a new token for the attempt."""
+class DatabaseClock(FunctionElement[float]):
+    """The time by the clock of the database, in seconds: no clocks of two computers are compared."""
+
+    type = Float()
+    inherit_cache = True
+
+
+@compiles(DatabaseClock, "sqlite")
+def _tell_time_in_sqlite(*_: object, **__: object) -> str:
+    return "((julianday('now') - 2440587.5) * 86400.0)"
+
+
+@compiles(DatabaseClock, "postgresql")
+def _tell_time_in_postgresql(*_: object, **__: object) -> str:
+    return "CAST(extract(epoch FROM clock_timestamp()) AS double precision)"
+
+
+def start_job(connection: Connection, analysis_id: str, lease_s: float) -> None:
+    """Give a queued job to a worker, with a new token for the attempt and a lease."""
     started: dict[str, object] = {
         "token": secrets.token_hex(8),
         "stage": None,
@@ -41,10 +59,8 @@ def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> Non
         "problem_facts": None,
         "awaits": None,
         "attempts": analyses.c.attempts + 1,
-        "beats": analyses.c.beats + 1,
-        "claimer_place": claimer.place,
-        "claimer_pid": claimer.pid,
-        "claimer_started": claimer.started,
+        "lease_until_s": DatabaseClock() + lease_s,
+        "is_lease_missed": 0,
         "started_at": func.coalesce(analyses.c.started_at, format_now()),
     }
     change_state(connection, analysis_id, JobState.RUNNING, started)
@@ -119,13 +135,12 @@ def enqueue_all(
         {
             "id": f"an_{secrets.token_hex(8)}",
             "recording_id": recording_id,
-            "request": Label(recording_id, request.to_json()),
+            "request": request.to_json(),
             "key": identify_work(sha256, request),
             "way_in": way_in,
             "state": JobState.QUEUED,
             "progress": 0.0,
             "attempts": 0,
-            "beats": 0,
             "created_at": format_now(),
             "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
             "turn": first + place,

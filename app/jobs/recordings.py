@@ -1,20 +1,27 @@
 """The rows of recordings and of uploads under way."""
 
+import hashlib
 import json
 import secrets
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Row, Select, delete, insert, select, tuple_, update
+from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
-from app.errors import NotHere, OnHold, StaleVersion
-from app.jobs.database.sealed_text import find_sealer
-from app.jobs.database.tables import analyses, recordings, result_files, uploads
-from app.jobs.idempotency import drop_traces
+from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
+from app.jobs.audit_log import Act, find_actor, record
+from app.jobs.database.tables import (
+    analyses,
+    batch_items,
+    batches,
+    purged_uploads,
+    recordings,
+    result_files,
+    uploads,
+)
 from app.jobs.job import JobState
 from app.jobs.library.studies import join_study
-from app.jobs.library.words import Words, build_places, find_index
 from app.jobs.queries import (
     PURGING,
     REFERENCE,
@@ -24,23 +31,25 @@ from app.jobs.queries import (
     format_diary,
     format_now,
     format_tags,
-    label_row,
     read_diary,
     read_tags,
     select_running_s,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 from app.request import ReportRequest
-from app.storage.labels import LABELS, Label
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
 
 HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
-"""Why a recording is kept whatever happens: codes, for the trail holds no sentence."""
+"""Why a recording is kept whatever happens: codes, for the audit log holds no sentence."""
 HOLD_REASONS: tuple[HoldReason, ...] = get_args(HoldReason)
+
+REPETITION_S = 24 * 3600.0
+"""How long the same upload again is taken for a repetition, in running time of the server."""
+PURGED = "purged"
+"""Stands in the row of an upload for its recording, once that was deleted for good."""
 
 Place = tuple[str, str]
 """Where a page of a list ended: the moment it is ordered by and the id of its last row."""
@@ -97,11 +106,6 @@ class RecordingFilter:
         """Order by start, where the filter bounds it; else by the time of storing."""
         return bool(self.begin or self.end)
 
-    def is_called(self, words: Words) -> bool:
-        """Tell whether a recording bears the subject and the name in people's own system."""
-        has_subject = self.subject in ("", words.subject)
-        return has_subject and self.external_id in ("", words.external_id)
-
     def place(self, row: StoredRow) -> Place:
         """Give the place of a row in the list."""
         return (row.start or "" if self.by_start else row.created_at), row.id
@@ -119,10 +123,21 @@ class RecordingStore(RowStore):
     """Rows of recordings; every change is one guarded UPDATE that names the version it saw."""
 
     def add(self, stored: StoredRecording, about: Description) -> StoredRow:
-        """Acknowledge a recording without asking for an analysis."""
+        """Acknowledge a recording without asking for an analysis.
+
+        The same bytes with the same description, sent again within a day by the same subject, give the row
+        that is there: its id is another.
+
+        Raises
+        ------
+        PurgedSince
+        """
         with self._engine.begin() as connection:
-            insert_recording(connection, stored, about)
-        return self.get(stored.id)
+            check_not_purged(connection, stored, about)
+            repeated = _find_repeated(connection, stored, about)
+            if repeated is None:
+                insert_recording(connection, stored, about)
+        return self.get(repeated or stored.id)
 
     def add_reference(self, stored: StoredRecording, file_name: str) -> None:
         """Acknowledge a file that the comparison of another recording needs."""
@@ -147,9 +162,6 @@ class RecordingStore(RowStore):
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that the filter lets through, from ``after`` on."""
         query = _select_wanted(wanted)
-        if wanted.subject or wanted.external_id:
-            found = find_index(self._reader).find(wanted.is_called)
-            query = query.where(recordings.c.id.in_(select(build_places(self._reader, found).c.id)))
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
         if after is not None:
             query = query.where(is_after((moment, recordings.c.id), after))
@@ -164,7 +176,7 @@ class RecordingStore(RowStore):
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
         """Give the ids of a subject's recordings of now, in the trash or not."""
-        return frozenset(find_index(self._reader).find(lambda words: words.subject == subject))
+        return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, unless the row has changed since this version.
@@ -176,8 +188,7 @@ class RecordingStore(RowStore):
         mine = (recordings.c.id == recording_id, recordings.c.version == version)
         change = update(recordings).where(*mine, recordings.c.state == STORED)
         with self._engine.begin() as connection:
-            sealed = label_row(recording_id, values)
-            if connection.execute(change.values(version=version + 1, **sealed)).rowcount != 1:
+            if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
                 raise StaleVersion
             increment_revision(connection, recording_id)
             changed = dict.fromkeys(values, "changed")
@@ -205,17 +216,14 @@ class RecordingStore(RowStore):
                 tags = format_tags({*read_tags(text), *added} - {taken})
                 if tags != text:
                     grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-                    connection.execute(
-                        update(recordings).where(*mine).values(tags=Label(recording_id, tags), **grown)
-                    )
+                    connection.execute(update(recordings).where(*mine).values(tags=tags, **grown))
                     record(connection, "recording.tagged", recording_id)
                     changed += 1
         return changed
 
     def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
         """Store what an inspection found; it follows from the bytes, so that no version guards it."""
-        inspection = Label(recording_id, json.dumps(dict(found)))
-        values = {"inspection": inspection, "start": found.get("start")}
+        values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
         with self._engine.begin() as connection:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
             increment_revision(connection, recording_id)
@@ -275,10 +283,18 @@ class RecordingStore(RowStore):
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
             files = (recording_id, *_find_references(connection, recording_id))
+            _remember_purged(connection, recording_id)
             gone = update(recordings).where(recordings.c.id.in_(files))
-            connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1))
-            record(connection, "recording.purging", recording_id)
+            gone = gone.where(recordings.c.state != PURGING)
+            if connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1)).rowcount:
+                record(connection, "recording.purging", recording_id)
         return Purged(of_it, files)
+
+    def forget_purged(self) -> None:
+        """Forget what was deleted for good more than a day of running time ago."""
+        is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
+        with self._engine.begin() as connection:
+            connection.execute(delete(purged_uploads).where(is_old))
 
     def find_purging(self) -> tuple[str, ...]:
         """Give the recordings whose purge was interrupted."""
@@ -288,9 +304,8 @@ class RecordingStore(RowStore):
     def end_purge(self, recording_id: str) -> None:
         """Delete every row of a recording and of its references, once their files are gone."""
         with self._engine.begin() as connection:
-            emptied = delete_recording(connection, recording_id)
-            record(connection, "recording.purged", recording_id)
-        find_sealer(self._engine).destroy(emptied)
+            if delete_recording(connection, recording_id):
+                record(connection, "recording.purged", recording_id)
         self._empty_log()
 
     def _empty_log(self) -> None:
@@ -362,17 +377,68 @@ def _check_hold(connection: Connection, recording_id: str) -> None:
         raise OnHold(id=recording_id, why=held)
 
 
-def delete_recording(connection: Connection, recording_id: str) -> tuple[str, ...]:
-    """Delete every row of a recording, its references and its analyses; gives the studies left empty."""
+def delete_recording(connection: Connection, recording_id: str) -> bool:
+    """Delete every row of a recording, its references, its analyses and the studies left empty.
+
+    The rows of its uploads stay without words until their term: the upload has an end that can be told. False
+    if there was none.
+    """
     of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
-    gone = tuple(connection.execute(of_it).scalars())
     references = _find_references(connection, recording_id)
     connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
     connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
-    connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
+    emptied = {"recording_id": PURGED, "metadata": "", "description": json.dumps(asdict(Description("")))}
+    connection.execute(update(uploads).where(uploads.c.recording_id == recording_id).values(emptied))
     files = (recording_id, *references)
-    connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
-    return drop_traces(connection, {*gone, *files})
+    deleted = connection.execute(delete(recordings).where(recordings.c.id.in_(files))).rowcount
+    drop_empty_batches(connection)
+    return deleted > 0
+
+
+def drop_empty_batches(connection: Connection) -> None:
+    """Delete the batches that hold no analysis any more."""
+    no_item = ~exists().where(batch_items.c.batch_id == batches.c.id)
+    connection.execute(delete(batches).where(no_item))
+
+
+def _find_repeated(connection: Connection, stored: StoredRecording, about: Description) -> str | None:
+    """Find the recording of the same bytes and description that this subject stored within a day."""
+    is_new = recordings.c.since_s >= select_running_s() - REPETITION_S
+    mine = (recordings.c.sha256 == stored.sha256, recordings.c.stored_by == find_actor())
+    query = select(recordings).where(*mine, is_new, recordings.c.state == STORED)
+    rows = connection.execute(query.order_by(recordings.c.created_at)).all()
+    return next((row.id for row in rows if _read_description(row) == about), None)
+
+
+def _read_description(row: Row[Any]) -> Description:
+    return Description(row.file_name, row.subject, row.side, row.external_id, row.note)
+
+
+def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:
+    """Refuse to bring back by a repeated request what was deleted for good.
+
+    Raises
+    ------
+    PurgedSince
+    """
+    key = _hash_upload(find_actor(), stored.sha256, about)
+    is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
+    known = select(purged_uploads.c.key).where(purged_uploads.c.key == key, ~is_old)
+    if connection.execute(known).first() is not None:
+        raise PurgedSince
+
+
+def _remember_purged(connection: Connection, recording_id: str) -> None:
+    row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
+    if row is None:
+        return
+    key = _hash_upload(row.stored_by, row.sha256, _read_description(row))
+    connection.execute(delete(purged_uploads).where(purged_uploads.c.key == key))
+    connection.execute(insert(purged_uploads).values(key=key, since_s=select_running_s()))
+
+
+def _hash_upload(who: str, sha256: str, about: Description) -> str:
+    return hashlib.sha256(json.dumps([who, sha256, asdict(about)]).encode()).hexdigest()
 
 
 def _find_references(connection: Connection, recording_id: str) -> tuple[str, ...]:
@@ -393,7 +459,8 @@ def insert_recording(
     )
     row = asdict(stored) | {"state": state, "created_at": format_now()}
     row |= {"duplicate_of": connection.execute(same).scalar_one_or_none(), "since_s": select_running_s()}
-    connection.execute(insert(recordings).values(row | label_row(stored.id, asdict(about))))
+    row |= {"stored_by": find_actor()}
+    connection.execute(insert(recordings).values(row | asdict(about)))
     record(connection, "recording.stored", stored.id)
 
 
@@ -404,6 +471,10 @@ def is_after(columns: tuple[Any, Any], place: Place) -> Any:
 
 def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
     query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
+    if wanted.subject:
+        query = query.where(recordings.c.subject == wanted.subject)
+    if wanted.external_id:
+        query = query.where(recordings.c.external_id == wanted.external_id)
     if wanted.sha256:
         query = query.where(recordings.c.sha256 == wanted.sha256)
     if wanted.begin:
@@ -418,7 +489,7 @@ def _read_recording(row: Row[Any]) -> StoredRow:
         size_bytes=row.size_bytes,
         state=row.state,
         created_at=row.created_at,
-        about=Description(row.file_name, row.subject, row.side, row.external_id, row.note),
+        about=_read_description(row),
         duplicate_of=row.duplicate_of,
         version=row.version,
         start=row.start,
@@ -440,7 +511,10 @@ def _read_inspection(text: str | None) -> Mapping[str, Any] | None:
 
 @dataclass(frozen=True, slots=True)
 class UploadRow:
-    """An upload under way. ``metadata`` is what the client sent, and is returned unchanged."""
+    """An upload under way. ``metadata`` is what the client sent, and is returned unchanged.
+
+    ``is_repeated``: its recording was there before, with the same bytes and the same description.
+    """
 
     id: str
     length_bytes: int
@@ -449,6 +523,7 @@ class UploadRow:
     about: Description
     idle_s: float
     recording_id: str | None
+    is_repeated: int
     created_at: str
 
     @property
@@ -468,7 +543,8 @@ class UploadStore(RowStore):
             "offset_bytes": 0,
             "idle_s": 0.0,
             "created_at": format_now(),
-            **_label_upload(LABELS, about, metadata),
+            "description": json.dumps(asdict(about)),
+            "metadata": metadata,
         }
         with self._engine.begin() as connection:
             connection.execute(insert(uploads).values(row))
@@ -508,7 +584,7 @@ class UploadStore(RowStore):
         """Change what is said of an upload; one that is a recording by now stays as it is."""
         mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            connection.execute(mine.values(_label_upload(LABELS, about, metadata)))
+            connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
             record(connection, "upload.described", other={"upload": upload_id})
         return self.get(upload_id)
 
@@ -522,6 +598,9 @@ class UploadStore(RowStore):
     ) -> str:
         """Make the upload a recording, once, and queue the analysis it asks for, in one commit.
 
+        The same bytes with the same description, sent again within a day by the same subject, are the
+        recording that is there.
+
         With ``study``, the analysis joins the study of that name.
 
         Bytes of which another recording has an analysis are not analysed again unasked. Gives the id of the
@@ -529,16 +608,18 @@ class UploadStore(RowStore):
         """
         unfinished = (uploads.c.id == row.id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            sealed = _label_upload(stored.id, row.about, row.metadata)
-            change = update(uploads).where(*unfinished).values(recording_id=stored.id, **sealed)
-            if connection.execute(change).rowcount == 1:
-                insert_recording(connection, stored, row.about)
-                record(connection, "upload.stored", stored.id, other={"upload": row.id})
-                if request is not None and not _is_analysed_elsewhere(connection, stored):
-                    analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
+            repeated = _find_repeated(connection, stored, row.about)
+            recording_id = repeated or stored.id
+            ended = {"recording_id": recording_id, "is_repeated": int(repeated is not None)}
+            if connection.execute(update(uploads).where(*unfinished).values(ended)).rowcount == 1:
+                if repeated is None:
+                    insert_recording(connection, stored, row.about)
+                record(connection, "upload.stored", recording_id, other={"upload": row.id})
+                if request is not None and not _is_analysed(connection, stored):
+                    analysis_id = enqueue(connection, (recording_id, stored.sha256), request, way_in)
                     if study:
                         join_study(connection, study, analysis_id)
-                return stored.id
+                return recording_id
         return self.get(row.id).recording_id or stored.id
 
     def drop(self, upload_id: str) -> None:
@@ -563,14 +644,9 @@ class UploadStore(RowStore):
             return tuple(connection.execute(due).scalars())
 
 
-def _label_upload(owner: str, about: Description, metadata: str) -> dict[str, Label]:
-    """Label what is said of an upload: it belongs to the organisation, then to the recording it became."""
-    return {"description": Label(owner, json.dumps(asdict(about))), "metadata": Label(owner, metadata)}
-
-
-def _is_analysed_elsewhere(connection: Connection, stored: StoredRecording) -> bool:
-    """Whether another recording of the same bytes has an analysis that was neither refused nor cancelled."""
-    twins = (recordings.c.sha256 == stored.sha256, recordings.c.id != stored.id, recordings.c.state == STORED)
+def _is_analysed(connection: Connection, stored: StoredRecording) -> bool:
+    """Whether a recording of the same bytes has an analysis that was neither refused nor cancelled."""
+    twins = (recordings.c.sha256 == stored.sha256, recordings.c.state == STORED)
     query = select(analyses.c.id).join(recordings, analyses.c.recording_id == recordings.c.id)
     counts = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED))
     return connection.execute(query.where(*twins, counts).limit(1)).first() is not None

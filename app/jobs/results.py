@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import NoSuchFile, NotFinished, ResultDamaged
+from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.store import JobStore
-from app.jobs.trail import touch
 from app.storage.store import ResultFile, Storage, borrow_result
 
 
@@ -60,26 +59,6 @@ class ResultReader:
         """
         with self.borrow(job, name) as path:
             return path.read_bytes()
-
-
-def complete_headlines(store: JobStore, results: ResultReader, limit: int) -> int:
-    """Read what earlier releases did not keep for the list from the files of reports; gives their number."""
-    jobs = store.find_incomplete(limit)
-    for job in jobs:
-        store.complete_headline(job, _read_headline(results, job))
-    return len(jobs)
-
-
-def _read_headline(results: ResultReader, job: Job) -> HeadlineFigures | None:
-    try:
-        with results.borrow(job, "results.json") as path:
-            try:
-                with results.borrow(job, "findings.json") as findings:
-                    return read_headline(path, findings)
-            except NoSuchFile:
-                return read_headline(path)
-    except (NotFinished, NoSuchFile, ResultDamaged):
-        return None
 
 
 def check_succeeded(job: Job, name: str) -> None:

@@ -1,23 +1,20 @@
 """The side file of each stored recording: a copy of its rows beside its bytes, in case the database is lost.
 
 Every change of a recording or of its analyses increments ``recordings.revision`` in its own transaction
-(:func:`increment_revision`). The side file is written after that commit; ``recordings.side_revision`` then
-holds the revision that it was written from. A crash between the two leaves a lag, which the next writer
-closes. Where a side file and the rows differ, the rows count.
+(:func:`increment_revision`). Housekeeping writes the side files of rows that have moved on, within a second
+or two of the commit; ``recordings.side_revision`` then holds the revision that it was written from. Where a
+side file and the rows differ, the rows count.
 """
 
 import hashlib
 import json
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Table, insert, select, update
+from sqlalchemy import Connection, Engine, Table, delete, insert, select, update
 
-from app.errors import KeyGone
 from app.jobs.database.dump import reset_row
-from app.jobs.database.sealed_text import SealedText
 from app.jobs.database.tables import (
     REVISION,
     analyses,
@@ -30,10 +27,7 @@ from app.jobs.database.tables import (
 )
 from app.jobs.job import TRANSITIONS, JobState
 from app.jobs.queries import PURGING
-from app.storage.labels import Label
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
-
-logger = logging.getLogger(__name__)
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releases, batches, batch_items)
@@ -48,11 +42,7 @@ class SideFile:
 
     revision: int
     rows: Rows
-
-    @property
-    def is_purging(self) -> bool:
-        """The purge of the recording was interrupted."""
-        return bool(self.recording["state"] == PURGING)
+    tables: str = REVISION
 
     @property
     def recording(self) -> Mapping[str, Any]:
@@ -61,7 +51,7 @@ class SideFile:
 
     def encode(self) -> bytes:
         """Give the content of the file: indented JSON, with a digest of the rows."""
-        content = {"schema": SCHEMA, "tables": REVISION, "revision": self.revision}
+        content = {"schema": SCHEMA, "tables": self.tables, "revision": self.revision}
         content |= {"sha256": _hash_rows(self.rows), "rows": self.rows}
         return json.dumps(content, ensure_ascii=False, indent=1).encode()
 
@@ -70,7 +60,7 @@ def decode_side_file(content: bytes | None, recording_id: str) -> SideFile | Non
     """Read the content of a side file; None where it is absent, damaged, or of another recording."""
     try:
         found = json.loads(content or b"")
-        side = SideFile(int(found["revision"]), found["rows"])
+        side = SideFile(int(found["revision"]), found["rows"], str(found["tables"]))
         is_whole = found["schema"] == SCHEMA and found["sha256"] == _hash_rows(side.rows)
         return side if is_whole and side.recording["id"] == recording_id else None
     except (ValueError, KeyError, TypeError, IndexError):
@@ -134,8 +124,7 @@ def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
     """Add the rows of a side file that the database does not have; gives those that were added.
 
     Present rows stay as they are, except for an analysis that is unfinished in the database and over in the
-    side file: states only move forward. Files and figures are added with their analysis. Columns of another
-    release are left out or take their default.
+    side file: states only move forward. Files and figures are added with their analysis.
     """
     kept, ended = _update_analyses(connection, side.rows["analyses"])
     added = {}
@@ -149,6 +138,17 @@ def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
     return added | {"analyses": [*added["analyses"], *ended]}
 
 
+def replace_rows(connection: Connection, side: SideFile) -> Rows:
+    """Replace the older rows of a recording by those of its side file; gives these."""
+    recording_id = str(side.recording["id"])
+    of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
+    connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
+    connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
+    values = {**side.recording, "side_revision": side.revision}
+    connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
+    return add_missing_rows(connection, side)
+
+
 def _update_analyses(
     connection: Connection, rows: Sequence[Mapping[str, Any]]
 ) -> tuple[frozenset[str], list[Mapping[str, Any]]]:
@@ -160,8 +160,7 @@ def _update_analyses(
         if state is None:
             continue
         if TRANSITIONS[JobState(state)] and not TRANSITIONS[JobState(row["state"])]:
-            values = label_side_row(analyses, row)
-            connection.execute(update(analyses).where(mine).values(values))
+            connection.execute(update(analyses).where(mine).values(row))
             ended.append(row)
         else:
             kept.add(str(row["id"]))
@@ -175,23 +174,9 @@ def _add_missing(
     for row in rows:
         key = [column == row[column.name] for column in table.primary_key.columns]
         if connection.execute(select(table).where(*key)).first() is None:
-            connection.execute(insert(table).values(label_side_row(table, row)))
+            connection.execute(insert(table).values(row))
             added.append(row)
     return added
-
-
-def label_side_row(table: Table, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the columns of a row that this release has, with its words as labels of what it belongs to."""
-    owner = str(row.get("recording_id") or row.get("id") or "")
-    known = {name: value for name, value in row.items() if name in table.columns}
-    return {
-        name: Label(owner, value) if value is not None and _holds_words(table, name) else value
-        for name, value in known.items()
-    }
-
-
-def _holds_words(table: Table, name: str) -> bool:
-    return isinstance(table.c[name].type, SealedText)
 
 
 def mark_side_file_stale(connection: Connection, side: SideFile) -> None:
@@ -248,10 +233,7 @@ class SideWriter:
         if side is None:
             return True
         self._quarantine_newer(recording_id, side)
-        try:
-            self.storage.write_small(format_side_file_name(recording_id), side.encode())
-        except KeyGone:  # nothing of it can be read any more, nor written beside it
-            logger.warning("the key of %s is not here: its side file is not written", recording_id)
+        self.storage.write_small(format_side_file_name(recording_id), side.encode())
         mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
         with self.engine.begin() as connection:
             written = update(recordings).where(*mine).values(side_revision=side.revision)

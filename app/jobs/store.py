@@ -5,19 +5,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Engine, Executable, Select, func, insert, select, update
+from sqlalchemy import (
+    Connection,
+    Engine,
+    Executable,
+    Select,
+    and_,
+    case,
+    func,
+    insert,
+    or_,
+    select,
+    update,
+)
 from sqlalchemy.exc import OperationalError
 
-from app.errors import Interrupted, NotHere, StoreMismatch
+from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
+from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
-from app.jobs.database.sealed_text import use_sealer
-from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
-from app.jobs.job import Claim, Claimer, Job, JobState
-from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline, update_headline
+from app.jobs.database.tables import analyses, facts, recordings, result_files
+from app.jobs.job import Job, JobState
+from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline
 from app.jobs.library.studies import follow_recording, join_study
-from app.jobs.library.words import WordIndex, use_index
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import (
+    DatabaseClock,
     WayIn,
     cancel_job,
     change_state,
@@ -28,21 +40,18 @@ from app.jobs.queue import (
     start_job,
     update_one_row,
 )
-from app.jobs.recordings import Description, Place, insert_recording, is_after
+from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
-from app.storage.keys import open_keys
-from app.storage.labels import Label, LabelSealer
 from app.storage.store import ResultFile, StoredRecording
 from fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 MOST_SAME = 20
 AWAITED = "header"
-"""The fact of a refusal that names the header whose columns an analysis awaits; rows hold it keyed."""
+"""The fact of a refusal that names the header whose columns an analysis awaits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +72,8 @@ class JobStore(RowStore):
 
     def __init__(self, settings: Settings) -> None:
         engine = open_database(settings.database_url)
-        use_sealer(engine, LabelSealer(open_keys(settings)))
         super().__init__(engine, engine.execution_options(**READ_ONLY))
-        use_index(engine, WordIndex(self._reader))
+        self._lease_s, self._most_interruptions = settings.lease_s, settings.max_interruptions
 
     def close(self) -> None:
         """Close every connection to the database."""
@@ -105,9 +113,15 @@ class JobStore(RowStore):
         external_id: str = "",
         study: str = "",
     ) -> Job:
-        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit."""
+        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit.
+
+        Raises
+        ------
+        PurgedSince
+        """
         about = Description(request.file_name, request.subject, request.side, external_id)
         with self._engine.begin() as connection:
+            check_not_purged(connection, stored, about)
             insert_recording(connection, stored, about)
             analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
             if study:
@@ -120,12 +134,38 @@ class JobStore(RowStore):
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
-    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
-        """Queue what a person corrected on the page; every study of the recording goes on with it."""
+    def correct(self, job: Job, asked: ReportRequest) -> Job:
+        """Queue what a person corrected of the current version; the same correction again is made once.
+
+        Raises
+        ------
+        StaleVersion
+            ``job`` is not the current version any more.
+        """
+        counted = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED, JobState.FAILED)
+        mine = (analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None))
+        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         with self._engine.begin() as connection:
-            asked = settle_conclusion(connection, job, asked)
-            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
-            follow_recording(connection, analysis_id)
+            # nobody else corrects this recording until the end of the transaction
+            of_it = select(recordings.c.id).where(recordings.c.id == job.recording_id)
+            connection.execute(of_it.with_for_update())
+            query = select_jobs().where(*mine, analyses.c.state.in_(counted)).order_by(*newest_first)
+            jobs = (read_job(row) for row in connection.execute(query).all())
+            newest = next((one for one in jobs if one.request.reference is None), job)
+            if newest.id != job.id:
+                key = identify_work(job.sha256, settle_conclusion(connection, job, asked))
+                same = select(analyses.c.id).where(analyses.c.id == newest.id, analyses.c.key == key)
+                if connection.execute(same).first() is not None:
+                    return newest
+            if newest.request.version != job.request.version:
+                raise StaleVersion
+            analysis_id = _queue_again(connection, job, asked)
+        return self.get(analysis_id)
+
+    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
+        """Queue another analysis of a recording; every study of the recording goes on with it."""
+        with self._engine.begin() as connection:
+            analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
@@ -205,17 +245,6 @@ class JobStore(RowStore):
                 follow_recording(connection, again)
         return len(asked)
 
-    def find_incomplete(self, limit: int) -> tuple[Job, ...]:
-        """Give analyses whose headline figures an earlier release wrote, without method and day."""
-        mine = select(answers.c.analysis_id).where(answers.c.method.is_(None)).limit(limit)
-        return tuple(read_job(row) for row in self._read_all(select_jobs().where(analyses.c.id.in_(mine))))
-
-    def complete_headline(self, job: Job, headline: HeadlineFigures | None) -> None:
-        """Complete the headline figures of an analysis."""
-        with self._engine.begin() as connection:
-            update_headline(connection, job.id, headline)
-            increment_revision(connection, job.recording_id)
-
     def withdraw(self, analysis_id: str) -> Job:
         """Replace a failed analysis by the report before it; gives the analysis of that report.
 
@@ -292,33 +321,58 @@ class JobStore(RowStore):
         """Count the jobs that wait."""
         return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
 
-    def claim(self, claimer: Claimer) -> Job | None:
+    def claim(self) -> Job | None:
         """Take the job whose turn it is (:mod:`app.jobs.queue`), or None when nothing waits."""
         with self._engine.begin() as connection:
             analysis_id = find_next(connection)
             if analysis_id is None:
                 return None
             renumber(connection, analysis_id)
-            start_job(connection, analysis_id, claimer)
+            start_job(connection, analysis_id, self._lease_s)
         return self.get(analysis_id)
 
-    def beat(self, analysis_id: str, token: str, stage: str | None, progress: float) -> bool:
-        """Record that the attempt lives and how far it is; False when the job is no longer its own."""
+    def renew(self, analysis_id: str, token: str, stage: str | None, progress: float) -> bool:
+        """Renew the lease of an attempt and record its progress; False when the job is no longer its own."""
+        lease = {"lease_until_s": DatabaseClock() + self._lease_s, "is_lease_missed": 0}
         change = (
             update(analyses)
             .where(analyses.c.id == analysis_id, analyses.c.token == token)
             .where(analyses.c.state == JobState.RUNNING)
-            .values(beats=analyses.c.beats + 1, stage=stage, progress=progress)
+            .values(lease | {"stage": stage, "progress": progress})
         )
         with self._engine.begin() as connection:
             return update_one_row(connection, change)
 
-    def owns(self, analysis_id: str, token: str) -> bool:
-        """Tell whether the attempt still holds the job; writes nothing."""
-        query = select(analyses.c.id).where(
-            analyses.c.id == analysis_id, analyses.c.token == token, analyses.c.state == JobState.RUNNING
+    def return_expired(self) -> tuple[tuple[str, str], ...]:
+        """Put back the jobs whose lease ran out twice in a row; return analysis and token of each attempt.
+
+        The first time the lease is only extended: after a computer slept, the database was away or a clock
+        was changed, a living worker renews it before it runs out again. The end of a worker is no evidence
+        against the file: it counts as an interruption (:meth:`interrupt`).
+        """
+        now_s, missed = DatabaseClock(), analyses.c.is_lease_missed
+        # far in the future: the clock was put back
+        is_out = or_(analyses.c.lease_until_s < now_s, analyses.c.lease_until_s > now_s + self._lease_s + 1.0)
+        out = (analyses.c.state == JobState.RUNNING, is_out)
+        is_last = and_(missed == 1, analyses.c.interruptions >= self._most_interruptions - 1)
+        change = update(analyses).where(*out, ~is_last)
+        change = change.values(
+            state=case((missed == 1, JobState.QUEUED.value), else_=JobState.RUNNING.value),
+            attempts=analyses.c.attempts - missed,
+            interruptions=analyses.c.interruptions + missed,
+            stage=case((missed == 1, None), else_=analyses.c.stage),
+            progress=case((missed == 1, 0.0), else_=analyses.c.progress),
+            lease_until_s=now_s + self._lease_s,
+            is_lease_missed=1 - missed,
         )
-        return self._read_one(query) is not None
+        attempt = (analyses.c.id, analyses.c.token)
+        with self._engine.begin() as connection:
+            changed = connection.execute(change.returning(*attempt, analyses.c.state)).all()
+            last = connection.execute(select(*attempt).where(*out, is_last)).all()
+        for row in last:
+            self.interrupt(row.id, row.token)
+        back = [row for row in changed if row.state == JobState.QUEUED]
+        return tuple((row.id, row.token) for row in (*back, *last))
 
     def finish(
         self,
@@ -347,7 +401,7 @@ class JobStore(RowStore):
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job, with the reason."""
         with self._engine.begin() as connection:
-            ended = _write_end(connection, analysis_id, code, facts)
+            ended = _write_end(code, facts)
             return change_state(connection, analysis_id, JobState.FAILED, ended, token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
@@ -356,26 +410,25 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             return change_state(connection, analysis_id, JobState.QUEUED, back, token)
 
-    def interrupt(self, analysis_id: str, token: str, most: int) -> bool:
+    def interrupt(self, analysis_id: str, token: str) -> bool:
         """Put back a job whose worker or computer has ended, without counting the attempt.
 
-        The ``most``-th interruption fails it: the analysis itself may be what ends its computer.
+        After ``max_interruptions`` it fails: the analysis itself may be what ends its computer.
         """
         mine = select(analyses.c.interruptions).where(analyses.c.id == analysis_id)
         counted = {"attempts": analyses.c.attempts - 1, "interruptions": analyses.c.interruptions + 1}
         with self._engine.begin() as connection:
             times = 1 + int(connection.execute(mine).scalar() or 0)
-            if times < most:
+            if times < self._most_interruptions:
                 return change_state(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
-            ended = _write_end(connection, analysis_id, Interrupted.code, {"times": times})
+            ended = _write_end(Interrupted.code, {"times": times})
             return change_state(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
     def record_delay(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
         """Record what delays an attempt, and how often its job was put back for it."""
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
-        label = Label(self.find_recording(analysis_id), facts)
-        delay = {"problem_code": code, "problem_facts": label, "put_backs": put_backs}
+        delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
         self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
@@ -388,22 +441,6 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             cancel_job(connection, analysis_id)
         return self.get(analysis_id)
-
-    def find_claims(self) -> tuple[Claim, ...]:
-        """Give every running job and who holds it."""
-        query = select(
-            analyses.c.id,
-            analyses.c.token,
-            analyses.c.beats,
-            analyses.c.attempts,
-            analyses.c.claimer_place,
-            analyses.c.claimer_pid,
-            analyses.c.claimer_started,
-        ).where(analyses.c.state == JobState.RUNNING)
-        return tuple(
-            Claim(row.id, row.token, row.beats, row.attempts, Claimer(*row[4:]))
-            for row in self._read_all(query)
-        )
 
     def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
         """Give the published file of this name; None where there is none."""
@@ -483,19 +520,23 @@ class JobStore(RowStore):
         return frozenset((row.id, row.token) for row in self._read_all(query))
 
 
+def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
+    asked = settle_conclusion(connection, job, asked)
+    analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
+    follow_recording(connection, analysis_id)
+    return analysis_id
+
+
 def _select_files(analysis_id: str) -> Select[Any]:
     """Select the published files of an analysis, in the order of :class:`ResultFile`'s fields."""
     columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
     return select(*columns).where(result_files.c.analysis_id == analysis_id)
 
 
-def _write_end(
-    connection: Connection, analysis_id: str, code: str, facts: Mapping[str, Fact]
-) -> dict[str, object]:
-    owner = connection.execute(select(analyses.c.recording_id).where(analyses.c.id == analysis_id)).scalar()
+def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
     return {
         "problem_code": code,
-        "problem_facts": Label(str(owner), json.dumps(dict(facts))),
+        "problem_facts": json.dumps(dict(facts)),
         "awaits": facts.get(AWAITED),
         "ended_at": format_now(),
     }

@@ -16,12 +16,10 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
 
-from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import select_jobs
 from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
-from app.storage.labels import Label
 from app.version import identify_engine
 
 KEYS_PER_QUERY = 500
@@ -32,10 +30,7 @@ Item = tuple[str, str, ReportRequest]
 
 
 def identify_work(sha256: str, request: ReportRequest) -> str:
-    """Hash input, settings and engine: the same three give the same report, whichever version it is.
-
-    Rows hold it keyed (:class:`~app.jobs.database.sealed_text.KeyedDigest`): it would confirm a guessed name.
-    """
+    """Hash input, settings and engine: the same three give the same report, whichever version it is."""
     plain = replace(request, version=1, changes=(), reason="", draft=None)
     parts = (sha256, plain.to_json(), identify_engine())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -103,15 +98,15 @@ def renumber(connection: Connection, analysis_id: str) -> None:
         numbered = replace(numbered, draft=_compare_draft(histories[row.id], numbered.draft, numbered))
     if numbered != asked:
         change = update(analyses).where(analyses.c.id == analysis_id)
-        connection.execute(change.values(request=Label(row.id, numbered.to_json())))
+        connection.execute(change.values(request=numbered.to_json()))
 
 
 def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
 ) -> dict[str, _History]:
-    histories, sealer = {recording_id: _History() for recording_id in digests}, find_sealer(connection.engine)
+    histories = {recording_id: _History() for recording_id in digests}
     for recording_id, key, request in _read_earlier(connection, set(digests), states):
-        is_ours = key == sealer.key_digest(identify_work(digests[recording_id], request))
+        is_ours = key == identify_work(digests[recording_id], request)
         histories[recording_id].add(request, is_ours=is_ours)
     return histories
 
@@ -169,7 +164,7 @@ def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) ->
     if asked.conclusion is None:
         return asked
     key = connection.execute(select(analyses.c.key).where(analyses.c.id == job.id)).scalar()
-    is_ours = key == find_sealer(connection.engine).key_digest(identify_work(job.sha256, job.request))
+    is_ours = key == identify_work(job.sha256, job.request)
     is_same = is_ours and asked.describe_settings() == job.request.describe_settings()
     return asked if is_same else replace(asked, conclusion=None)
 
@@ -182,8 +177,8 @@ def drop_drafts(connection: Connection, recording_id: str) -> bool:
     }
     drafted = {analysis_id: request for analysis_id, request in asked.items() if request.draft is not None}
     for analysis_id, request in drafted.items():
-        label = Label(recording_id, replace(request, draft=None).to_json())
-        connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(request=label))
+        values = {"request": replace(request, draft=None).to_json()}
+        connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(values))
     return bool(drafted)
 
 

@@ -7,15 +7,15 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import AppError, Crashed, DiskFull, KeyGone, ResultDamaged, StoreAway, StoreDamaged
+from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
 from app.jobs.children.attempt import (
     Attempt,
     Died,
@@ -34,9 +34,7 @@ from app.jobs.database.connect import translate_database_errors, translate_start
 from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.library.mappings import MappingStore
-from app.jobs.organisations import find_organisations
-from app.jobs.processes.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
-from app.jobs.side_files import SideWriter
+from app.jobs.processes.lease import Lease
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
@@ -45,11 +43,9 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
-from app.storage.sealing import SealedStorage
-from app.storage.store import borrow_recording, borrow_result, check_folder
+from app.storage.store import TEMPORARY_S, Storage, borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
-LOOK_S = 5.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
@@ -60,20 +56,14 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Everything that a worker needs; ``make`` replaces the science where it is given.
-
-    ``revives``: it puts back what dead workers held before each job; not where one does so for all.
-    """
+    """Everything that a worker needs; ``make`` replaces the science where it is given."""
 
     store: JobStore
-    storage: SealedStorage
+    storage: Storage
     settings: Settings
-    watch: LeaseWatch
     stopping: threading.Event
     cache: DecodedCache
     make: MakeReport | None = None
-    heartbeat: WorkerHeartbeat = field(default_factory=WorkerHeartbeat)
-    revives: bool = True
 
 
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
@@ -89,131 +79,65 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
         check_folder(settings.data_dir)
         store = JobStore(settings)
         store.check_belongs(storage.identify())
-    watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
-    return Bench(store, storage, settings, watch, threading.Event(), cache, make)
+    return Bench(store, storage, settings, threading.Event(), cache, make)
 
 
 def run_next(bench: Bench) -> bool:
     """Do one job, from claim to published report; False when nothing waits."""
-    if bench.revives:
-        reclaim_abandoned(bench)
-    job = bench.store.claim(bench.watch.me)
+    return_expired(bench)
+    job = bench.store.claim()
     if job is None or job.token is None:
         return False
-    started_s = time.monotonic()
-    with ClaimHeartbeat(bench.store, (job.id, job.token), bench.settings.heartbeat_s).running() as heartbeat:
-        outcome = _attempt_or_delay(bench, job, job.token, heartbeat)
-        _retry_until_done(bench, partial(_publish, bench, job, job.token, outcome))
-    _write_side_file(bench, job.recording_id)
+    started_s, lease = time.monotonic(), Lease(bench.store, job.id, job.token)
+    outcome = _attempt_or_delay(bench, job, job.token, lease)
+    while True:
+        try:
+            _publish(bench, job, job.token, outcome, lease)
+            break
+        except (OperationalError, StoreAway):  # a finished analysis is worth the wait
+            logger.exception("database or store does not answer; trying again")
+            lease.renew(None, 0.0)
+            if bench.stopping.wait(TROUBLE_S):
+                raise
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
 
 
-def _write_side_file(bench: Bench, recording_id: str) -> None:
-    """Write the side file from the rows of this moment; the server writes it later if this fails."""
-    try:
-        SideWriter(bench.store.engine, bench.store.reader, bench.storage).write(recording_id)
-    except (AppError, OSError, OperationalError):
-        logger.exception("side file of %s is not written", recording_id)
+def return_expired(bench: Bench) -> None:
+    """Put back what workers held that are gone, and remove what they left half made."""
+    for analysis_id, token in bench.store.return_expired():
+        logger.warning("%s: its worker is gone", analysis_id)
+        bench.storage.drop_attempt(analysis_id, token)
 
 
-def reclaim_abandoned(bench: Bench) -> None:
-    """Put back the jobs whose worker or computer has ended; fail those that were interrupted too often.
-
-    The end of a worker is no evidence against the file: only the death of a child whose worker lives is.
-    """
-    for claim in bench.watch.find_abandoned(bench.store.find_claims()):
-        logger.warning("%s: its worker is gone", claim.analysis_id)
-        bench.store.interrupt(claim.analysis_id, claim.token, bench.settings.max_interruptions)
-        bench.storage.drop_attempt(claim.analysis_id, claim.token)
-
-
-def run_worker(
-    settings: Settings,
-    make: MakeReport | None = None,
-    parent_pid: int | None = None,
-    heartbeat: WorkerHeartbeat | None = None,
-) -> None:
+def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None) -> None:
     """Run jobs until SIGTERM or SIGINT or, between two jobs, until the parent is gone."""
     bench = open_bench(settings, make)
-    if heartbeat is not None:
-        bench = replace(bench, heartbeat=heartbeat)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
     warm_up_and_wait()
-    benches = Benches(bench)
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-        bench.heartbeat.step()
-        if not benches.run_round():
+        if not run_next_patiently(bench):
             bench.stopping.wait(IDLE_S)
-    benches.close()
+    bench.store.close()
 
 
-class Benches:
-    """A worker's benches, one for each organisation; they are served in turn, one job each."""
-
-    def __init__(self, own: Bench) -> None:
-        self.own = own
-        self._others: dict[str, Bench] = {}
-        self._looked_s = -LOOK_S
-
-    def run_round(self) -> bool:
-        """Do one job of each organisation; False when nothing waits anywhere."""
-        done = [run_next_patiently(bench) for bench in self.find() if not bench.stopping.is_set()]
-        return any(done)
-
-    def find(self) -> tuple[Bench, ...]:
-        """Give the benches; new organisations are looked for every five seconds."""
-        if time.monotonic() - self._looked_s >= LOOK_S:
-            self._look()
-            self._looked_s = time.monotonic()
-        return self.own, *self._others.values()
-
-    def close(self) -> None:
-        """Close every database."""
-        for bench in self.find():
-            bench.store.close()
-
-    def _look(self) -> None:
-        try:
-            for organisation in find_organisations(self.own.settings, self.own.store.reader):
-                if organisation not in self._others:
-                    self._others[organisation] = self._open(organisation)
-        except (AppError, OperationalError):  # its server is about to make its tables, or is away
-            logger.exception("an organisation cannot be opened; trying again")
-
-    def _open(self, organisation: str) -> Bench:
-        opened = open_bench(self.own.settings.for_organisation(organisation), self.own.make)
-        own = self.own
-        return replace(opened, stopping=own.stopping, heartbeat=own.heartbeat, revives=own.revives)
-
-
-def run_by_settings(
-    settings: Settings, parent_pid: int | None = None, heartbeat: WorkerHeartbeat | None = None
-) -> None:
-    """Run the loop of the engine in the settings.
+def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
+    """Run the loop of the engine in the settings; Procrastinate is loaded only where it is chosen.
 
     Raises
     ------
     ServerRefused, DatabaseAway, StoreAway, DiskFull
         At the start; and DatabaseDamaged later.
     """
-    heartbeat = heartbeat or WorkerHeartbeat()
-    heartbeat.start()
-    try:
-        with translate_database_errors(settings.database_url):
-            choose_engine(settings)(parent_pid=parent_pid, heartbeat=heartbeat)
-    finally:
-        heartbeat.stop()
-
-
-def choose_engine(settings: Settings) -> Callable[..., None]:
-    """Give the loop of the engine in the settings; Procrastinate is loaded only where it is chosen."""
-    if settings.engine == "embedded":
-        return partial(run_worker, settings)
-    return partial(load_extra("app.jobs.processes.cluster").run_cluster_worker, settings)
+    with translate_database_errors(settings.database_url):
+        if settings.engine == "embedded":
+            run_worker(settings, parent_pid=parent_pid)
+        else:
+            cluster = load_extra("app.jobs.processes.cluster")
+            cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
 def run_next_patiently(bench: Bench) -> bool:
@@ -226,33 +150,12 @@ def run_next_patiently(bench: Bench) -> bool:
         return False
 
 
-def _retry_until_done(bench: Bench, change: Callable[[], None]) -> None:
-    """Repeat a guarded change until database and store answer: a finished analysis is worth the wait."""
-    while True:
-        try:
-            return change()
-        except (OperationalError, StoreAway):
-            logger.exception("database or store does not answer; trying again")
-            bench.heartbeat.step()
-            if bench.stopping.wait(TROUBLE_S):
-                raise
-
-
-@dataclass(frozen=True, slots=True)
-class Delay:
-    """Why a job cannot go on now, how often it was put back for a full disk, and how long it waits now."""
-
-    code: str
-    put_backs: int
-    pause_s: float
-
-
-def _attempt_or_delay(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> Outcome:
+def _attempt_or_delay(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
     """Make the attempt; where the store or the disk fails, delay the job and put it back, uncounted."""
     try:
-        outcome = _attempt(bench, job, token, heartbeat)
+        outcome = _attempt(bench, job, token, lease)
     except StoreAway as trouble:
-        return _delay(bench, job, heartbeat, Delay(trouble.code, job.put_backs, TROUBLE_S))
+        return _delay(bench, job, lease, trouble.code, TROUBLE_S)
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
     except StoreDamaged as damaged:
@@ -264,28 +167,32 @@ def _attempt_or_delay(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartb
     if job.put_backs >= bench.settings.max_put_backs:
         return Refused(DiskFull.code, {"tries": job.put_backs + 1})
     pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
-    return _delay(bench, job, heartbeat, Delay(DiskFull.code, job.put_backs + 1, pause_s))
+    job = replace(job, put_backs=job.put_backs + 1)
+    return _delay(bench, job, lease, DiskFull.code, pause_s)
 
 
-def _delay(bench: Bench, job: Job, heartbeat: ClaimHeartbeat, delay: Delay) -> Outcome:
+def _delay(bench: Bench, job: Job, lease: Lease, code: str, pause_s: float) -> Outcome:
     """Record the delay, and keep the job for a while: a peer on the same disk would meet the same trouble."""
-    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, delay.pause_s, delay.code)
+    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, pause_s, code)
     with suppress(OperationalError):  # the database may lie on the disk that is full
-        bench.store.record_delay(job.id, str(job.token), delay.code, delay.put_backs)
-    end_s = time.monotonic() + delay.pause_s
-    while time.monotonic() < end_s and _report_unless_stopping(bench, heartbeat, None, 0.0):
+        bench.store.record_delay(job.id, str(job.token), code, job.put_backs)
+    end_s = time.monotonic() + pause_s
+    while time.monotonic() < end_s and _renew_unless_stopping(bench, lease, None, 0.0):
         bench.stopping.wait(IDLE_S)
     return Stopped()
 
 
-def _attempt(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> Outcome:
-    bench.storage.opened.sweep()  # a killed worker may have left copies in clear
+def _attempt(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
+    bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
     out = bench.storage.open_attempt(job.id, token)
-    own = borrow_recording(bench.storage, job.recording_id, job.sha256)
-    with own as log, _borrow_reference(bench, job) as request:
-        limits = choose_limits(bench.settings, job.size_bytes)
+    limits = choose_limits(bench.settings, job.size_bytes)
+    with ExitStack() as stack:
+        own = borrow_recording(bench.storage, job.recording_id, job.sha256)
+        log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
+        reference = _borrow_reference(bench, job)
+        request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
         attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
-        on_progress = partial(_report_unless_stopping, bench, heartbeat)
+        on_progress = partial(_renew_unless_stopping, bench, lease)
         outcome = run_attempt(attempt, on_progress)
         asked = _adopt_columns(bench, job, token, outcome)
         if asked is None:
@@ -302,18 +209,15 @@ def _adopt_columns(bench: Bench, job: Job, token: str, outcome: Outcome) -> Repo
     return mappings.adopt(job.id, token, str(outcome.facts["header"]))
 
 
-def _report_unless_stopping(
-    bench: Bench, heartbeat: ClaimHeartbeat, stage: str | None, fraction: float
-) -> bool:
-    """Report the progress; False when the job was cancelled or taken, or this worker is to stop."""
-    bench.heartbeat.step()
-    return not bench.stopping.is_set() and heartbeat.report(stage, fraction)
+def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fraction: float) -> bool:
+    """Renew the lease; False when the job was cancelled or taken, or this worker is to stop."""
+    return not bench.stopping.is_set() and lease.renew(stage, fraction)
 
 
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
     """Give the one road, with the digest that was just verified: the child need not compute it again."""
     digests = () if job.request.joined else (job.sha256,)
-    cache = bench.cache.of(bench.storage.find_key(job.recording_id))
+    cache = replace(bench.cache, recording_id=job.recording_id)
     return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
@@ -329,31 +233,28 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
         yield replace(job.request, reference=replace(reference, path=str(path)))
 
 
-def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
+def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease) -> None:
     kept = False
-    if isinstance(outcome, Finished) and _keep(bench, job, token):
+    if isinstance(outcome, Finished):
+        limit_s = choose_limits(bench.settings, job.size_bytes).wall_s
+        lease.keep_during(lambda: bench.storage.keep_attempt(job.id, token), limit_s)
         won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)
     elif isinstance(outcome, Died) and not bench.stopping.wait(DEATH_GRACE_S):
         logger.warning("%s: the analysis died (exit code %s)", job.id, outcome.exit_code)
-        _release_after_death(bench, job.id, token, job.attempts)
+        if job.attempts < bench.settings.max_attempts:
+            bench.store.release(job.id, token)
+        else:
+            crashed = Crashed(attempts=job.attempts)
+            bench.store.fail(job.id, token, crashed.code, crashed.facts)
     elif isinstance(outcome, Unstarted) and not bench.stopping.wait(TROUBLE_S):
-        bench.store.interrupt(job.id, token, bench.settings.max_interruptions)
+        bench.store.interrupt(job.id, token)
     else:
         bench.store.release(job.id, token, forgiven=True)
     if not kept:
         bench.storage.drop_attempt(job.id, token)
-
-
-def _keep(bench: Bench, job: Job, token: str) -> bool:
-    """Seal and keep the files of an attempt; False where the recording was erased meanwhile."""
-    try:
-        bench.storage.keep_attempt(job.id, token, job.recording_id)
-    except KeyGone:
-        return False
-    return True
 
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
@@ -362,24 +263,10 @@ def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -
     if "results.json" not in files:
         return None
     try:
-        with ExitStack() as stack:
-            results, findings = (
-                stack.enter_context(borrow_result(bench.storage, analysis_id, token, files[name]))
-                if name in files
-                else None
-                for name in ("results.json", "findings.json")
-            )
-            return read_headline(results, findings) if results else None
+        with borrow_result(bench.storage, analysis_id, token, files["results.json"]) as results:
+            return read_headline(results)
     except ResultDamaged:  # every reader of the file gets this error
         return None
-
-
-def _release_after_death(bench: Bench, analysis_id: str, token: str, attempts: int) -> None:
-    if attempts < bench.settings.max_attempts:
-        bench.store.release(analysis_id, token)
-    else:
-        crashed = Crashed(attempts=attempts)
-        bench.store.fail(analysis_id, token, crashed.code, crashed.facts)
 
 
 def main() -> None:
@@ -387,12 +274,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
-    parser.add_argument("--heartbeat", type=int, help="the pipe of the worker's heartbeat")
     arguments = parser.parse_args()
     start_logging()
-    settings, heartbeat = Settings(data_dir=arguments.data), WorkerHeartbeat(arguments.heartbeat)
     try:
-        run_by_settings(settings, arguments.parent, heartbeat)
+        run_by_settings(Settings(data_dir=arguments.data), arguments.parent)
     except AppError as refusal:
         words = describe_problem(refusal.code, refusal.facts, "en")
         logger.error("%s %s %s %s", refusal.code, words.title, words.detail, words.fix)

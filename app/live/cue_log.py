@@ -15,9 +15,7 @@ CUE_HINT = "hold:60:10, share:60:10, stays:60:30"
 def parse_rule(text: str) -> CueRule:
     """Read ``hold:ANGLE_DEG:SECONDS``, ``share:ANGLE_DEG:PERCENT`` or ``stays:ANGLE_DEG:SECONDS``.
 
-    Raises
-    ------
-    ValueError
+    Raises ValueError.
     """
     kind_text, angle_text, limit_text = text.split(":")
     kind = next((one for one in get_args(CueKind) if one == kind_text), None)

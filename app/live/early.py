@@ -12,14 +12,12 @@ import queue
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from app.live.ports import WAIT_S, Port
-from app.storage.keys import RecordingKey
 from app.storage.permissions import create_file
-from app.storage.sealed import Sealer
 
 SYNC_S = 1.0
 MOST_BYTES = 32 << 20
@@ -33,17 +31,14 @@ _PIECE = struct.Struct("<dI")
 class EarlyFile:
     """A file of bytes as they came; what is asked of the session stands first, as JSON."""
 
-    def __init__(self, path: Path, key: RecordingKey | None, about: Mapping[str, Any]) -> None:
-        """Create the file, sealed where there is a key.
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Create the file.
 
         Raises
         ------
         FileExistsError, OSError
         """
         self._path, self._file = path, create_file(path)
-        self._write: Callable[[bytes], object] = (
-            self._file.write if key is None else Sealer(self._file.write, key).write
-        )
         asked = json.dumps(about).encode()
         self.size_bytes = 0
         self._add(_ABOUT.pack(len(asked)) + asked)
@@ -73,7 +68,7 @@ class EarlyFile:
         self._path.unlink(missing_ok=True)
 
     def _add(self, content: bytes) -> None:
-        self._write(content)
+        self._file.write(content)
         self.size_bytes += len(content)
 
 
@@ -97,13 +92,7 @@ class EarlyPort:
         return not self._pieces.empty()
 
     def read(self) -> bytes:
-        """Wait a moment for bytes.
-
-        Raises
-        ------
-        OSError
-            The disk takes no more.
-        """
+        """Wait a moment for bytes. Raises OSError if the disk takes no more."""
         self._came_s = None
         if not self._thread.is_alive() and self._pieces.empty():
             if self._error is not None:
@@ -139,13 +128,15 @@ class EarlyPort:
     def _pump(self) -> None:
         try:
             while self._is_open:
-                self._take(self.inner.read() if self._has_room() else _wait())
+                with self._guard:
+                    has_room = self._file is None or self._file.size_bytes < MOST_BYTES
+                if has_room:
+                    self._take(self.inner.read())
+                else:
+                    time.sleep(WAIT_S)
+                    self._take(b"")
         except Exception as error:  # noqa: BLE001 - whoever reads is told
             self._error = error
-
-    def _has_room(self) -> bool:
-        with self._guard:
-            return self._file is None or self._file.size_bytes < MOST_BYTES
 
     def _take(self, piece: bytes) -> None:
         with self._guard:
@@ -157,19 +148,8 @@ class EarlyPort:
             self._pieces.put((piece, time.monotonic()))
 
 
-def _wait() -> bytes:
-    time.sleep(WAIT_S)
-    return b""
-
-
 def read_about(content: bytes) -> dict[str, Any]:
-    """Read from the content of such a file what was asked.
-
-    Raises
-    ------
-    ValueError
-        It was cut off before that was written.
-    """
+    """Read from such a file what was asked. Raises ValueError if it was cut off before that was written."""
     if len(content) < _ABOUT.size:
         raise ValueError
     found: dict[str, Any] = json.loads(content[_ABOUT.size : _find_end_of_about(content)])

@@ -26,8 +26,6 @@ from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
 from app.live.session_files import SessionFiles
 from app.live.source import Source
-from app.storage.keys import KeyStore
-from app.storage.store import BrokenSeal
 from fusion.errors import FusionError
 from fusion.live import LiveRows, LiveStatus
 from fusion.live.cues import Cue, CueRule
@@ -73,10 +71,6 @@ class Ended:
 
 class Library(Protocol):
     """What a session hands on."""
-
-    @property
-    def keys(self) -> KeyStore:
-        """The keys, of which those of sessions are destroyed with their files."""
 
     def keep(self, ended: Ended) -> str:
         """Take the raw file in; give the id of its analysis."""
@@ -174,7 +168,8 @@ class RunningSession:
                     rows = self.recorder.take(frames)
                     self._publish(rows)
                     self._give_cues(self.recorder.take_cues(rows), library)
-                    self._settle()
+                    if self._early is not None and self.recorder.settle(self._early):
+                        self._early = None
             state = "stopped"
         except (AppError, FusionError, OSError):
             logger.exception("a live session failed; its raw file is kept")
@@ -189,11 +184,6 @@ class RunningSession:
                 self.was_left = True
                 self._is_stopping.set()
         return self._is_stopping.is_set() and (self._early is None or not self._early.is_behind)
-
-    def _settle(self) -> None:
-        """Once the raw file has all that came early, keep that no longer."""
-        if self._early is not None and self.recorder.settle(self._early):
-            self._early = None
 
     def _start_pose(self) -> None:
         """Ask for the pose, not while what came early is made up for: nobody could hold it."""
@@ -255,8 +245,8 @@ class RunningSession:
                 self._early.release()
             ended = Ended(self.files, self.request, tuple(self.recorder.cues))
             analysis_id = library.keep(ended) if self.files.is_kept else ""
-            self.files.remove(library.keys)
-        except (AppError, OSError, BrokenSeal, SQLAlchemyError):
+            self.files.remove()
+        except (AppError, OSError, SQLAlchemyError):
             logger.exception("the raw file of a live session stays in its folder")
             state, analysis_id = "failed", ""
         with self._lock:
@@ -299,42 +289,27 @@ class LiveHub:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def start(self, source: Source, request: SessionRequest, files: SessionFiles) -> RunningSession:
-        """Start a session.
-
-        Raises
-        ------
-        TooManySessions, OSError
-        """
+        """Start a session. Raises TooManySessions or OSError."""
         try:
             with self._lock:
-                session, thread = self._add(source, request, files)
+                for ended_id, ended in list(self._sessions.items()):
+                    if ended.state != "running" and time.monotonic() - ended.ended_s > ENDED_TERM_S:
+                        del self._sessions[ended_id], self._threads[ended_id]
+                if sum(one.state == "running" for one in self._sessions.values()) >= MOST_SESSIONS:
+                    raise TooManySessions(max=MOST_SESSIONS)
+                recorder = Recorder(files.raw, source.facts, request.wearer, request.rules)
+                session = RunningSession(files, source, recorder, request)
+                run = (session.run, self.library)
+                thread = threading.Thread(target=copy_context().run, args=run, name="live", daemon=True)
+                self._sessions[session.id], self._threads[session.id] = session, thread
         except BaseException:
             source.close()
             raise
         thread.start()
         return session
 
-    def _add(
-        self, source: Source, request: SessionRequest, files: SessionFiles
-    ) -> tuple[RunningSession, threading.Thread]:
-        self._forget()
-        if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
-            raise TooManySessions(max=MOST_SESSIONS)
-        recorder = Recorder(files.raw, source.facts, request.wearer, request.rules, key=files.key)
-        session = RunningSession(files, source, recorder, request)
-        thread = threading.Thread(
-            target=copy_context().run, args=(session.run, self.library), name="live", daemon=True
-        )
-        self._sessions[session.id], self._threads[session.id] = session, thread
-        return session, thread
-
     def get(self, session_id: str) -> RunningSession:
-        """Give a session that runs, or ended less than an hour ago.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give a session that runs, or ended less than an hour ago. Raises NotHere."""
         session = self._sessions.get(session_id)
         if session is None:
             raise NotHere
@@ -350,10 +325,3 @@ class LiveHub:
             session.stop()
         for thread in self._threads.values():
             thread.join(STOP_LIMIT_S)
-
-    def _forget(self) -> None:
-        """Forget what ended long ago."""
-        now_s = time.monotonic()
-        for session_id, session in list(self._sessions.items()):
-            if session.state != "running" and now_s - session.ended_s > ENDED_TERM_S:
-                del self._sessions[session_id], self._threads[session_id]

@@ -52,11 +52,13 @@ class LineSource:
         self._first: Frames | None = learned
         found = self._reader.facts
         assert found is not None
+        lasted_s = float(learned.time_us[-1] - learned.time_us[0]) / MICROSECONDS
+        ago = timedelta(seconds=lasted_s + time.monotonic() - self._heard_s)
         self._facts = SourceFacts(
             device=found.device,
             name=name,
             rate_hz=found.rate_hz,
-            start=_find_start(learned, self._heard_s),
+            start=datetime.now().astimezone() - ago,  # by the clock here, with its offset from UTC
             acc_range_g=found.acc_range_g,
             gyr_range_dps=found.gyr_range_dps,
         )
@@ -70,16 +72,6 @@ class LineSource:
     def early(self) -> EarlyPort | None:
         """The port, where what it brings is kept until the raw file has it."""
         return self.port if isinstance(self.port, EarlyPort) else None
-
-    @property
-    def torn_lines(self) -> int:
-        """Lines that held no whole row."""
-        return self._reader.torn
-
-    @property
-    def restarts(self) -> int:
-        """How often the board began anew."""
-        return self._reader.restarts
 
     def read(self) -> Frames | None:
         """Wait a moment for frames; a board does not end by itself."""
@@ -111,12 +103,6 @@ class LineSource:
         return piece, round(self._now_s() * MICROSECONDS)
 
 
-def _find_start(first: Frames, heard_s: float) -> datetime:
-    """Give the clock here when the first of these frames came, with its offset from UTC."""
-    ago_s = float(first.time_us[-1] - first.time_us[0]) / MICROSECONDS + time.monotonic() - heard_s
-    return datetime.now().astimezone() - timedelta(seconds=ago_s)
-
-
 def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) -> LineSource:
     """Listen to a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
@@ -132,23 +118,19 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
     """
     port = open_port(source, baud)
     try:
-        kept = EarlyPort(port, EarlyFile(early, None, about))
+        kept = EarlyPort(port, EarlyFile(early, about))
     except OSError:
         port.close()
         raise
-    _compile_kernels()
-    try:
-        return LineSource(kept, source, now_s=kept.now_s)
-    except (FusionError, LiveSourceFailed):
-        early.unlink(missing_ok=True)
-        raise
-
-
-def _compile_kernels() -> None:
     still = Frames(
         np.arange(10) * 10_000,
         np.arange(10),
         np.full((10, 3), (0, 0, 1), np.float32),
         np.zeros((10, 3), np.float32),
     )
-    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)
+    LiveSession(100.0, np.array([0.0, 0.0, 1.0])).take(still)  # compiles the kernels
+    try:
+        return LineSource(kept, source, now_s=kept.now_s)
+    except (FusionError, LiveSourceFailed):
+        early.unlink(missing_ok=True)
+        raise

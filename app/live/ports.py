@@ -42,12 +42,7 @@ class SerialPort:
     """A serial port; one that goes away is opened again when it comes back."""
 
     def __init__(self, name: str, baud: int = BAUD) -> None:
-        """Open it.
-
-        Raises
-        ------
-        LiveSourceFailed
-        """
+        """Open it. Raises LiveSourceFailed."""
         import serial  # noqa: PLC0415  of the extra "live"
 
         self._name, self._baud, self._serial = name, baud, serial
@@ -188,21 +183,12 @@ class PushedPort:
 
 def names_port(source: str) -> bool:
     """Whether a source is a port, not a file."""
-    return source.startswith(("udp://", "tcp://")) or bool(SERIAL_PORT.match(source)) or is_device(source)
-
-
-def is_device(source: str) -> bool:
-    """Whether a path is a character device, or a link to one."""
-    return Path(source).is_char_device()
+    is_named = source.startswith(("udp://", "tcp://")) or SERIAL_PORT.match(source) is not None
+    return is_named or Path(source).is_char_device()
 
 
 def open_port(source: str, baud: int = BAUD) -> Port:
-    """Open a port by its name.
-
-    Raises
-    ------
-    LiveSourceFailed
-    """
+    """Open a port by its name. Raises LiveSourceFailed."""
     if not source.startswith(("udp://", "tcp://")):
         return SerialPort(source, baud)
     try:

@@ -5,24 +5,19 @@ overwritten in place. The system has the rows once :meth:`RawFile.write` has ret
 :meth:`RawFile.sync`; whoever drives the session calls it each second. A session that was cut shows
 ``stopped: no``: what came after the last row is lost, at most :data:`SYNC_S` and the time until its caller
 noticed.
-
-A server seals the file as it grows (:mod:`app.storage.sealed`). There nothing can be overwritten: what
-changes is stated again between the rows, and :func:`restate` puts it into the header as the file is read.
 """
 
 import os
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from app.live.source import SourceFacts
 from app.request import clean_file_name
-from app.storage.keys import RecordingKey
 from app.storage.permissions import create_file
-from app.storage.sealed import Sealer
 from fusion.conventions import ArmAxis, Side
 from fusion.live import Frames
 from fusion.recording import MICROSECONDS
@@ -32,7 +27,6 @@ PREFIX = "live-"
 COLUMNS = "time_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 WIDTH = 40
 _NOT_STOPPED = "no"
-_STATED = re.compile(rb"^# (pose_window_s|stopped): (.*)\n", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,42 +41,34 @@ class Wearer:
 UNKNOWN = Wearer()
 
 
-@dataclass(frozen=True, slots=True)
-class RawHeader:
-    """What is known of a session when it starts.
-
-    ``device`` as in :mod:`fusion.devices`; ``source`` in words; ``cues``: the rules of cues that were chosen.
-    """
-
-    device: str
-    source: str
-    start: datetime | None
-    rate_hz: float
-    wearer: Wearer = UNKNOWN
-    acc_range_g: float | None = None
-    gyr_range_dps: float | None = None
-    cues: str = ""
-
-
 class RawFile:
     """Takes frames and appends them; a context manager."""
 
-    def __init__(self, path: Path, header: RawHeader, key: RecordingKey | None = None) -> None:
-        """Create the file with its header; with a key it is sealed.
-
-        Raises
-        ------
-        FileExistsError
-        OSError
-        """
+    def __init__(self, path: Path, facts: SourceFacts, wearer: Wearer = UNKNOWN, cues: str = "") -> None:
+        """Create the file with its header; ``cues``: the rules that were chosen. Raises OSError."""
         self.path = path
         self._places: dict[str, int] = {}
         self._file = create_file(path)
-        self._is_sealed = key is not None
-        self._write: Callable[[bytes], object] = (
-            self._file.write if key is None else Sealer(self._file.write, key).write
-        )
-        self._write_header(header)
+        start, ranges = facts.start, (facts.acc_range_g, facts.gyr_range_dps)
+        acc_range_g, gyr_range_dps = ("" if most is None else f"{most:g}" for most in ranges)
+        stated = {
+            "device": facts.device,
+            "source": clean_file_name(facts.name),
+            "start": start.isoformat(timespec="milliseconds") if start else "",
+            "rate_hz": f"{facts.rate_hz:.6g}",
+            "acc_range_g": acc_range_g,
+            "gyr_range_dps": gyr_range_dps,
+            **asdict(wearer),
+            "cues": cues,
+            "pose_window_s": "none".ljust(WIDTH),
+            "stopped": _NOT_STOPPED.ljust(WIDTH),
+        }
+        for name, value in stated.items():
+            if value:
+                self._file.write(f"# {name}: ".encode())
+                self._places[name] = self._file.tell()
+                self._file.write(f"{value}\n".encode())
+        self._file.write(f"{COLUMNS}\n".encode())
         self.sync()
 
     def write(self, frames: Frames) -> None:
@@ -94,7 +80,7 @@ class RawFile:
             *(map(str, column) for column in frames.gyr_dps.T),
             strict=True,
         )
-        self._write("".join(f"{','.join(row)}\n" for row in rows).encode())
+        self._file.write("".join(f"{','.join(row)}\n" for row in rows).encode())
         self._file.flush()
 
     def state_pose(self, start_s: float, end_s: float) -> None:
@@ -125,62 +111,11 @@ class RawFile:
     ) -> None:
         self.close()
 
-    def _write_header(self, header: RawHeader) -> None:
-        self._put("device", header.device)
-        self._put("source", clean_file_name(header.source))
-        if header.start is not None:
-            self._put("start", header.start.isoformat(timespec="milliseconds"))
-        self._put("rate_hz", f"{header.rate_hz:.6g}")
-        for name, value in (("acc_range_g", header.acc_range_g), ("gyr_range_dps", header.gyr_range_dps)):
-            if value is not None:
-                self._put(name, f"{value:g}")
-        for name, word in asdict(header.wearer).items():
-            if word:
-                self._put(name, word)
-        if header.cues:
-            self._put("cues", header.cues)
-        self._put("pose_window_s", "none".ljust(WIDTH))
-        self._put("stopped", _NOT_STOPPED.ljust(WIDTH))
-        self._write(f"{COLUMNS}\n".encode())
-
-    def _put(self, name: str, value: str) -> None:
-        self._write(f"# {name}: ".encode())
-        self._places[name] = self._file.tell()
-        self._write(f"{value}\n".encode())
-
     def _overwrite(self, name: str, value: str) -> None:
-        if self._is_sealed:
-            self._write(f"# {name}: {value.ljust(WIDTH)}\n".encode())
-            return
         self._file.flush()
         self._file.seek(self._places[name])
         self._file.write(value.ljust(WIDTH).encode())
         self._file.seek(0, os.SEEK_END)
-
-
-def restate(read: Callable[[], Iterator[bytes]]) -> Iterator[bytes]:
-    """Give the content of a sealed raw file, read twice, as that of a plain one."""
-    stated = {name: line for block in _cut_after_lines(read()) for name, line in _find_stated(block)}
-    is_head = True
-    for block in _cut_after_lines(read()):
-        head, columns, rows = block.partition(COLUMNS.encode()) if is_head else (b"", b"", block)
-        yield _STATED.sub(lambda found: stated[found[1]], head) + columns + _STATED.sub(b"", rows)
-        is_head = False
-
-
-def _find_stated(block: bytes) -> Iterator[tuple[bytes, bytes]]:
-    yield from ((found[1], found[0]) for found in _STATED.finditer(block))
-
-
-def _cut_after_lines(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Give blocks of whole lines; a torn last one comes by itself."""
-    carried = b""
-    for piece in pieces:
-        whole, mark, carried = (carried + piece).rpartition(b"\n")
-        if mark:
-            yield whole + mark
-    if not carried.startswith(b"#"):
-        yield carried
 
 
 def was_stopped(path: Path) -> bool:
@@ -201,15 +136,12 @@ class CutSession:
 def find_cut(folder: Path) -> Iterator[CutSession]:
     """Find the sessions in a folder that were cut, oldest first; those of another program that runs, too."""
     for path in sorted(folder.glob(f"{PREFIX}*.csv")):
-        if not was_stopped(path):
-            yield CutSession(path, _measure_elapsed_s(path))
-
-
-def _measure_elapsed_s(path: Path) -> float:
-    """Read the time of the last whole row; the first is at about 0."""
-    with path.open("rb") as file:
-        file.seek(0, os.SEEK_END)
-        file.seek(max(0, file.tell() - 4096))
-        lines = file.read().split(b"\n")[:-1]
-    stamp = lines[-1].partition(b",")[0] if lines else b""
-    return int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0
+        if was_stopped(path):
+            continue
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 4096))
+            lines = file.read().split(b"\n")[:-1]
+        stamp = (
+            lines[-1].partition(b",")[0] if lines else b""
+        )  # of the last whole row; the first is at about 0
+        yield CutSession(path, int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0)

@@ -72,10 +72,7 @@ class ReplaySource:
 def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
     """Read a recording and play it; ``name``: of the file, where the path bears another.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-    OSError
+    Raises FusionError or OSError.
     """
     return ReplaySource(read_recording(path, file_name=name), name or path.name, speed)
 

@@ -11,8 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.errors import CannotCompare
-from app.report.export.results import round_all
-from app.report.figures import format_figure
+from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
@@ -27,6 +26,7 @@ from app.report.pairs import (
     find_end,
     format_cautions,
     format_person,
+    format_points,
     format_start,
     format_unconfirmed,
     identify,
@@ -38,7 +38,7 @@ from app.report.pairs import (
     share_whole,
 )
 from app.report.render.brief import format_signature
-from app.report.words.numbers import NONE, format_number
+from app.report.words.numbers import NONE
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.comparison import (
@@ -115,6 +115,14 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
     )
     limits, use = build_limits(sides, language)
     header = _build_header(sides, language)
+    sentences = []
+    for name in (_ABOVE_60, _MEDIAN):
+        for change in (each for each in compared.changes if each.name == name):
+            facts, entry = _format_change(change, language), words["sentence"]
+            sentences.append(f"{fill(entry[name], facts)} {fill(entry[change.verdict], facts)}")
+    table = words["table"]
+    rows, note = format_rows(compared.changes, language), fill(table["note"], {"source": SOURCE})
+    changes = Table(table["caption"], tuple(table["columns"]), rows, note=note)
     footer = fill(words["footer"], {"version": after.subject.software.version, "id": report_id})
     return Report(
         language=language,
@@ -122,14 +130,14 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
         subtitle=load_wording(language)["heading"]["subtitle"],
         header=header,
         verdict=_build_verdict(compared, words),
-        sentences=_format_changes(compared, words, language),
+        sentences=tuple(sentences),
         pose_caution=" ".join(filter(None, cautions)),
         range_note="",
         figures=(_build_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
         limits=limits,
         intended_use=use,
-        sections=(_build_changes(compared, words, language), build_sources(sides, language)),
+        sections=(Section("changes", table["title"], tables=(changes,)), build_sources(sides, language)),
         report_id=report_id,
         footer=footer,
         brief=format_signature(header, footer, language),
@@ -167,9 +175,7 @@ def _build_day(kept: Kept) -> ComparedDay:
 
 def _find_pose(findings: Findings) -> str:
     """Name what the angle rests on; a day without a pose is not like one with."""
-    if findings.calibration is None:
-        return ""
-    return "axis" if findings.settings.arm_axis else findings.calibration.pose
+    return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 
 def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Pair, ...]:
@@ -200,64 +206,25 @@ def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": differences}))
 
 
-def _format_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:
-    changes = {change.name: change for change in compared.changes}
-    return tuple(
-        _format_change(changes[name], words, language) for name in (_ABOVE_60, _MEDIAN) if name in changes
-    )
-
-
-def _format_change(change: FigureChange, words: Words, language: Language) -> str:
-    entry = words["sentence"]
-    facts = {
+def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
+    """Write the values of a change with their units."""
+    detectable = change.detectable
+    return {
         "before": format_figure(change.before, change.name, language),
         "after": format_figure(change.after, change.name, language),
-        "change": _format_difference(change, words, language),
-        "detectable": _format_detectable(change, words, language),
+        "change": format_points(change.change, change.name, language, is_signed=True),
+        "detectable": NONE if detectable is None else format_points(detectable, change.name, language),
     }
-    return f"{fill(entry[change.name], facts)} {fill(entry[change.verdict], facts)}"
 
 
 def format_rows(changes: Iterable[FigureChange], language: Language) -> tuple[tuple[str, ...], ...]:
     """Write each change with its units: name, before, after, change, minimal detectable change, verdict."""
-    words = load_pair_words(language)["compare"]
-    entry = words["table"]
+    entry = load_pair_words(language)["compare"]["table"]
     return tuple(
         (
             entry["figure"][change.name],
-            format_figure(change.before, change.name, language),
-            format_figure(change.after, change.name, language),
-            _format_difference(change, words, language),
-            _format_detectable(change, words, language),
+            *_format_change(change, language).values(),
             entry["verdict"][change.verdict],
         )
         for change in changes
     )
-
-
-def _build_changes(compared: DayComparison, words: Words, language: Language) -> Section:
-    entry = words["table"]
-    rows = format_rows(compared.changes, language)
-    table = Table(
-        entry["caption"], tuple(entry["columns"]), rows, note=fill(entry["note"], {"source": SOURCE})
-    )
-    return Section("changes", entry["title"], tables=(table,))
-
-
-def _format_difference(change: FigureChange, words: Words, language: Language) -> str:
-    sign = "+" if round(change.change, 1) > 0 else ""
-    return sign + _format_points(change.change, change.name, words, language)
-
-
-def _format_detectable(change: FigureChange, words: Words, language: Language) -> str:
-    if change.detectable is None:
-        return NONE
-    return _format_points(change.detectable, change.name, words, language)
-
-
-def _format_points(points: float, name: str, words: Words, language: Language) -> str:
-    """Differences of shares are percentage points; in French the plural begins at two."""
-    if name.endswith("_percent"):
-        form = "points" if round(abs(points), 1) >= 2 else "points_under_two"
-        return fill(words[form], {"value": format_number(points, 1, language)})
-    return format_figure(points, name, language)

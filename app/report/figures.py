@@ -8,6 +8,8 @@ JSON, the CSV, Excel and Parquet tables, the dictionary, the REDCap form and the
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 Results = Mapping[str, Any]
 """A document ``results.json``."""
 
+DECIMALS = 6
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 RANGE_ENDS = ("_low", "_high", "_low_pose", "_high_pose")
 """What the names of the columns of a range end in: the 95 % range, and with the error of the N-pose."""
@@ -93,6 +96,10 @@ class Group:
     def describe(self, record: object) -> dict[str, Any]:
         """Describe a record of the exposure as it stands in ``results.json``."""
         return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
+
+    def read(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        """Read the fields of a record from what :meth:`describe` wrote."""
+        return {f.attribute or f.key: told[f.key] for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
         """Give the figures of a record of the exposure by their names."""
@@ -242,6 +249,25 @@ REST_TABLE = (
     "inclination_velocity_mpf_hz",
 )
 """The rows of the report's table of rest and change of direction, of the single groups."""
+
+
+def load_results(content: bytes | str) -> dict[str, Any]:
+    """Parse ``results.json`` for tables and pages, its numbers rounded to six decimals."""
+    results: dict[str, Any] = round_all(json.loads(content))
+    return results
+
+
+def round_all(value: Any, decimals: int | None = DECIMALS) -> Any:
+    """Round every number, unless ``decimals`` is None; NaN and infinity become None."""
+    if isinstance(value, Mapping):
+        return {key: round_all(inner, decimals) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [round_all(inner, decimals) for inner in value]
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return None
+        return (float(value) if decimals is None else round(float(value), decimals)) + 0.0
+    return value
 
 
 def read_figures(results: Results) -> dict[str, Cell]:

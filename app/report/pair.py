@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.report.analysis.charts import build_day_labels
-from app.report.analysis.day import Day, build_timeline, shift_day
+from app.report.analysis.day import build_timeline, shift_day
 from app.report.charts.day import draw_two_days
 from app.report.charts.svg import NARROW, WIDE
-from app.report.export.results import round_all
+from app.report.figures import round_all
 from app.report.findings import Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
@@ -88,7 +88,7 @@ class ArmPair:
 
 def describe_pair(pair: ArmPair) -> dict[str, Any]:
     """Give the figures of both arms over the time they share, for JSON."""
-    shared = pair.shared
+    shared, clock = pair.shared, pair.trunk_clock
     document: dict[str, Any] = round_all(
         {
             "schema": SCHEMA,
@@ -96,7 +96,7 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "right": describe_source(pair.right),
             "one_person": pair.one_person,
             "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
-            "trunk_clock": _describe_clock(pair.trunk_clock),
+            "trunk_clock": {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None,
             "shared_s": shared.shared_s,
             "arms": {
                 side: {
@@ -109,25 +109,18 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
             "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
             "trunk_relative": {
-                side: _describe_trunk(trunk)
+                side: {
+                    "limit": trunk.limit,
+                    "shared_s": trunk.shared_s,
+                    "percentiles_deg": {str(p): deg for p, deg in trunk.percentiles_deg.items()}
+                    if trunk.percentiles_deg
+                    else None,
+                }
                 for side, trunk in zip(("left", "right"), pair.trunk, strict=True)
             },
         }
     )
     return document
-
-
-def _describe_clock(clock: TrunkClock | None) -> dict[str, object] | None:
-    return {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None
-
-
-def _describe_trunk(trunk: TrunkRelative) -> dict[str, object]:
-    percentiles = trunk.percentiles_deg
-    return {
-        "limit": trunk.limit,
-        "shared_s": trunk.shared_s,
-        "percentiles_deg": {str(p): deg for p, deg in percentiles.items()} if percentiles else None,
-    }
 
 
 def build_pair(pair: ArmPair, language: Language) -> Report:
@@ -138,12 +131,23 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     limits, use = build_limits(sides, language)
     if any(trunk.percentiles_deg for trunk in pair.trunk):
         limits = replace(limits, paragraphs=(words["limits_with_trunk"], *limits.paragraphs[1:]))
+    order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
+    offset = fill(words["clock"][order], {"offset": format_duration(abs(pair.offset_s), language)})
     cautions = (
         format_person(pair.one_person, language),
-        _format_clock(pair, words, language),
+        f"{offset} {words['clock'][pair.offset_from]}",  # nothing in the signals confirms it
         format_cautions(sides, language),
     )
     header = _build_header(pair, words, language)
+    shared_s = pair.shared.shared_s  # the bars cover it, so that the page has one value for each arm
+    bars = (
+        BarShares(words["left"], shared_s, pair.shared.left.percent_above),
+        BarShares(words["right"], shared_s, pair.shared.right.percent_above),
+    )
+    spread = []
+    if can_draw_curves(sides):
+        title, curves = load_wording(language)["section"]["spread"], build_curves(sides, language)
+        spread.append(Section("spread", title, figures=(replace(curves, note=words["curves_note"]),)))
     footer = fill(words["footer"], {"version": pair.left.subject.software.version, "id": report_id})
     return Report(
         language=language,
@@ -154,13 +158,13 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         sentences=_format_answers(pair, words, language),
         pose_caution=" ".join(filter(None, cautions)),
         range_note=_format_ranges_note(pair, words),
-        figures=(_build_bars(pair, words, language), _build_days(pair, sides, language)),
+        figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
         limits=limits,
         intended_use=use,
         sections=(
             _build_figures(pair, words, language),
             _build_trunk(pair, words, language),
-            *_build_spread(sides, words, language),
+            *spread,
             build_sources(sides, language),
         ),
         report_id=report_id,
@@ -177,17 +181,13 @@ def _build_header(pair: ArmPair, words: Words, language: Language) -> tuple[Pair
     label = load_wording(language)["label"]
     codes = dict.fromkeys(clean_text(kept.subject.subject) for kept in (pair.left, pair.right))
     code = " / ".join(cut_text(c, _LONGEST_CODE) for c in codes if c) or label["not_given"]
+    sign = "+" if pair.offset_s > 0 else "−" if pair.offset_s < 0 else ""
     return (
         Pair(label["subject"], code),
         Pair(label["date"], format_start(pair.left, language)),
         Pair(words["shared"], format_duration(pair.shared.shared_s, language)),
-        Pair(words["offset"], _format_offset(pair.offset_s, language)),
+        Pair(words["offset"], sign + format_duration(abs(pair.offset_s), language)),
     )
-
-
-def _format_offset(offset_s: float, language: Language) -> str:
-    sign = "+" if offset_s > 0 else "−" if offset_s < 0 else ""
-    return sign + format_duration(abs(offset_s), language)
 
 
 def _build_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> VerdictLine:
@@ -214,18 +214,12 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
         "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
         "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
     }
-    facts = {
-        key: _add_range(value, _format_interval(pair, name, language), entry, key)
-        for key, (name, value) in figures.items()
-    }
-    facts["shared"] = format_duration(shared.shared_s, language)
+    facts = {"shared": format_duration(shared.shared_s, language)}
+    for key, (name, value) in figures.items():
+        interval = _format_interval(pair, name, language)
+        pattern = entry["ranged_inside" if key == "ratio" else "ranged"]  # which stands in brackets already
+        facts[key] = fill(pattern, {"value": value, "range": interval}) if value and interval else value
     return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
-
-
-def _add_range(value: str, interval: str, entry: Words, key: str) -> str:
-    """Put the range behind its figure, if both are known; the ratio stands in brackets already."""
-    pattern = entry["ranged_inside" if key == "ratio" else "ranged"]
-    return fill(pattern, {"value": value, "range": interval}) if value and interval else value
 
 
 def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
@@ -251,24 +245,6 @@ def _format_ranges_note(pair: ArmPair, words: Words) -> str:
     return f"{entry['known']} {entry['unconfirmed']}" if is_open else str(entry["known"])
 
 
-def _format_clock(pair: ArmPair, words: Words, language: Language) -> str:
-    """State how the two were put on one time axis; nothing in the signals confirms it."""
-    entry = words["clock"]
-    order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
-    facts = {"offset": format_duration(abs(pair.offset_s), language)}
-    return f"{fill(entry[order], facts)} {entry[pair.offset_from]}"
-
-
-def _build_bars(pair: ArmPair, words: Words, language: Language) -> Chart:
-    """Build the bars over the shared time, so that the page has one value for each arm."""
-    shared = pair.shared
-    left, right = (
-        BarShares(words[side], shared.shared_s, arm.percent_above)
-        for side, arm in (("left", shared.left), ("right", shared.right))
-    )
-    return build_two_bars((left, right), words["bars_note"], language)
-
-
 def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Language) -> Chart:
     """Draw both days one above the other on the clock of the one that began first."""
     entry, report_words = load_pair_words(language)["days"], load_wording(language)
@@ -283,25 +259,21 @@ def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Langu
         days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
     alternative = fill(entry["alternative"], {"start": clock.format(0), "end": clock.format(whole_s)})
     labels = build_day_labels(entry["title"], alternative, report_words)
+    bands = [(name, band) for name, day in days for run in day.runs for band in run]
+    rows = tuple(
+        (
+            name,
+            clock.format(band.start_s),
+            *(format_angle(deg, language) for deg in (band.low_deg, band.middle_deg, band.high_deg)),
+        )
+        for name, band in bands
+    )
     return Chart(
         title=entry["title"],
         alternative=alternative,
         wide=draw_two_days(days, labels, WIDE),
         narrow=draw_two_days(days, labels, NARROW),
-        table=Table(entry["title"], tuple(entry["columns"]), _tabulate_days(days, clock)),
-    )
-
-
-def _tabulate_days(days: list[tuple[str, Day]], clock: Clock) -> tuple[tuple[str, ...], ...]:
-    return tuple(
-        (
-            name,
-            clock.format(band.start_s),
-            *(format_angle(deg, clock.language) for deg in (band.low_deg, band.middle_deg, band.high_deg)),
-        )
-        for name, day in days
-        for run in day.runs
-        for band in run
+        table=Table(entry["title"], tuple(entry["columns"]), rows),
     )
 
 
@@ -358,11 +330,3 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     )
     table = Table(entry["caption"], tuple(entry["columns"]), rows)
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
-
-
-def _build_spread(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> tuple[Section, ...]:
-    if not can_draw_curves(sides):
-        return ()
-    title = load_wording(language)["section"]["spread"]
-    curves = replace(build_curves(sides, language), note=words["curves_note"])
-    return (Section("spread", title, figures=(curves,)),)

@@ -13,7 +13,7 @@ from app.report.analysis.chapters import format_accuracy, format_found, format_p
 from app.report.analysis.charts import build_parts, share_below
 from app.report.charts.distribution import Curve, draw_two_curves
 from app.report.charts.svg import NARROW, WIDE
-from app.report.export.results import identify_report
+from app.report.figures import format_figure
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Note, Section, Table
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
@@ -163,7 +163,7 @@ def format_unconfirmed(sides: tuple[PairSide, PairSide], effect: str, language: 
     """
     entry = load_pair_words(language)["unconfirmed"]
     told = [
-        fill(entry[calibration.state or "unknown"], {"name": side.name})
+        fill(entry[calibration.state], {"name": side.name})
         for side in sides
         if (calibration := side.kept.findings.calibration) and not is_confirmed(side.kept.findings)
     ]
@@ -201,24 +201,37 @@ def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, .
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
         name_method(findings) or NONE,
-        _format_pose(findings, words),
+        format_pose(findings, words),
         f"Acromion {subject.software.version}",
-        identify_report(findings, subject),
+        subject.report_id,
     )
 
 
-def _format_pose(findings: Findings, words: Words) -> str:
+def format_pose(findings: Findings, words: Words) -> str:
+    """Write the pose, or how the axis was found without one."""
     calibration = findings.calibration
     if calibration is None:
         return NONE
-    return format_found(findings, words) if calibration.state in UNHELD else words["pose"][calibration.pose]
+    if calibration.pose is None or calibration.state in UNHELD:
+        return format_found(findings, words)
+    return str(words["pose"][calibration.pose])
+
+
+def format_points(points: float, name: str, language: Language, *, is_signed: bool = False) -> str:
+    """Write a difference or a deviation: of shares in points, whose French plural begins at 2."""
+    sign = "+" if is_signed and round(points, 1) > 0 else ""
+    if not name.endswith("_percent"):
+        return sign + format_figure(points, name, language)
+    form = "points" if round(abs(points), 1) >= 2 else "points_under_two"
+    words = load_pair_words(language)["compare"]
+    return sign + fill(words[form], {"value": format_number(points, 1, language)})
 
 
 def describe_source(kept: Kept) -> dict[str, object]:
     """Describe for JSON which analysis is meant."""
     recording, subject = kept.findings.recording, kept.subject
     return {
-        "report_id": identify_report(kept.findings, subject),
+        "report_id": subject.report_id,
         "sha256": recording.sha256,
         "file_name": subject.file_name,
         "subject": subject.subject,

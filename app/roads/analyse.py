@@ -1,6 +1,5 @@
 """The one road from a stored file to a report, taken by page, API and command line alike."""
 
-import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -13,9 +12,10 @@ from app.errors import BadParameter
 from app.report.export.all import export_results
 from app.report.export.fhir import encode_fhir
 from app.report.export.parquet import encode_elevation_csv, write_elevation
-from app.report.export.results import encode_results
-from app.report.findings import encode_findings, take_findings
-from app.report.render.write import FINDINGS, RESULTS, rewrite_reports, write_reports
+from app.report.export.results import encode_results, identify_report
+from app.report.figures import load_results
+from app.report.findings import take_findings
+from app.report.render.write import RESULTS, rewrite_reports, write_reports
 from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
 from app.roads.reading import Logs
@@ -170,10 +170,9 @@ def make_report(
     ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
     where decoded samples are kept.
 
-    Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
-    tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
-    five lines, ``answer.<language>.txt``; where a PDF is asked for, ``fhir.json`` too. With a cache, as the
-    server has one, the day is written for the page.
+    Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
+    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; where a
+    PDF is asked for, ``fhir.json`` too. With a cache, as the server has one, the day is written for the page.
 
     Raises
     ------
@@ -184,19 +183,20 @@ def make_report(
     analysis = _analyse_file(logs, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
     findings, subject = take_findings(analysis), describe_subject(request)
-    results = encode_results(findings, subject)
-    (out / RESULTS).write_bytes(results)
-    (out / FINDINGS).write_bytes(encode_findings(findings, subject))
+    subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
+    content = encode_results(findings, subject)
+    (out / RESULTS).write_bytes(content)
+    results = load_results(content)
     with ThreadPoolExecutor(1) as writer:  # packing angles releases the interpreter, as drawing pages does
         written = [
             writer.submit(_write_angle, analysis, out / "elevation.parquet"),
-            writer.submit(_write_tables, json.loads(results), out),
+            writer.submit(_write_tables, results, out),
         ]
         write_reports(findings, subject, request, out)
         for work in written:
             work.result()
     if "pdf" in request.kinds:
-        _write_fhir(json.loads(results), request, out)
+        _write_fhir(results, request, out)
     if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from app.request import OnStage, ReportRequest
 from app.roads.reading import read_file
-from app.storage.incoming import TAIL_SUFFIX
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.pose.poses import propose_poses
 from fusion.quality import find_exclusions, propose_nonwear
@@ -93,13 +92,11 @@ def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnS
 
 
 def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect the first bytes of a file that is still on its way, and its last ones where they have come."""
+    """Inspect the first bytes of a file that is still on its way."""
     on_stage("reading", 0.0)
-    tail_path = log.with_suffix(TAIL_SUFFIX)
-    tail = tail_path.read_bytes() if tail_path.exists() else None
-    facts = preview_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
-    start, end = (moment.isoformat() if moment else None for moment in (facts.start, facts.end))
-    found = {"file": request.file_name, **asdict(facts), "start": start, "end": end}
+    facts = preview_head(log.read_bytes(), request.file_name, request.rate_hz)
+    start = facts.start.isoformat() if facts.start else None
+    found = {"file": request.file_name, **asdict(facts), "start": start}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 

@@ -4,7 +4,6 @@ It starts from the folders that finished analyses leave; nothing is fused again.
 all take it.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,16 +11,17 @@ from typing import Any
 
 from app.errors import CannotPair
 from app.report.change import build_comparison, describe_comparison, refuse_no_comparison
-from app.report.findings import Kept, decode_findings
+from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
 from app.report.pairs import are_mixed, encode_document, is_confirmed, judge_person, read_code
 from app.report.render.write import read_kept, write_report
-from app.request import OnStage, PairRequest, ReportRequest
+from app.request import PairRequest
 from fusion.angle_files.elevation_parquet import read_elevation
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
+from fusion.exposure.readings import join_intervals
 from fusion.exposure.types import Exposure, Interval
 from fusion.quality import leave_out
 
@@ -57,13 +57,6 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
             build_comparison(before, after, language, same_subject=same) for language in request.languages
         ]
         _write(reports, describe_comparison(before, after, same_subject=same), request, out)
-
-
-def write_comparison(log: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Compare the two findings in the list ``log``: ``comparison.json`` in ``out``, without a report."""
-    on_stage("counting", 0.0)
-    before, after = (decode_findings(json.dumps(kept).encode()) for kept in json.loads(log.read_bytes()))
-    (out / "comparison.json").write_text(json.dumps(describe_comparison(before, after)), "utf-8")
 
 
 def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
@@ -114,7 +107,7 @@ def read_analysed(folder: Path, kept: Kept) -> Elevation:
 def _read(folder: Path) -> Kept:
     try:
         return read_kept(folder)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError):
         raise CannotPair(why="kept") from None
 
 
@@ -172,7 +165,7 @@ def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms
     }
     closed = tuple(f"{side}_" for side in arms if side not in open_arms)
     kept = {
-        name: _join(interval, own[name]) if name in own else interval
+        name: join_intervals([interval, own[name]]) if name in own else interval
         for name, interval in shared.intervals.items()
         if name in own or (name.startswith(closed) and not name.startswith("right_to_left"))
     }
@@ -182,10 +175,6 @@ def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms
 def _list_ranges(exposure: Exposure) -> dict[str, Interval]:
     above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
     return {**exposure.intervals, **{name: interval for name, interval in above.items() if interval}}
-
-
-def _join(one: Interval, other: Interval) -> Interval:
-    return Interval(min(one.low, other.low), max(one.high, other.high))
 
 
 def _relate(

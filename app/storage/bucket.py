@@ -1,6 +1,7 @@
 """Recordings and reports as objects in a bucket (S3), read and written by any number of machines.
 
     recordings/<recording>.json              its side file
+    erasures/<recording>                     the ledger of erasures
     recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
     analyses/<analysis>/<attempt>/<file>     put before the row that states that the attempt counts
 
@@ -8,11 +9,12 @@ No conditional put is used (not every S3 server has it): names are random, and r
 machine holds temporary files only, which may be lost.
 """
 
+import hashlib
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,15 +25,20 @@ from obstore.store import S3Store
 
 from app.errors import StoreAway
 from app.settings import Settings
+from app.storage.erasures import format_ledger
 from app.storage.folder import FolderStorage
+from app.storage.permissions import create_file
 from app.storage.store import (
     COPY_BYTES,
     Fetched,
     Mark,
+    Upload,
+    VerifiedFiles,
     check_free,
     format_recording_name,
     format_result_name,
     format_side_file_name,
+    make_recording_id,
     read_mark,
     translate_disk_full,
 )
@@ -81,10 +88,16 @@ class BucketWriter:
 
 @dataclass(frozen=True, slots=True)
 class BucketStorage:
-    """A bucket, and a folder of this machine for temporary files; ``ByteStore`` documents the methods."""
+    """A bucket, and a folder of this machine for temporary files; ``Storage`` documents the methods."""
 
     root: Path
     bucket: S3Store
+    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
+
+    @property
+    def ledger(self) -> "BucketLedger":
+        """The ledger of erasures, objects of the bucket."""
+        return BucketLedger(self.bucket)
 
     @property
     def is_local(self) -> bool:
@@ -105,9 +118,10 @@ class BucketStorage:
             obstore.put(self.bucket, "store.id", f"bucket-{secrets.token_hex(8)}".encode())
             return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
 
-    def open_writer(self, recording_id: str) -> BucketWriter:
-        """Begin a recording under a new name."""
-        return BucketWriter(self.bucket, recording_id)
+    def open_upload(self, max_bytes: int) -> Upload:
+        """Start an upload of a recording under a new name."""
+        recording_id = make_recording_id()
+        return Upload(recording_id, BucketWriter(self.bucket, recording_id), max_bytes)
 
     def adopt(self, path: Path, recording_id: str) -> None:
         """Put a file of this machine as a recording; the caller removes the file after the commit."""
@@ -115,7 +129,7 @@ class BucketStorage:
 
     def fetch(self, name: str) -> Fetched:
         """Copy an object to this machine, unverified."""
-        into = self.root / "opened" / secrets.token_hex(8)
+        into = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         try:
             mark = self._copy(name, into)
             return Fetched(into, mark, read_mark(into))
@@ -123,13 +137,27 @@ class BucketStorage:
             self.release(into)
             raise
 
-    def read_start(self, name: str, count: int) -> tuple[bytes, Mark] | None:
-        """Give the first bytes of an object, and its size and ETag."""
+    def hash(self, name: str) -> tuple[str, Mark]:
+        """Give the SHA-256 of an object, and its size and ETag."""
+        sha256 = hashlib.sha256()
+        with translate_store_errors():
+            found = obstore.get(self.bucket, name)
+            for chunk in found.stream(min_chunk_size=COPY_BYTES):
+                sha256.update(chunk)
+        return sha256.hexdigest(), _read_mark(found.meta)
+
+    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
+        """Give a part of an object."""
+        with translate_store_errors():
+            end_byte = min(first_byte + count, obstore.head(self.bucket, name)["size"])
+            if end_byte <= first_byte:  # of nothing no range can be asked
+                return b""
+            return bytes(obstore.get_range(self.bucket, name, start=first_byte, end=end_byte))
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size and ETag of an object; None where there is none."""
         with translate_store_errors(), suppress(FileNotFoundError):
-            if not obstore.head(self.bucket, name)["size"]:  # of nothing no range can be asked
-                return b"", (0, "")
-            found = obstore.get(self.bucket, name, options={"range": (0, count)})
-            return bytes(found.bytes()), _read_mark(found.meta)
+            return _read_mark(obstore.head(self.bucket, name))
         return None
 
     def drop_recording(self, recording_id: str) -> None:
@@ -222,7 +250,7 @@ class BucketStorage:
     def _copy(self, name: str, into: Path) -> Mark:
         with translate_store_errors(), translate_disk_full():
             found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
-            with into.open("wb") as file:
+            with create_file(into) as file:
                 for chunk in found.stream(min_chunk_size=COPY_BYTES):
                     file.write(chunk)
         return _read_mark(found.meta)
@@ -234,6 +262,25 @@ class BucketStorage:
     def _delete(self, names: list[str]) -> None:
         with translate_store_errors(), suppress(FileNotFoundError):
             obstore.delete(self.bucket, names)
+
+
+@dataclass(frozen=True, slots=True)
+class BucketLedger:
+    """The ledger of erasures: an object for each."""
+
+    bucket: S3Store
+
+    def find(self) -> frozenset[str]:
+        """Return every id."""
+        with translate_store_errors():
+            pages = obstore.list(self.bucket, "erasures")
+            return frozenset(found["path"].removeprefix("erasures/") for page in pages for found in page)
+
+    def add(self, recording_ids: Collection[str]) -> None:
+        """Put an object for each new id."""
+        for recording_id in sorted(set(recording_ids) - self.find()):
+            with translate_store_errors():
+                obstore.put(self.bucket, f"erasures/{recording_id}", format_ledger([recording_id]))
 
 
 def _read_mark(found: "ObjectMeta") -> Mark:

@@ -2,12 +2,12 @@
 
 An entry may be removed at any time; a damaged one is replaced from the file.
 
-    folder/<name>.samples    sealed with the recording's key: one line of JSON (what the file states), then
-                             the samples as float32
+    folder/<recording>.<key>.samples    one line of JSON (what the file states) with the SHA-256 of what
+                                        follows: the samples as float32
 
-The name is a digest of the recording's id, of the file's own digest, of the reading options that a person
-chose, and of the software's revision: a newer reader never gets the samples of an older one. An entry goes
-with its recording, whose key was the only one that opened it.
+The key is a digest of the file's own digest, of the reading options that a person chose, and of the
+revision of the software: a newer reader never gets the samples of an older one. An entry goes with its
+recording.
 """
 
 import hashlib
@@ -18,16 +18,15 @@ import secrets
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.storage.keys import RecordingKey
-from app.storage.sealed import HEAD_BYTES, Sealer, open_stream, read_head
+from app.storage.permissions import create_file, make_folder
 from fusion.recording import QualityFlag, Recording, Segment, Span
 
 LONGEST_HEAD_BYTES = 16 << 20
@@ -48,19 +47,15 @@ class DecodedCache:
 
     folder: Path
     max_bytes: int
-    key: RecordingKey | None = None
-    """The key of the recording that is read or kept; none where only room is made."""
-
-    def of(self, key: RecordingKey) -> Self:
-        """Give the same cache for one recording; its key there is of no use for anything else."""
-        return replace(self, key=RecordingKey(key.id, key.derive(b"", b"samples")))
+    recording_id: str = ""
+    """The recording that is read or kept."""
 
     def find(self, key: str) -> Recording | None:
         """Give the recording, or None where it is not there or not whole."""
         path = self._path(key)
         try:
             with path.open("rb") as file:
-                recording = _read_entry(open_stream(file, self._get_key()))
+                recording = _read_entry(file)
             os.utime(path)  # the entry that was used last is removed last
         except FileNotFoundError:
             return None
@@ -74,7 +69,7 @@ class DecodedCache:
         """Keep the samples if there is room; no result depends on it."""
         size_bytes = sum(segment.acc_g.nbytes + segment.gyr_dps.nbytes for segment in recording.segments)
         try:
-            self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_folder(self.folder)
             if size_bytes > self.max_bytes or shutil.disk_usage(self.folder).free < SPARE_TIMES * size_bytes:
                 return
             self._make_room(size_bytes)
@@ -83,34 +78,20 @@ class DecodedCache:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
     def find_recordings(self) -> frozenset[str]:
-        """Give the id of every recording whose samples are here; "" for what has none."""
-        return frozenset(recording_id for _, recording_id in self._read_owners())
+        """Give the id of every recording whose samples are here."""
+        return frozenset(path.name.partition(".")[0] for path in self.folder.glob("rec_*"))
 
     def forget(self, recording_ids: Collection[str]) -> None:
         """Remove the samples of these recordings, entries that are being written too."""
-        for path, recording_id in self._read_owners():
-            if recording_id in recording_ids:
+        for recording_id in recording_ids:
+            for path in self.folder.glob(f"{recording_id}.*"):
                 path.unlink(missing_ok=True)
 
-    def _read_owners(self) -> Iterator[tuple[Path, str]]:
-        """Give each entry with the id of its recording; "" where it is not sealed, as in earlier releases."""
-        for path in self.folder.glob("*"):
-            with suppress(FileNotFoundError, IsADirectoryError), path.open("rb") as file:  # pairs: a folder
-                head = read_head(file.read(HEAD_BYTES))
-                yield path, "" if head is None else head.key_id
-
-    def _get_key(self) -> RecordingKey:
-        if self.key is None:
-            raise KeyError
-        return self.key
-
     def _write(self, key: str, recording: Recording) -> None:
-        part = self.folder / f"{key}.{secrets.token_hex(4)}.part"
+        part = self._path(key).with_suffix(f".{secrets.token_hex(4)}.part")
         try:
-            with part.open("xb") as file:
-                sealer = Sealer(file.write, self._get_key())
-                _write_entry(sealer, recording)
-                sealer.close()
+            with create_file(part) as file:
+                _write_entry(file, recording)
             part.replace(self._path(key))
         finally:
             part.unlink(missing_ok=True)
@@ -126,8 +107,7 @@ class DecodedCache:
             held_bytes -= status.st_size
 
     def _path(self, key: str) -> Path:
-        name = hashlib.sha256(f"{self._get_key().id}\n{key}".encode()).hexdigest()[:40]
-        return self.folder / f"{name}.samples"
+        return self.folder / f"{self.recording_id}.{key}.samples"
 
 
 def _find_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
@@ -136,11 +116,19 @@ def _find_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
             yield path, path.stat()
 
 
-def _write_entry(file: Sealer, recording: Recording) -> None:
-    file.write(json.dumps(_describe(recording)).encode() + b"\n")
-    for segment in recording.segments:
-        for samples in (segment.acc_g, segment.gyr_dps):
-            file.write(np.ascontiguousarray(samples, dtype="<f4").data.cast("B"))
+def _write_entry(file: IO[bytes], recording: Recording) -> None:
+    described = json.dumps(_describe(recording))
+    arrays = [
+        np.ascontiguousarray(samples, dtype="<f4")
+        for segment in recording.segments
+        for samples in (segment.acc_g, segment.gyr_dps)
+    ]
+    digest = hashlib.sha256(described.encode())
+    for samples in arrays:
+        digest.update(samples.data.cast("B"))
+    file.write(f"{digest.hexdigest()} {described}\n".encode())
+    for samples in arrays:
+        file.write(samples.data.cast("B"))
 
 
 def _read_entry(file: IO[bytes]) -> Recording:
@@ -151,18 +139,24 @@ def _read_entry(file: IO[bytes]) -> Recording:
     ValueError, KeyError, TypeError
         The entry is damaged.
     """
-    facts = json.loads(file.readline(LONGEST_HEAD_BYTES))
+    sha256, _, described = file.readline(LONGEST_HEAD_BYTES).rstrip(b"\n").partition(b" ")
+    digest = hashlib.sha256(described)
+    facts = json.loads(described)
     segments = []
     for about in facts.pop("segments"):
         rows = int(about.pop("rows"))
-        acc_g, gyr_dps = _read_samples(file, rows), _read_samples(file, rows)
+        acc_g, gyr_dps = _read_samples(file, rows, digest), _read_samples(file, rows, digest)
         bridged = tuple((first, stop) for first, stop in about.pop("bridged"))
         segments.append(Segment(acc_g=acc_g, gyr_dps=gyr_dps, bridged=bridged, **about))
+    if file.read(1) or digest.hexdigest().encode() != sha256:
+        raise ValueError
     return _build(facts, tuple(segments))
 
 
-def _read_samples(file: IO[bytes], rows: int) -> NDArray[np.float32]:
-    samples = np.frombuffer(file.read(12 * rows), dtype="<f4")
+def _read_samples(file: IO[bytes], rows: int, digest: "hashlib._Hash") -> NDArray[np.float32]:
+    content = file.read(12 * rows)
+    digest.update(content)
+    samples = np.frombuffer(content, dtype="<f4")
     return samples.reshape(rows, 3).astype(np.float32)
 
 

@@ -7,17 +7,22 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from app.storage.permissions import FOLDER_MODE, create_file, make_folder
+from app.storage.erasures import LEDGER_FILE, FolderLedger
+from app.storage.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
 from app.storage.store import (
     SIDE_SUFFIX,
     UNREADABLE,
     Fetched,
     Mark,
+    Upload,
+    VerifiedFiles,
     check_free,
+    hash_file,
+    make_recording_id,
     read_mark,
     read_or_create_id,
     sync_file,
@@ -64,9 +69,15 @@ class FolderWriter:
 
 @dataclass(frozen=True, slots=True)
 class FolderStorage:
-    """A folder of recordings and reports on this machine; ``ByteStore`` documents the methods."""
+    """A folder of recordings and reports on this machine; ``Storage`` documents the methods."""
 
     root: Path
+    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
+
+    @property
+    def ledger(self) -> FolderLedger:
+        """The ledger of erasures, a file."""
+        return FolderLedger(self.root / LEDGER_FILE)
 
     @property
     def is_local(self) -> bool:
@@ -75,18 +86,19 @@ class FolderStorage:
 
     def prepare(self) -> None:
         """Create missing folders."""
-        for name in ("uploads", "recordings", "analyses", "opened"):
+        for name in ("uploads", "recordings", "analyses"):
             make_folder(self.root / name)
 
     def identify(self) -> str:
         """Give the permanent id of this folder's contents; the first call creates it."""
         return read_or_create_id(self.root / "store.id", "folder")
 
-    def open_writer(self, recording_id: str) -> FolderWriter:
-        """Begin a recording under a new name."""
+    def open_upload(self, max_bytes: int) -> Upload:
+        """Start an upload of a recording under a new name."""
+        recording_id = make_recording_id()
         part = self.root / "uploads" / f"{recording_id}.part"
         with translate_disk_full():
-            return FolderWriter(part, self.recording(recording_id))
+            return Upload(recording_id, FolderWriter(part, self.recording(recording_id)), max_bytes)
 
     def recording(self, recording_id: str) -> Path:
         """Give the path of a recording."""
@@ -99,18 +111,27 @@ class FolderStorage:
         sync_folder(self.root / "recordings")
 
     def fetch(self, name: str) -> Fetched:
-        """Give the file under a name of its own, which stays when another takes its place."""
-        path = self.root / "opened" / secrets.token_hex(8)
+        """Give the file in place."""
         mark = read_mark(self.root / name)
-        os.link(self.root / name, path, follow_symlinks=True)
-        return Fetched(path, mark, mark)
+        return Fetched(self.root / name, mark, mark)
 
-    def read_start(self, name: str, count: int) -> tuple[bytes, Mark] | None:
-        """Give the first bytes of a file, and its size, time and inode."""
+    def hash(self, name: str) -> tuple[str, Mark]:
+        """Give the SHA-256 of a file, and its size, time and inode."""
+        mark = read_mark(self.root / name)
+        return hash_file(self.root / name), mark
+
+    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
+        """Give a part of a file."""
+        with (self.root / name).open("rb") as file:
+            file.seek(first_byte)
+            return file.read(count)
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size, time and inode of a file; None where it cannot be read."""
         try:
             mark = read_mark(self.root / name)
-            with (self.root / name).open("rb") as file:
-                return file.read(count), mark
+            with (self.root / name).open("rb"):
+                return mark
         except OSError as error:
             if error.errno not in UNREADABLE:
                 raise
@@ -155,13 +176,13 @@ class FolderStorage:
         folder = self.attempt(analysis_id, token)
         with translate_disk_full():
             for path in folder.iterdir():
+                path.chmod(FILE_MODE)
                 sync_file(path)
             for changed in (folder, folder.parent, folder.parent.parent):
                 sync_folder(changed)
 
     def release(self, path: Path) -> None:
-        """Take the name away."""
-        path.unlink(missing_ok=True)
+        """Do nothing: files are read in place."""
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of an attempt that does not count."""

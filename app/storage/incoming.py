@@ -1,19 +1,14 @@
-"""The bytes of resumable uploads (tus): one growing file for each, sealed as it grows.
+"""The bytes of resumable uploads (tus): one growing file for each.
 
-    root/incoming/<upload>          an unfinished sealed file (:mod:`app.storage.sealed`); its head names the
-                                    recording that it will be, whose key exists from the first byte on
-    root/incoming/<upload>.tail     the file's last bytes, sent ahead to show when the recording ends; sealed
-                                    with a key of the upload's own, which goes with them
+    root/incoming/<upload>          the bytes that have come
 
 Nothing here is a recording. The row of the upload states how many of the bytes count: bytes after them were
-written but never acknowledged, and are cut off before more are written. What an earlier release took in clear
-is sealed before more is written.
+written but never acknowledged, and are cut off before more are written.
 """
 
 import hashlib
 import os
 import re
-import secrets
 import threading
 import time
 from collections.abc import Collection, Iterator
@@ -23,33 +18,21 @@ from pathlib import Path
 from typing import IO
 
 from app.errors import TooMany
-from app.storage.keys import KeyStore
 from app.storage.permissions import create_file
-from app.storage.sealed import (
-    HEAD_BYTES,
-    PIECE_BYTES,
-    Sealer,
-    measure_growing,
-    measure_grown,
-    measure_sealed,
-    read_growing,
-    read_head,
-)
-from app.storage.store import COPY_BYTES, BrokenSeal, sync_file, sync_folder, translate_disk_full
+from app.storage.store import sync_folder, translate_disk_full
 
-TAIL_SUFFIX = ".tail"
-"""The suffix of the file that holds the last bytes, beside the one that holds the first."""
 _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 
 
 class GrowingFile:
-    """The file of one upload, open at its offset; the seal is closed by the last of ``length_bytes``."""
+    """The file of one upload, open at its offset."""
 
-    def __init__(self, path: Path, keys: KeyStore, offset_bytes: int, length_bytes: int) -> None:
-        self.offset_bytes, self._length_bytes = offset_bytes, length_bytes
+    def __init__(self, path: Path, offset_bytes: int) -> None:
+        self.offset_bytes = offset_bytes
         with translate_disk_full():
             self._file: IO[bytes] = path.open("r+b")
-            self._sealer = None if offset_bytes == length_bytes else _go_on(self._file, keys, offset_bytes)
+            self._file.truncate(offset_bytes)
+            self._file.seek(offset_bytes)
 
     def write(self, chunk: bytes) -> None:
         """Write the next bytes.
@@ -58,13 +41,9 @@ class GrowingFile:
         ------
         DiskFull
         """
-        if self._sealer is None or not chunk:
-            return
         with translate_disk_full():
-            self._sealer.write(chunk)
-            self.offset_bytes += len(chunk)
-            if self.offset_bytes == self._length_bytes:
-                self._sealer.close()
+            self._file.write(chunk)
+        self.offset_bytes += len(chunk)
 
     def flush(self) -> int:
         """Hand every written byte to the system; gives the offset after them."""
@@ -80,19 +59,6 @@ class GrowingFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-
-def _go_on(file: IO[bytes], keys: KeyStore, offset_bytes: int) -> Sealer:
-    """Cut the file behind an offset, and give what seals the bytes from there on."""
-    head = read_head(file.read(HEAD_BYTES))
-    if head is None:
-        raise BrokenSeal
-    sealer = Sealer(file.write, keys.get(head.key_id), head)
-    end = measure_growing(offset_bytes)
-    file.truncate(end)
-    file.seek(end - offset_bytes % PIECE_BYTES)
-    sealer.go_on(offset_bytes, file.read())
-    return sealer
 
 
 @dataclass(slots=True)
@@ -132,7 +98,6 @@ class Incoming:
     """The folder of growing files, and the uploads that have a writer now."""
 
     folder: Path
-    keys: KeyStore
     _busy: set[str] = field(default_factory=set)
     _hashes: dict[str, _Running] = field(default_factory=dict)
     _guard: threading.Lock = field(default_factory=threading.Lock)
@@ -142,103 +107,35 @@ class Incoming:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     def path(self, upload_id: str) -> Path:
-        """Give the path of an upload's sealed bytes."""
+        """Give the path of an upload's bytes."""
         return self.folder / upload_id
 
-    def open(self, upload_id: str, offset_bytes: int, length_bytes: int) -> GrowingFile:
+    def open(self, upload_id: str, offset_bytes: int) -> GrowingFile:
         """Open the file of an upload at its offset, created where there is none.
 
         Raises
         ------
         DiskFull
         """
-        path = self.path(upload_id)
-        if not path.exists() or not self._is_sealed(upload_id) or self._is_locked(upload_id):
-            self._write_sealed(path, offset_bytes)
-        return GrowingFile(path, self.keys, offset_bytes, length_bytes)
-
-    def complete(self, upload_id: str, length_bytes: int) -> None:
-        """Close the seal of a whole upload, if it is not yet: one that an earlier release took in clear.
-
-        Raises
-        ------
-        FileNotFoundError, DiskFull
-        """
-        path = self.path(upload_id)
-        if path.stat().st_size == measure_sealed(length_bytes) and self._is_sealed(upload_id):
-            return
-        if not self._is_sealed(upload_id):
-            self._write_sealed(path, length_bytes)
-        with translate_disk_full(), path.open("r+b") as file:
-            _go_on(file, self.keys, length_bytes).close()
-            file.flush()
-            os.fsync(file.fileno())
-
-    def _write_sealed(self, path: Path, size_bytes: int) -> None:
-        """Begin a sealed file with the bytes that count of one in clear, if there is one."""
-        key = self.keys.create(f"rec_{secrets.token_hex(8)}")
-        part = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
-        try:
-            with translate_disk_full(), create_file(part) as file:
-                sealer = Sealer(file.write, key)
-                if path.exists():
-                    for piece in _read_plain(path, size_bytes):
-                        sealer.write(piece)
-            with translate_disk_full():
-                sync_file(part)
-                part.replace(path)
-                sync_folder(self.folder)
-        finally:
-            part.unlink(missing_ok=True)
-
-    def _is_sealed(self, upload_id: str) -> bool:
-        with self.path(upload_id).open("rb") as file:
-            return read_head(file.read(HEAD_BYTES)) is not None
-
-    def _is_locked(self, upload_id: str) -> bool:
-        """Tell whether the bytes were sealed with a key that is not here: they count no more."""
-        key_id = self.find_recording_id(upload_id)
-        return key_id is not None and self.keys.find(key_id) is None
-
-    def find_recording_id(self, upload_id: str) -> str | None:
-        """Give the id of the recording that an upload is to be; None before its first byte."""
-        try:
-            with self.path(upload_id).open("rb") as file:
-                head = read_head(file.read(HEAD_BYTES))
-        except FileNotFoundError:
-            return None
-        return None if head is None else head.key_id
+        with translate_disk_full(), suppress(FileExistsError):
+            create_file(self.path(upload_id)).close()
+            sync_folder(self.folder)
+        return GrowingFile(self.path(upload_id), offset_bytes)
 
     def measure(self, upload_id: str) -> int:
         """Give the number of an upload's bytes that are on the disk."""
         try:
-            size_bytes = self.path(upload_id).stat().st_size
-            if not self._is_sealed(upload_id):
-                return size_bytes
-            return 0 if self._is_locked(upload_id) else measure_grown(size_bytes)
+            return self.path(upload_id).stat().st_size
         except FileNotFoundError:
             return 0
 
-    def read_pieces(self, upload_id: str, size_bytes: int) -> Iterator[bytes]:
-        """Give the first ``size_bytes`` of an upload, piece by piece.
-
-        Raises
-        ------
-        FileNotFoundError, BrokenSeal, KeyGone
-        """
-        path = self.path(upload_id)
-        with path.open("rb") as file:
-            head = read_head(file.read(HEAD_BYTES))
-            if head is None:
-                yield from _read_plain(path, size_bytes)
-            else:
-                yield from read_growing(file, self.keys.get(head.key_id), head, size_bytes)
-
     def read_first(self, upload_id: str, count: int) -> bytes:
-        """Give the first bytes of an upload; none where they cannot be read."""
-        with suppress(FileNotFoundError, BrokenSeal):
-            return b"".join(self.read_pieces(upload_id, count))
-        return b""
+        """Give the first bytes of an upload; none where there are none yet."""
+        try:
+            with self.path(upload_id).open("rb") as file:
+                return file.read(count)
+        except FileNotFoundError:
+            return b""
 
     def acquire(self, upload_id: str) -> bool:
         """Become the only writer of an upload; False while there is another."""
@@ -266,52 +163,27 @@ class Incoming:
         running.offset_bytes += len(chunk)
 
     def hash(self, upload_id: str, size_bytes: int) -> str:
-        """Give the SHA-256 of a whole upload; it is read again only after a restart of the server."""
-        running = self._hashes.get(upload_id)
-        if running is not None and running.offset_bytes == size_bytes:
-            return running.sha256.hexdigest()
-        sha256 = hashlib.sha256()
-        for piece in self.read_pieces(upload_id, size_bytes):
-            sha256.update(piece)
-        return sha256.hexdigest()
+        """Give the SHA-256 of a whole upload; it is read again only after a restart of the server.
 
-    def keep_tail(self, upload_id: str, tail: bytes) -> None:
-        """Keep the last bytes of a file whose upload is under way, whole or not at all.
+        Bytes behind the last that counts are cut off.
 
         Raises
         ------
-        DiskFull
+        FileNotFoundError
         """
-        part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
-        try:
-            with translate_disk_full():
-                sealed = self.keys.create(upload_id).seal(tail, TAIL_SUFFIX)
-                part.write_bytes(sealed)
-                part.replace(self._tail_path(upload_id))
-        finally:
-            part.unlink(missing_ok=True)
-
-    def read_tail(self, upload_id: str) -> bytes | None:
-        """Give the last bytes of a file; None where they were not sent ahead."""
-        key = self.keys.find(upload_id)
-        with suppress(FileNotFoundError, BrokenSeal):
-            return None if key is None else key.open(self._tail_path(upload_id).read_bytes(), TAIL_SUFFIX)
-        return None
-
-    def forget_tail(self, upload_id: str) -> None:
-        """Destroy the key of the last bytes that were sent ahead, and remove them."""
-        if self._tail_path(upload_id).exists():
-            self.keys.destroy(upload_id)
-        self._tail_path(upload_id).unlink(missing_ok=True)
-
-    def _tail_path(self, upload_id: str) -> Path:
-        return self.folder / f"{upload_id}{TAIL_SUFFIX}"
+        with self.path(upload_id).open("r+b") as file:
+            if os.fstat(file.fileno()).st_size > size_bytes:
+                file.truncate(size_bytes)
+                os.fsync(file.fileno())
+            running = self._hashes.get(upload_id)
+            if running is not None and running.offset_bytes == size_bytes:
+                return running.sha256.hexdigest()
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
     def forget(self, upload_id: str) -> None:
-        """Remove the bytes of an upload; the key is that of the recording, if it is one now."""
+        """Remove the bytes of an upload."""
         self._hashes.pop(upload_id, None)
         self.path(upload_id).unlink(missing_ok=True)
-        self.forget_tail(upload_id)
 
     def find_stale(
         self, growing: Collection[str], known: Collection[str], min_age_s: float
@@ -330,16 +202,12 @@ class Incoming:
 
     def sweep(self, upload_id: str) -> int:
         """Remove every file of an upload; gives their number."""
-        self.forget_tail(upload_id)
         left = [path for path in self.folder.glob(f"{upload_id}*") if _OWN_NAME.fullmatch(path.name)]
         for path in left:
             path.unlink(missing_ok=True)
         return len(left)
 
 
-def _read_plain(path: Path, size_bytes: int) -> Iterator[bytes]:
-    """Give the first bytes of a file in clear."""
-    with path.open("rb") as file:
-        while piece := file.read(min(COPY_BYTES, size_bytes)):
-            size_bytes -= len(piece)
-            yield piece
+def name_recording(upload_id: str) -> str:
+    """Give the id of the recording that an upload becomes: the same, however often its end is repeated."""
+    return f"rec_{upload_id.removeprefix('up_')[:16]}"

@@ -16,21 +16,18 @@ OTHERS = 0o077
 OUR_FOLDERS = frozenset(
     {
         "analyses",
-        "backups",
         "cache",
+        "copies",
         "incoming",
         "inspections",
-        "organisations",
-        "keys",
         "live",
-        "opened",
         "quarantine",
         "recordings",
         "uploads",
     }
 )
 OUR_FILES = frozenset(
-    {"erasures.jsonl", "organisation.key", "secret", "server.id", "server.lock", "store.id"}
+    {"backups.json", "erasures.jsonl", "has_accounts", "secret", "server.key", "server.lock", "store.id"}
 )
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
@@ -54,7 +51,7 @@ def create_file(path: Path) -> IO[bytes]:
 
 
 def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
-    """Take from others the permissions that an earlier release, or a wide umask, gave them.
+    """Take from others the permissions that a wide umask gave them.
 
     Only files and folders with one of our names are changed; the data folder itself only when it holds
     nothing else. ``database`` is the file of the rows, where they are in one.
@@ -66,8 +63,6 @@ def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
     for path in held:
         if path.name in ours:
             _restrict(path)
-    for path in (data_dir / "backups").glob("rows-before-*.zip"):
-        _restrict(path)
     if database is not None:
         for name in _find_database_names(database.name):
             _restrict(database.with_name(name))

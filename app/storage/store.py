@@ -1,7 +1,6 @@
 """The interface of the two stores, how stored files are verified, and how a file becomes durable.
 
-    root/uploads/<recording>.part        bytes still arriving
-    root/opened/<hex>                    copies in clear, as long as somebody reads them
+    root/uploads/<name>.part             bytes still arriving, and copies from a bucket while they are read
     root/recordings/<recording>          bytes whose arrival was acknowledged
     root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.jobs.side_files`)
     root/quarantine/<name>               unknown entries of the recordings; only people remove them
@@ -24,7 +23,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,15 +39,17 @@ from app.errors import (
     FolderReadOnly,
     FolderTaken,
     FolderUnusable,
-    KeyGone,
     ResultDamaged,
     StoreDamaged,
 )
+from app.storage.permissions import create_file
 
 if sys.platform != "win32":
     import fcntl
 
 COPY_BYTES = 1 << 20
+TEMPORARY_S = 6 * 3600.0
+"""A temporary file that nobody has written to for so long belongs to no upload or reading under way."""
 SIDE_SUFFIX = ".json"
 VERIFIED_TERM_S = 3600.0
 MOST_VERIFIED = 100_000
@@ -60,10 +61,6 @@ UNREADABLE = frozenset(
 """The system's error numbers for a file that is missing, is no file, or lies on a broken disk."""
 
 logger = logging.getLogger(__name__)
-
-
-class BrokenSeal(ValueError):
-    """The bytes were altered, or sealed with another key or about something else."""
 
 
 Mark = tuple[int | str, ...]
@@ -125,31 +122,77 @@ class VerifiedFiles:
                 del self._whole[next(iter(self._whole))]
 
 
-class Upload(Protocol):
-    """Bytes that arrive, hashed as they come."""
-
-    @property
-    def size_bytes(self) -> int:
-        """How many bytes have come."""
+class ByteWriter(Protocol):
+    """The bytes of a new recording, as they come."""
 
     def write(self, chunk: bytes) -> None:
-        """Write the next bytes. Raises FileTooLarge, DiskFull, StoreAway."""
+        """Write the next bytes. Raises DiskFull, StoreAway."""
 
-    def keep(self) -> StoredRecording:
+    def keep(self) -> None:
         """Make the bytes durable under their final name."""
 
     def discard(self) -> None:
         """Leave nothing behind; harmless after :meth:`keep`."""
 
 
-class FileStore(Protocol):
-    """What a store does with files, whether it seals them (:class:`Storage`) or keeps bytes as they come
-    (:class:`app.storage.byte_store.ByteStore`).
+class Upload:
+    """Bytes that arrive, hashed as they come."""
+
+    def __init__(self, recording_id: str, writer: ByteWriter, max_bytes: int) -> None:
+        self._id, self._writer, self._max_bytes = recording_id, writer, max_bytes
+        self._sha256, self.size_bytes = hashlib.sha256(), 0
+
+    def write(self, chunk: bytes) -> None:
+        """Write the next bytes.
+
+        Raises
+        ------
+        FileTooLarge, DiskFull, StoreAway
+        """
+        if self.size_bytes + len(chunk) > self._max_bytes:
+            raise too_large(self.size_bytes + len(chunk), self._max_bytes)
+        self._sha256.update(chunk)
+        self._writer.write(chunk)
+        self.size_bytes += len(chunk)
+
+    def keep(self) -> StoredRecording:
+        """Make the bytes durable under their final name."""
+        self._writer.keep()
+        return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
+
+    def discard(self) -> None:
+        """Leave nothing behind; harmless after :meth:`keep`."""
+        self._writer.discard()
+
+
+class Ledger(Protocol):
+    """The ids of erased recordings, outside the database; nothing is ever taken out."""
+
+    def find(self) -> frozenset[str]:
+        """Return every id."""
+
+    def add(self, recording_ids: Collection[str]) -> None:
+        """Add ids; durable when this returns."""
+
+
+class Storage(Protocol):
+    """The store of recordings and results: a folder, or a bucket with a folder for temporary files.
+
+    :meth:`fetch` gives a file of this machine, which the caller releases. It verifies nothing: whatever is
+    shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
     """
 
     @property
     def is_local(self) -> bool:
         """Files can be read in place; else each reading is a copy."""
+
+    @property
+    def verified(self) -> VerifiedFiles:
+        """The files that were verified."""
+
+    @property
+    def ledger(self) -> Ledger:
+        """The ledger of erasures."""
 
     @property
     def root(self) -> Path:
@@ -162,21 +205,37 @@ class FileStore(Protocol):
         """Give the permanent id of this store; the first call creates it."""
 
     def fetch(self, name: str) -> Fetched:
-        """Give a file by its name in the store, unverified, as a file of ``root/opened`` of its own.
-
-        Raises FileNotFoundError, StoreAway; where the store seals, BrokenSeal, KeyGone, too.
-        """
+        """Give a file by its name in the store, unverified. Raises FileNotFoundError, StoreAway."""
 
     def release(self, path: Path) -> None:
         """End the use of a fetched file; a copy is removed."""
 
     def put(self, path: Path, name: str) -> None:
-        """Store a file of this machine as it is under a name of the store (``recordings/...``), whole or not
-        at all.
+        """Store a file of this machine under a name (``recordings/...``), whole or not at all."""
+
+    def open_upload(self, max_bytes: int) -> Upload:
+        """Start an upload of a recording under a new name."""
+
+    def adopt(self, path: Path, recording_id: str) -> None:
+        """Store a durable file of this machine as a recording; twice does no harm. The caller removes it."""
+
+    def hash(self, name: str) -> tuple[str, Mark]:
+        """Give the SHA-256 of a file, and its mark. Raises FileNotFoundError."""
+
+    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
+        """Give a part of a file, unverified. Raises FileNotFoundError."""
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give the mark of a file, its size first; None where there is none."""
+
+    def keep_attempt(self, analysis_id: str, token: str) -> None:
+        """Make the attempt's files durable and readable from every machine.
+
+        This comes before the row states that the attempt counts.
         """
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording, then its side file; where the store seals, its key, too; no harm when gone."""
+        """Remove a recording, then its side file; no harm when they are gone."""
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Create an empty folder on this machine for the files of one attempt."""
@@ -221,39 +280,6 @@ class FileStore(Protocol):
         """Remove temporary files that nobody has written to for so long; gives their number."""
 
 
-class Storage(FileStore, Protocol):
-    """The store of recordings and results; what it keeps is sealed (:mod:`app.storage.sealing`).
-
-    :meth:`fetch` gives a copy in clear on this machine, which the caller releases. It verifies nothing:
-    whatever is shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
-    """
-
-    @property
-    def verified(self) -> VerifiedFiles:
-        """The files that were verified."""
-
-    def open_upload(self, max_bytes: int) -> Upload:
-        """Start an upload of a recording under a new name."""
-
-    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
-        """Store a durable sealed file of this machine as a recording; the caller removes it later."""
-
-    def hash(self, name: str) -> tuple[str, Mark]:
-        """Give the SHA-256 of a file's content, and its mark. Raises FileNotFoundError, BrokenSeal."""
-
-    def read_part(self, name: str, first_byte: int, count: int) -> bytes:
-        """Give a part of a file's content. Raises FileNotFoundError, BrokenSeal, KeyGone."""
-
-    def find_mark(self, name: str) -> Mark | None:
-        """Give the mark of a file, the size of its content first; None where there is none."""
-
-    def keep_attempt(self, analysis_id: str, token: str, recording_id: str) -> None:
-        """Seal the attempt's files, and make them durable and readable from every machine.
-
-        This comes before the row states that the attempt counts.
-        """
-
-
 @contextmanager
 def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> Iterator[Path]:
     """Give a result for the length of the block, verified against the SHA-256 of its row.
@@ -282,11 +308,11 @@ def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterat
 
 
 def read_recording(storage: Storage, recording_id: str, first_byte: int, count: int) -> bytes:
-    """Read a part of a recording; its seal proves that part alone.
+    """Read a part of a recording, unverified.
 
     Raises
     ------
-    StoreDamaged, KeyGone
+    StoreDamaged
     """
     name = format_recording_name(recording_id)
     with _translate_read_errors(name, StoreDamaged()):
@@ -310,6 +336,11 @@ def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
         return False
     is_read = storage.is_local and stored.size_bytes <= MOST_READ_FOR_PAGE_BYTES
     return not is_read or is_recording_whole(storage, stored.id, stored.sha256)
+
+
+def make_recording_id() -> str:
+    """Make the id of a new recording."""
+    return f"rec_{secrets.token_hex(8)}"
 
 
 def format_recording_name(recording_id: str) -> str:
@@ -372,14 +403,6 @@ def _translate_read_errors(name: str, damaged: AppError) -> Iterator[None]:
             raise
         logger.error("%s cannot be read: %s", name, error.strerror or "missing")
         raise damaged from error
-    except BrokenSeal as error:
-        logger.error("%s is damaged: its seal is broken", name)
-        raise damaged from error
-    except KeyGone as error:
-        logger.error("%s cannot be opened: its key is not here", name)
-        if isinstance(damaged, ResultDamaged):
-            raise damaged from error
-        raise
 
 
 def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
@@ -436,7 +459,8 @@ def check_free(folder: Path, needed_bytes: int) -> None:
 def write_durably(path: Path, content: bytes) -> None:
     """Write a small file whole or not at all."""
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
-    part.write_bytes(content)
+    with create_file(part) as file:
+        file.write(content)
     sync_file(part)
     part.replace(path)
     sync_folder(path.parent)
@@ -469,12 +493,6 @@ def sync_folder(folder: Path) -> None:
 def format_side_file_name(recording_id: str) -> str:
     """Give the name of a recording's side file in the store."""
     return f"recordings/{recording_id}{SIDE_SUFFIX}"
-
-
-def find_owner(name: str) -> str | None:
-    """Give the recording that a side file, or its copy in quarantine, belongs to; None for another name."""
-    owner = name.rpartition("/")[2].partition(".")[0]
-    return owner if owner.startswith("rec_") else None
 
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
@@ -524,7 +542,7 @@ def check_folder(folder: Path) -> None:
     FolderUnusable, DiskFull
     """
     with translate_folder_errors(folder):
-        for name in ("", "uploads", "recordings", "analyses", "incoming", "keys", "opened"):
+        for name in ("", "uploads", "recordings", "analyses", "incoming"):
             place = folder / name
             if place.is_dir() or not name:
                 with tempfile.TemporaryFile(dir=place):

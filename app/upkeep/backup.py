@@ -1,26 +1,24 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
-    manifest.json            {"format": "acromion.backup/2", "revision", "version", "made_at",
-                              "organisation": its id; without one it is of "own",
-                              "accounts": their revision, where it holds them,
+    manifest.json            {"format": "acromion.backup/3", "revision", "version", "made_at",
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
-    rows/<table>.jsonl       one row a line, all of one transaction
-    accounts/<table>.jsonl   who may log in, in the backup of "own" (:mod:`app.upkeep.account_rows`)
-    files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>, as they are stored: sealed
+    rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
+                              (sessions, links, wrong tries, known browsers)
+    files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
+    erasures.jsonl           the ledger of erasures (:mod:`app.storage.erasures`)
+    server.key               the secret of the server (:mod:`app.storage.server_secret`)
 
-The keys of the recordings are not in it (:mod:`app.upkeep.key_backup`); without them its files are closed. It
-may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`).
+It may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`). Beside the backups the newest
+ledger is kept as ``erasures.jsonl``: whoever was erased before the last backup comes back from no older one.
 
 Files never change once a row promises them, so that they can be copied after the rows were read. A file that
 is purged meanwhile makes the backup start again. A damaged file is copied as it is; the manifest lists
-damaged and missing files. Later releases read the format: rows are inserted into tables of the backup's own
-revision, which are then migrated. Releases before "faults" refuse to restore a backup that has any, and read
-every other.
+damaged and missing files.
 """
 
 import hashlib
 import json
-import tempfile
+import re
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -32,89 +30,75 @@ from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
-from app.access.database import AccountDatabase
-from app.access.sealed_secrets import ACCOUNTS as ACCOUNTS_KEY
-from app.access.tables import REVISION as ACCOUNTS_REVISION
+from app.access.accounts import AccountStore
 from app.errors import (
     BackupRefused,
-    DatabaseTooNew,
-    KeyFileMissing,
-    KeyGone,
-    KeysNeeded,
     NotEmpty,
-    OtherOrganisation,
+    WrongSchema,
 )
+from app.jobs.audit_log import AT_MACHINE, record
 from app.jobs.database.connect import (
     READ_ONLY,
     connect,
     create_tables,
     lock_tables,
-    make_schema,
     read_revision,
 )
-from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
-from app.jobs.database.migrate import upgrade
-from app.jobs.database.sealed_text import use_sealer
-from app.jobs.database.tables import REVISION, analyses, facts, schema_revision, trail, uploads
-from app.jobs.idempotency import drop_traces
+from app.jobs.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
+from app.jobs.database.tables import (
+    REVISION,
+    analyses,
+    audit_log,
+    facts,
+    people,
+    schema_revision,
+    uploads,
+)
+from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
-from app.jobs.trail import AT_MACHINE, record
-from app.organisation import OWN_ORGANISATION, is_organisation
 from app.settings import Settings
-from app.storage.keys import RecordingKey, open_keys, read_key_file
-from app.storage.labels import LABELS, LabelSealer
+from app.storage.erasures import LEDGER_FILE, format_ledger, parse_ledger
 from app.storage.open import open_storage
-from app.storage.permissions import FILE_MODE, make_folder
-from app.storage.sealed import HEAD_BYTES, SealedFile, read_head
-from app.storage.sealing import SealedStorage
+from app.storage.permissions import FILE_MODE, create_file, make_folder
+from app.storage.server_secret import SECRET_FILE, ServerSecret
 from app.storage.store import (
     COPY_BYTES,
     SIDE_SUFFIX,
-    BrokenSeal,
     FolderLock,
+    Storage,
+    hash_file,
     translate_disk_full,
     translate_folder_errors,
+    write_durably,
 )
-from app.upkeep.account_rows import FOLDER as ACCOUNTS
-from app.upkeep.account_rows import AccountRows, CopiedPeople, write_accounts
+from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.envelope import Recipients, read_envelope, write_envelope
-from app.upkeep.key_backup import KeyBackup, import_key_backup
 from app.upkeep.recover import catch_up, find_unknown
 from app.upkeep.verify import Fault, KeptFile, find_files, find_kept, read_promised
 from app.version import software_version
 
-FORMAT = "acromion.backup/2"
-READABLE = (FORMAT, "acromion.backup/1")
-"""Those of earlier releases held every file in clear."""
+FORMAT = "acromion.backup/3"
 TRIES = 3
 NOBODY = Recipients()
-UNOPENED = "sealed"
-"""In place of a digest: the content is sealed, and no keys were given."""
-
-FindKey = Callable[[str], RecordingKey]
-"""Gives the key of an id, or raises KeyGone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many files the rows promise, which of them were not copied whole, and whose they are."""
+    """How many files the rows promise, which of them were not copied whole, and who may sign in then."""
 
     promised: int
     faults: tuple[Fault, ...]
-    people: CopiedPeople | None = None
-    organisation: str = OWN_ORGANISATION
+    accounts: Accounts = NO_ACCOUNTS
+    erased: int = 0
+    """How many recordings of the backup were erased since, and stay away."""
 
 
 class _PurgedMeanwhileError(Exception):
     """A file was deleted together with its row while the backup was made."""
 
 
-def back_up(
-    settings: Settings, path: Path, recipients: Recipients = NOBODY, organisation: str = OWN_ORGANISATION
-) -> Copied:
+def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> Copied:
     """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
-
-    It is that of one organisation; the accounts of the installation go with "own".
 
     Raises
     ------
@@ -125,20 +109,39 @@ def back_up(
     """
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
-            return _write(settings, path, recipients, organisation)
+            copied = _write(settings, path, recipients)
+            _keep_ledger(open_storage(settings).ledger.find(), path)
+            return copied
     raise BackupRefused(why="recordings are being purged")
 
 
-def _write(settings: Settings, path: Path, recipients: Recipients, organisation: str) -> Copied:
-    place = settings.for_organisation(organisation)
+def drop_older_backups(path: Path, keep: int) -> tuple[str, ...]:
+    """Delete the older backups of this name, in which only digits differ; return their names."""
+    same = re.compile(r"\d+".join(map(re.escape, re.split(r"\d+", path.name))))
+    found = [one for one in path.resolve().parent.iterdir() if one.is_file() and same.fullmatch(one.name)]
+    found.sort(key=lambda one: (one.stat().st_mtime_ns, one.name))
+    for one in found[:-keep]:
+        one.unlink()
+    return tuple(one.name for one in found[:-keep])
+
+
+def _keep_ledger(erased: frozenset[str], path: Path) -> None:
+    """Keep the ledger of erasures beside the backups, together with what is in the one there."""
+    beside = path.resolve().with_name(LEDGER_FILE)
+    known = parse_ledger(beside.read_bytes()) if beside.is_file() else frozenset()
+    if not erased <= known:
+        write_durably(beside, format_ledger(erased | known))
+
+
+def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        manifest, files = _write_rows(place, archive)
-        manifest["organisation"] = organisation
-        people = write_accounts(settings, archive) if organisation == OWN_ORGANISATION else None
-        if people is not None:
-            manifest[ACCOUNTS] = ACCOUNTS_REVISION
-        copied = replace(_write_files(place, archive, files), people=people)
+        manifest, files = _write_rows(settings, archive)
+        copied = _write_files(settings, archive, files)
+        erased = open_storage(settings).ledger.find()
+        archive.writestr(LEDGER_FILE, format_ledger(erased))
+        if (secret := ServerSecret(settings.data_dir).file).exists():
+            archive.writestr(SECRET_FILE, secret.read_bytes())
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
         archive.writestr("manifest.json", json.dumps(manifest, indent=1))
     return copied
@@ -183,10 +186,10 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile, files: tuple[Kept
     return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
 
-def _write_file(storage: SealedStorage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
-    """Copy a file as it is stored; gives its fault, None where its content matches its row."""
+def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
+    """Copy a file; gives its fault, None where its content matches its row."""
     try:
-        path = storage.fetch_sealed(file.name)
+        path = storage.fetch(file.name).path
     except FileNotFoundError:
         return Fault(file.name, "missing")
     except OSError:
@@ -194,7 +197,7 @@ def _write_file(storage: SealedStorage, archive: zipfile.ZipFile, file: KeptFile
     try:
         with path.open("rb") as source:
             _copy(source, archive, file.name)
-        return _compare(storage, path, file)
+        return _compare(path, file)
     except FileNotFoundError:
         return Fault(file.name, "missing")
     except (PermissionError, IsADirectoryError):
@@ -203,13 +206,11 @@ def _write_file(storage: SealedStorage, archive: zipfile.ZipFile, file: KeptFile
         storage.release(path)
 
 
-def _compare(storage: SealedStorage, path: Path, file: KeptFile) -> Fault | None:
-    """Compare the content of a stored file with its row."""
+def _compare(path: Path, file: KeptFile) -> Fault | None:
+    """Compare the content of a file with its row."""
     try:
-        sha256 = storage.hash_stored(path)
-    except KeyGone:
-        return Fault(file.name, "no_key")
-    except (BrokenSeal, OSError):
+        sha256 = hash_file(path)
+    except OSError:
         sha256 = ""
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
 
@@ -245,44 +246,41 @@ def open_backup(
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew
+    BackupRefused, WrongSchema
     """
     try:
         with read_envelope(path, identity) as file, zipfile.ZipFile(file) as archive:
             manifest = json.loads(archive.read("manifest.json"))
-            if manifest["format"] not in READABLE:
+            if manifest["format"] != FORMAT:
                 raise BackupRefused(why=str(manifest["format"])[:80])
-            if manifest["revision"] > REVISION:
-                raise DatabaseTooNew(found=manifest["revision"], needed=REVISION)
+            if manifest["revision"] != REVISION:
+                raise WrongSchema(found=manifest["revision"], needed=REVISION)
             yield archive, manifest
     except (zipfile.BadZipFile, KeyError, TypeError, ValueError, OSError) as error:
         raise BackupRefused(why=str(error)[:200]) from error
 
 
-def find_damage(path: Path, keys: FindKey | None = None, identity: Path | None = None) -> Copied:
+def find_damage(path: Path, identity: Path | None = None) -> Copied:
     """Read every byte of a backup, and find the files that do not match their rows.
 
-    Without keys, what is sealed can only be compared with the checksums of the ZIP. Faults that the manifest
-    lists are found as ``known_missing`` or ``known_damaged``.
+    Faults that the manifest lists are found as ``known_missing`` or ``known_damaged``.
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew
+    BackupRefused, WrongSchema
     """
     with open_backup(path, identity) as (archive, manifest):
         known = {fault["name"] for fault in manifest.get("faults", ())}
         files = tuple(_read_promised(archive))
-        found = ((file, _read_file(archive, file.name, keys)) for file in files)
+        found = ((file, _read_member(archive, f"files/{file.name}")) for file in files)
         faults = [fault for file, one in found if (fault := _find_fault(file, one, file.name in known))]
-        rows = (name for name in archive.namelist() if name.startswith(("rows/", f"{ACCOUNTS}/")))
+        rows = (name for name in archive.namelist() if name.startswith("rows/"))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
         return Copied(len(files), tuple(faults))
 
 
 def _find_fault(file: KeptFile, found: "_Member", is_known: bool) -> Fault | None:  # noqa: FBT001
-    if found.finding == "no_key":
-        return Fault(file.name, "no_key")
-    if found.sha256 in (file.sha256, UNOPENED):
+    if found.sha256 == file.sha256:
         return None
     if found.sha256 is None:
         return Fault(file.name, "known_missing" if is_known else "missing")
@@ -295,29 +293,10 @@ class _Member:
 
     sha256: str | None
     is_as_written: bool
-    finding: str = ""
 
 
 def _ignore(_chunk: bytes) -> None:
     """Discard the bytes, which are read for their digest only."""
-
-
-def _read_file(archive: zipfile.ZipFile, name: str, keys: FindKey | None) -> _Member:
-    """Read a stored file, with the digest of its content."""
-    with tempfile.TemporaryFile() as file:  # what is sealed stays sealed in it
-        found = _read_member(archive, f"files/{name}", file.write)
-        file.seek(0)
-        head = read_head(file.read(HEAD_BYTES))
-        if head is None or found.sha256 is None:
-            return found
-        if keys is None:
-            return replace(found, sha256=UNOPENED) if found.is_as_written else found
-        try:
-            return replace(found, sha256=SealedFile(file, keys(head.key_id), head).hash())
-        except KeyGone:
-            return replace(found, finding="no_key")
-        except BrokenSeal:
-            return found
 
 
 def _read_member(archive: zipfile.ZipFile, name: str, write: Callable[[bytes], object] = _ignore) -> _Member:
@@ -345,140 +324,83 @@ def _read_rest(member: IO[bytes]) -> bytes:
 def restore(
     settings: Settings,
     path: Path,
-    keys: KeyBackup | None = None,
     identity: Path | None = None,
-    organisation: str | None = OWN_ORGANISATION,
 ) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
-    ``organisation``: whose place it goes to; None: that of the backup.
-    ``keys``: the backup of the keys, unless they are here. The files are written first, then all rows in one
-    transaction: an interrupted restore leaves nothing visible, and can be repeated. Analyses that ran when
-    the backup was made wait again. What the ledger of erasures names does not come back. Accounts come back
-    into "own" where there are none; people who are there stay as they are.
+    The files are written first, then all rows in one transaction: an interrupted restore leaves nothing
+    visible, and can be repeated. Analyses that ran when the backup was made wait again. What a ledger of
+    erasures names (that of the place, of the backup, or beside it) does not come back. Accounts and tokens
+    come back; everybody signs in again.
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
-    OtherOrganisation
-        The backup is that of another organisation; nothing is made then.
-    KeysNeeded, KeyFileMissing
-        Recordings are sealed and none of their keys is here or in ``keys``, or what wrapped those is not
-        here; nothing is made then.
+    BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway
     """
-    accounts = AccountDatabase(settings)
-    with open_backup(path, identity) as (archive, manifest):
-        found = _find_organisation(manifest)
-        if organisation not in (None, found):
-            raise OtherOrganisation(found=found, asked=organisation)
-        place = settings.for_organisation(found)
-        people = AccountRows(accounts, archive, manifest) if found == OWN_ORGANISATION else None
-        _check_keys(place, archive, keys, people)
-        with translate_folder_errors(place.data_dir):
-            make_folder(place.data_dir)
-            lock = FolderLock(place.data_dir)
+    with open_backup(path, identity) as (archive, _):
+        with translate_folder_errors(settings.data_dir):
+            make_folder(settings.data_dir)
+            lock = FolderLock(settings.data_dir)
         try:
-            if people:
-                people.prepare()
-            copied = _restore(place, archive, manifest["revision"], keys, people)
-            with closing(JobStore(place)) as store:
-                catch_up(store, open_storage(place))
-            return replace(copied, organisation=found)
+            _restore_secret(settings, archive)
+            copied = _restore(settings, archive, _read_ledgers(path, archive))
+            with closing(JobStore(settings)) as store:
+                catch_up(store, open_storage(settings))
+                found = find_accounts(store.reader)
+            AccountStore(settings).exist()  # marks the folder of a server with accounts
+            return replace(copied, accounts=found)
         finally:
-            accounts.close()
             lock.release()
-
-
-def _find_organisation(manifest: Mapping[str, Any]) -> str:
-    """Give whose backup it is; one that names nobody is of "own", as all were before organisations."""
-    found = str(manifest.get("organisation", OWN_ORGANISATION))
-    if found != OWN_ORGANISATION and not is_organisation(found):  # it becomes a path
-        raise BackupRefused(why=found[:80])
-    return found
 
 
 def _restore(
     settings: Settings,
     archive: zipfile.ZipFile,
-    revision: str,
-    keys: KeyBackup | None,
-    accounts: AccountRows | None,
+    erased: frozenset[str],
 ) -> Copied:
-    """Restore files and rows, and before the rows the people."""
-    make_schema(settings.database_url)
+    """Restore files and rows."""
     engine = connect(settings.database_url)
     try:
         with engine.begin() as connection:
             lock_tables(connection)
             _check_no_rows(connection)
-            storage = _open_with_keys(settings, keys)
-            if accounts:
-                accounts.check(storage.keys.find(ACCOUNTS_KEY) is not None)
-            use_sealer(engine, LabelSealer(storage.keys))
-            copied = _restore_files(storage, archive)
-            people = accounts.restore() if accounts else None
+            storage = open_storage(settings)
+            storage.prepare()
+            storage.ledger.add(erased)
+            erased = storage.ledger.find()
+            copied = _restore_files(storage, archive, erased)
             _drop_tables(connection)
-            _restore_rows(connection, archive, revision, storage.keys.find_erased())
-            added = {"people": str(people.number)} if people and not people.present else None
-            record(connection, "store.restored", other=added, who=AT_MACHINE)
-        return replace(copied, people=people)
+            _restore_rows(connection, archive, erased)
+            number = connection.execute(select(func.count()).select_from(people)).scalar_one()
+            record(connection, "store.restored", other={"people": number}, who=AT_MACHINE)
+        return copied
     finally:
         engine.dispose()
 
 
-def _check_keys(
-    settings: Settings, archive: zipfile.ZipFile, keys: KeyBackup | None, accounts: AccountRows | None
-) -> None:
-    """Check, before anything is made, that any sealed recording has its key, and that the accounts have."""
-    here = open_keys(settings)
-    if keys is not None and keys.organisation is None and read_key_file(here.key_file) is None:
-        raise KeyFileMissing(file=str(here.key_file))
-    given = keys or KeyBackup({}, (), None)
-    known = {*given.wrapped, *here.wrapped.read_all()}
-    closed: set[str] = set()
-    for file in _read_promised(archive, here.find_erased().union(given.erased)):
-        key_id = _find_key_id(archive, file.name)
-        if key_id in known:
-            closed.clear()
-            break
-        closed.update([key_id] if key_id else [])
-    if closed:
-        raise KeysNeeded(number=len(closed), first=min(closed))
-    if accounts is not None:
-        accounts.check(ACCOUNTS_KEY in known)
+def _read_ledgers(path: Path, archive: zipfile.ZipFile) -> frozenset[str]:
+    """Read the ledgers of erasures in a backup, and beside it."""
+    beside = path.with_name(LEDGER_FILE)
+    found = archive.read(LEDGER_FILE) if LEDGER_FILE in archive.namelist() else b""
+    return parse_ledger(found + b"\n" + (beside.read_bytes() if beside.is_file() else b""))
 
 
-def _open_with_keys(settings: Settings, keys: KeyBackup | None) -> SealedStorage:
-    """Open the store, with the keys that are given."""
-    storage = open_storage(settings)
-    storage.prepare()
-    if keys is not None:
-        if LABELS in keys.wrapped:  # no row is here that the key of an unused place would have sealed
-            storage.keys.destroy(LABELS)
-        import_key_backup(storage.keys, keys)
-    return storage
-
-
-def _find_key_id(archive: zipfile.ZipFile, name: str) -> str | None:
-    """Give the recording with whose key a file is sealed; None where it is in clear, missing or damaged."""
-    try:
-        with archive.open(f"files/{name}") as member:
-            head = read_head(member.read(HEAD_BYTES))
-    except (KeyError, zipfile.BadZipFile, zlib.error):
-        return None
-    return None if head is None else head.key_id
+def _restore_secret(settings: Settings, archive: zipfile.ZipFile) -> None:
+    """Restore the secret of the server where there is none."""
+    if SECRET_FILE in archive.namelist() and not ServerSecret(settings.data_dir).file.exists():
+        write_durably(ServerSecret(settings.data_dir).file, archive.read(SECRET_FILE))
 
 
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database that holds any row, except the id of its store and the trail of its starts."""
+    """Refuse a database that holds any row, except the id of its store, what a start left, and logins."""
     found = read_revision(connection)
-    if found is not None and found > REVISION:
-        raise DatabaseTooNew(found=found, needed=REVISION)
+    if found not in (None, REVISION):
+        raise WrongSchema(found=found, needed=REVISION)
     for table in reflect_tables(connection):
         if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
         number = connection.execute(select(func.count()).select_from(table)).scalar_one()
-        if number and table.name not in (facts.name, trail.name):  # a start has left its line
+        if number and table.name not in (facts.name, audit_log.name, *LEFT_OUT):
             raise NotEmpty(number=number, where=table.name)
 
 
@@ -488,31 +410,33 @@ def _drop_tables(connection: Connection) -> None:
     schema_revision.drop(connection, checkfirst=True)
 
 
-def _restore_files(storage: SealedStorage, archive: zipfile.ZipFile) -> Copied:
-    erased = storage.keys.find_erased()
+def _restore_files(storage: Storage, archive: zipfile.ZipFile, erased: frozenset[str]) -> Copied:
     files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
     strangers = sorted(present - {file.name for file in files} - beside)
     if strangers:
         raise NotEmpty(number=len(strangers), where=strangers[0])
     restored = (_restore_file(storage, archive, file, file.name in present) for file in files)
-    return Copied(len(files), tuple(fault for fault in restored if fault))
+    faults = tuple(fault for fault in restored if fault)
+    gone = sum(row["id"] in erased for row in read_rows(archive, "recordings"))
+    return Copied(len(files), faults, erased=gone)
 
 
 def _restore_file(
-    storage: SealedStorage,
+    storage: Storage,
     archive: zipfile.ZipFile,
     file: KeptFile,
     is_present: bool,  # noqa: FBT001
 ) -> Fault | None:
-    """Restore one file as it was stored; a damaged copy never replaces a present file."""
+    """Restore one file; a damaged copy never replaces a present file."""
     if is_present and _is_whole(storage, file):
         return None
     part = storage.root / "uploads" / "restored.part"
+    part.unlink(missing_ok=True)
     try:
-        with translate_disk_full(), part.open("wb") as copy:
+        with translate_disk_full(), create_file(part) as copy:
             found = _read_member(archive, f"files/{file.name}", copy.write)
-        fault = Fault(file.name, "missing") if found.sha256 is None else _compare(storage, part, file)
+        fault = Fault(file.name, "missing") if found.sha256 is None else _compare(part, file)
         if fault is None or (found.sha256 is not None and not is_present):
             storage.put(part, file.name)
     finally:
@@ -522,21 +446,16 @@ def _restore_file(
     return fault
 
 
-def _is_whole(storage: SealedStorage, file: KeptFile) -> bool:
+def _is_whole(storage: Storage, file: KeptFile) -> bool:
     try:
         return storage.hash(file.name)[0] == file.sha256
-    except (BrokenSeal, KeyGone):
+    except OSError:
         return False
 
 
-def _restore_rows(
-    connection: Connection, archive: zipfile.ZipFile, revision: str, erased: frozenset[str]
-) -> None:
+def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: frozenset[str]) -> None:
     """Add the rows of a backup, but for those of erased recordings."""
-    if revision == REVISION:
-        create_tables(connection)
-    else:
-        upgrade(connection, to=revision)
+    create_tables(connection)
     gone = {row["id"] for row in read_rows(archive, analyses.name) if row["recording_id"] in erased}
     for table in reflect_tables(connection):
         rows = [reset_row(table.name, row) for row in read_rows(archive, table.name)]
@@ -544,15 +463,13 @@ def _restore_rows(
             row
             for row in rows
             if _is_restored(table.name, row)
-            # the trail outlives what it speaks of, and its chain holds only whole
-            and (table.name == trail.name or not _is_erased(row, erased, gone))
+            # the audit log outlives what it speaks of
+            and (table.name == audit_log.name or not _is_erased(row, erased, gone))
         ]
         if kept:
             connection.execute(insert(table), kept)
-    if revision != REVISION:
-        upgrade(connection)
     if erased:
-        drop_traces(connection, {*erased, *gone})
+        drop_empty_batches(connection)
 
 
 def _is_erased(row: Mapping[str, object], erased: frozenset[str], gone: Collection[str]) -> bool:

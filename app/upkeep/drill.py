@@ -1,4 +1,4 @@
-"""The drill: a backup and the backup of its keys are restored into a folder of their own, and read.
+"""The drill: a backup is restored into a folder of its own, and read.
 
 Nothing of this installation is used: what the drill cannot open, nobody could after a fire.
 """
@@ -10,7 +10,6 @@ from pathlib import Path
 
 from app.settings import Settings
 from app.upkeep.backup import restore
-from app.upkeep.key_backup import read_key_backup
 from app.upkeep.verify import Fault, find_faults, find_kept
 
 
@@ -23,14 +22,12 @@ class Drilled:
     minutes: float
 
 
-def drill(
-    backup: Path, keys: Path | None, identity: Path | None = None, place: Path | None = None
-) -> Drilled:
+def drill(backup: Path, identity: Path | None = None, place: Path | None = None) -> Drilled:
     """Restore into a temporary folder (in ``place``, else beside the backup), and read every byte.
 
     Raises
     ------
-    BackupRefused, KeysNeeded, DatabaseTooNew, DiskFull, NotInstalled
+    BackupRefused, WrongSchema, DiskFull, NotInstalled
     """
     begun_s = time.monotonic()
     with tempfile.TemporaryDirectory(
@@ -41,13 +38,10 @@ def drill(
             data_dir=data_dir,
             database_url=f"sqlite:///{data_dir / 'acromion.sqlite3'}",
             object_store="",
-            key_file=None,
             engine="embedded",
         )
-        found_keys = read_key_backup(keys, identity) if keys else None
-        restored = restore(settings, backup, found_keys, identity, organisation=None)
-        kept_in = settings.for_organisation(restored.organisation)
-        kept = find_kept(kept_in)
-        found = {*restored.faults, *find_faults(kept_in, kept)}
+        restored = restore(settings, backup, identity)
+        kept = find_kept(settings)
+        found = {*restored.faults, *find_faults(settings, kept)}
         faults = tuple(sorted(found, key=lambda fault: fault.name))
         return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

@@ -5,19 +5,23 @@ At a start nothing unknown is removed:
 - A recording without a row but with a valid side file means that the database is lost, older or foreign: the
   start is refused.
 - An entry with neither is moved into quarantine, and reported.
-- An interrupted purge continues.
+- An interrupted purge continues, and what the ledger of erasures names is erased again.
 - Old temporary files, and attempts of known analyses that do not count, are removed.
 """
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from app.errors import KeysNeeded, UnknownRecordings
+from sqlalchemy import delete
+
+from app.errors import UnknownRecordings, WrongSchema
+from app.jobs.audit_log import AT_MACHINE, record
 from app.jobs.database.connect import bring_up_to_date
+from app.jobs.database.tables import REVISION, known_browsers, sessions, tickets
 from app.jobs.job import JobState
 from app.jobs.library.listing import SavedViews
 from app.jobs.queries import TRASHED
@@ -29,21 +33,19 @@ from app.jobs.side_files import (
     decode_side_file,
     mark_side_file_stale,
     quarantine_side_file,
+    replace_rows,
 )
 from app.jobs.store import JobStore
-from app.jobs.trail import AT_MACHINE, is_of_no_recording, record_alone
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.sealing import SealedStorage
 from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
-from app.upkeep.key_backup import KeyBackup, import_key_backup
+from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
+from app.upkeep.copies import restore_copy
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
 """The name in quarantine of a side file that was newer than its row
 (:func:`app.jobs.side_files.quarantine_side_file`).
 """
-TEMPORARY_S = 6 * 3600.0
-"""A temporary file that nobody has written to for so long belongs to no upload under way."""
 
 Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]
 
@@ -56,73 +58,51 @@ class Unknown:
     """Recordings with a valid side file."""
     strange: tuple[str, ...] = ()
     """Names of entries without a valid side file."""
-    purging: tuple[SideFile, ...] = ()
-    """Side files of purges that an earlier release left interrupted, whose rows are gone or lost."""
     erased: tuple[str, ...] = ()
     """Recordings of the ledger of erasures, of which something is left."""
-    locked: tuple[str, ...] = ()
-    """Recordings that are sealed, and whose keys are not here."""
 
 
-def find_unknown(store: JobStore, storage: SealedStorage) -> Unknown:
-    """Compare the entries among the recordings with the rows."""
+def find_unknown(store: JobStore, storage: Storage) -> Unknown:
+    """Compare the entries among the recordings with the rows.
+
+    Raises
+    ------
+    WrongSchema
+        Side files are of another version.
+    """
     names = storage.find_recordings()  # first: a recording that is stored meanwhile has its row by then
     rows = store.find_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
         return Unknown()
-    erased = storage.keys.find_erased() & {name.removesuffix(SIDE_SUFFIX) for name in found}
+    erased = storage.ledger.find() & {name.removesuffix(SIDE_SUFFIX) for name in found}
     found = {name for name in found if name.removesuffix(SIDE_SUFFIX) not in erased}
     suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
     # a recording that is purged meanwhile loses its side file before its row
     sides = {one: side for one in suspects if (side := read_side_file(storage, one))}
     kept = {name for one in sides for name in (one, f"{one}{SIDE_SUFFIX}")}
-    purging = tuple(side for side in sides.values() if side.is_purging)
-    recoverable = tuple(one for one, side in sides.items() if not side.is_purging)
-    strange = sorted(found - kept)
-    locked = tuple(name for name in strange if _is_locked(storage, name))
-    return Unknown(recoverable, tuple(strange), purging, tuple(sorted(erased)), locked)
+    for side in sides.values():
+        _check_schema(side)
+    return Unknown(tuple(sides), tuple(sorted(found - kept)), tuple(sorted(erased)))
 
 
-def _is_locked(storage: SealedStorage, name: str) -> bool:
-    """Tell whether an entry is a recording that was sealed, and whose key is not here."""
-    key_id = storage.find_key_id(format_recording_name(name))
-    return key_id is not None and storage.keys.find(key_id) is None
+def _check_schema(side: SideFile) -> None:
+    if side.tables != REVISION:
+        raise WrongSchema(found=side.tables, needed=REVISION)
 
 
-def check_known(store: JobStore, storage: SealedStorage) -> Unknown:
+def check_known(store: JobStore, storage: Storage) -> Unknown:
     """Check that the database knows every stored recording; gives the other unknown entries.
 
     Raises
     ------
-    KeysNeeded
-        Sealed recordings are without their keys: the keys were lost, or not restored.
-    UnknownRecordings
+    WrongSchema, UnknownRecordings
         A recording has a valid side file and no row: the database is lost, older or foreign.
     """
     unknown = find_unknown(store, storage)
-    check_keys(store, storage, unknown)
     if unknown.recoverable:
         raise UnknownRecordings(number=len(unknown.recoverable), first=unknown.recoverable[0])
     return unknown
-
-
-def check_keys(store: JobStore, storage: SealedStorage, unknown: Unknown) -> None:
-    """Check that the keys of what is sealed were not lost as a whole, and of unknown recordings none.
-
-    Raises
-    ------
-    KeysNeeded
-    """
-    if unknown.locked:
-        raise KeysNeeded(number=len(unknown.locked), first=unknown.locked[0])
-    if not storage.keys.wrapped.is_empty():
-        return
-    known = sorted(store.find_recordings() - storage.keys.find_erased())
-    names = (name for name in known if _is_locked(storage, name))
-    locked = next(names, None)
-    if locked is not None:
-        raise KeysNeeded(number=1 + sum(1 for _ in names), first=locked)
 
 
 def restore_known(store: JobStore, storage: Storage) -> int:
@@ -137,23 +117,13 @@ def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
     return sum(storage.quarantine(name) for name in unknown.strange)
 
 
-def finish_purges(storage: SealedStorage, unknown: Unknown) -> None:
-    """Remove the remaining files of purges whose rows are gone."""
-    if unknown.erased:
-        for analysis_id in _find_analyses(storage, unknown.erased):
-            storage.drop_analysis(analysis_id)
+def finish_purges(storage: Storage, unknown: Unknown) -> None:
+    """Remove what is left of erased recordings whose rows are gone; the side file names the analyses."""
     for recording_id in unknown.erased:
-        storage.drop_recording(recording_id)
-    for side in unknown.purging:
-        for row in side.rows["analyses"]:
+        side = read_side_file(storage, recording_id)
+        for row in side.rows["analyses"] if side else ():
             storage.drop_analysis(str(row["id"]))
-        storage.drop_recording(str(side.recording["id"]))
-
-
-def _find_analyses(storage: SealedStorage, recording_ids: Collection[str]) -> frozenset[str]:
-    """Find the analyses whose files were sealed with the keys of these recordings."""
-    names = (name for name in storage.find_names() if name.startswith("analyses/"))
-    return frozenset(name.split("/")[1] for name in names if storage.find_key_id(name) in recording_ids)
+        storage.drop_recording(recording_id)
 
 
 def find_strange(storage: Storage) -> tuple[str, ...]:
@@ -218,45 +188,48 @@ class Recovered:
     reports: int
     known: int
     troubles: tuple[Trouble, ...]
-    is_trail_new: bool = False
-    """Whether the trail began anew: its lines were in the database that was lost."""
+    accounts: Accounts = NO_ACCOUNTS
+    copied_at: str = ""
+    """The date of the daily copy that the rows begin with."""
 
 
-def recover(settings: Settings, keys: KeyBackup | None = None) -> Recovered:
+def recover(settings: Settings) -> Recovered:
     """Add the missing rows of every recording with a valid side file; present rows stay as they are.
 
-    Webhooks and uploads under way are not recovered. A recording whose bytes are gone gets its row, too, so
+    If the database is lost, the newest daily copy takes its place first; rows that are older than their side
+    file are then replaced.
+
+    Accounts, tokens and webhooks come back with the copy; every session ends. Uploads under way are not
+    recovered. A recording whose bytes are gone gets its row, too, so
     that page and ``acromion verify`` report it.
 
     Raises
     ------
-    KeysNeeded
-        Recordings are sealed and their keys are not here: give their backup.
-    FolderTaken, StoreMismatch, StoreAway, BackupRefused
+    FolderTaken, StoreMismatch, StoreAway, WrongSchema
     """
     storage = open_storage(settings)
-    if keys is not None:
-        import_key_backup(storage.keys, keys)
     storage.prepare()
     lock = FolderLock(settings.data_dir)
     try:
+        copied_at = restore_copy(settings)
         bring_up_to_date(settings)
         with closing(JobStore(settings)) as store:
             store.check_belongs(storage.identify())
-            is_new = is_of_no_recording(store.reader)
-            recovered = _recover(store, storage)
-            recovered = replace(recovered, is_trail_new=is_new and recovered.recordings > 0)
-            record_alone(store.engine, "store.recovered", {"added": recovered.recordings}, AT_MACHINE)
+            recovered = _recover(store, storage, has_copy=bool(copied_at))
+            recovered = replace(recovered, accounts=find_accounts(store.reader), copied_at=copied_at)
+            with store.engine.begin() as connection:
+                for table in (sessions, tickets, known_browsers):  # everybody signs in again
+                    connection.execute(delete(table))
+                record(connection, "store.recovered", other={"added": recovered.recordings}, who=AT_MACHINE)
             return recovered
     finally:
         lock.release()
 
 
-def _recover(store: JobStore, storage: SealedStorage) -> Recovered:
+def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     unknown = find_unknown(store, storage)
-    check_keys(store, storage, unknown)
     finish_purges(storage, unknown)
-    for recording_id in storage.keys.find_erased() & store.find_recordings():
+    for recording_id in storage.ledger.find() & store.find_recordings():
         store.mark_purging(recording_id)  # an older database was put back: the next start deletes it again
     names, before = storage.find_recordings(), store.find_recordings()
     results = frozenset(storage.find_names())
@@ -265,14 +238,13 @@ def _recover(store: JobStore, storage: SealedStorage) -> Recovered:
     with_side = (name.removesuffix(SIDE_SUFFIX) for name in names if name.endswith(SIDE_SUFFIX))
     for recording_id in sorted(with_side):
         side = read_side_file(storage, recording_id)
-        if side is not None and side.is_purging:
-            store.mark_purging(recording_id)
-        elif side is not None:
-            rows, found = _recover_rows(store, storage, side)
+        if side is not None:
+            _check_schema(side)
+            rows, found = _recover_rows(store, storage, side, has_copy=has_copy)
             troubles += [*found, *_find_absent(storage, rows, results)]
             added += _count(rows)
         elif recording_id in before:
-            SideWriter(store.engine, store.reader, storage).write(recording_id)
+            SideWriter(store.engine, store.reader, storage).mark_side_files_missing([recording_id])
             troubles.append(Trouble(recording_id, "side_damaged"))
     troubles += [Trouble(one, "no_bytes") for one in sorted(before - names) if store.is_kept(one)]
     troubles += [Trouble(name, "strange") for name in find_unknown(store, storage).strange]
@@ -287,11 +259,16 @@ def _recover(store: JobStore, storage: SealedStorage) -> Recovered:
     )
 
 
-def _recover_rows(store: JobStore, storage: Storage, side: SideFile) -> tuple[Rows, list[Trouble]]:
+def _recover_rows(
+    store: JobStore, storage: Storage, side: SideFile, *, has_copy: bool
+) -> tuple[Rows, list[Trouble]]:
     """Add the missing rows of one recording; a side file that differs from a present row is written again."""
     recording_id = str(side.recording["id"])
     revision = store.read_revision(recording_id)
     is_newer = 0 < revision < side.revision
+    if is_newer and has_copy:
+        with store.engine.begin() as connection:
+            return replace_rows(connection, side), []
     is_trashed = is_newer and side.recording["state"] == TRASHED and store.is_kept(recording_id)
     if is_newer:
         quarantine_side_file(storage, side)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, func, select
 
-from app.errors import BackupRefused, KeyGone
+from app.errors import BackupRefused
 from app.jobs.database.connect import READ_ONLY, connect
 from app.jobs.database.tables import analyses, recordings, result_files
 from app.jobs.job import JobState
@@ -17,7 +17,7 @@ from app.jobs.queries import PURGING
 from app.jobs.side_files import decode_side_file
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, BrokenSeal, Storage, format_side_file_name
+from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
 from app.upkeep.recover import find_strange
 
 RECHECKS, RECHECK_PAUSE_S = 5, 0.2
@@ -51,7 +51,6 @@ class Fault:
         "no_row",
         "known_missing",
         "known_damaged",
-        "no_key",
         "side_missing",
         "side_damaged",
         "side_behind",
@@ -88,7 +87,7 @@ def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
 
 
 def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
-    """Read which files the rows promise; the columns are in the tables of every release."""
+    """Read which files the rows promise."""
     columns = (
         (recordings.c.id, recordings.c.sha256, recordings.c.state),
         (analyses.c.id, analyses.c.recording_id, analyses.c.token),
@@ -182,8 +181,6 @@ def _check(storage: Storage, file: KeptFile) -> Fault | None:
         sha256, _ = storage.hash(file.name)
     except FileNotFoundError:
         return Fault(file.name, "missing")
-    except KeyGone:
-        return Fault(file.name, "no_key")
-    except BrokenSeal:
+    except OSError:
         sha256 = ""
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")

@@ -1,7 +1,6 @@
 """The OpenAPI document as a page of our own: nothing is loaded from elsewhere."""
 
 import re
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -37,22 +36,24 @@ def give_openapi(request: Request) -> JSONResponse:
 @router.get("/api/v1/docs")
 def show_docs(request: Request, language: UsedLanguage) -> Response:
     """Show every operation of the API."""
-    document = cast("FastAPI", request.app).openapi()
-    return render_page(request, "api_docs.html", language, {"operations": tuple(_list_operations(document))})
-
-
-def _list_operations(document: Mapping[str, Any]) -> Iterator[Operation]:
-    for path, operations in document["paths"].items():
-        for method, told in operations.items():
-            parameters = (p for p in told.get("parameters", ()) if p["in"] != "path")
-            yield Operation(
-                told["operationId"],
-                f"{method.upper()} {path}",
-                tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
-                tuple((p["name"], p["in"], _mark_code(p.get("description", ""))) for p in parameters),
-                ", ".join(told.get("requestBody", {}).get("content", {})),
-                ", ".join(told["responses"]),
-            )
+    document: dict[str, Any] = cast("FastAPI", request.app).openapi()
+    operations = [
+        Operation(
+            told["operationId"],
+            f"{method.upper()} {path}",
+            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+            tuple(
+                (p["name"], p["in"], _mark_code(p.get("description", "")))
+                for p in told.get("parameters", ())
+                if p["in"] != "path"
+            ),
+            ", ".join(told.get("requestBody", {}).get("content", {})),
+            ", ".join(told["responses"]),
+        )
+        for path, methods in document["paths"].items()
+        for method, told in methods.items()
+    ]
+    return render_page(request, "api_docs.html", language, {"operations": operations})
 
 
 def _mark_code(text: str) -> Markup:

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
+from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.api.library.analyses import check_queue
@@ -44,10 +43,13 @@ def show_batch(batch_id: str, request: Request, services: UsedServices, language
     values = build_library(services, request, wanted, language)
     values |= {"batch": batch, "told": _describe_batch(batch, language), "w": _load_words(language)}
     jobs = services.batches.find_jobs(batch_id)
-    values |= {"squares": _draw_squares(services, batch_id, jobs, language)}
-    values |= {"compared": list_compared(services, jobs, language)}
-    values |= {"has_reports": any(_is_report(job) for job in jobs)}
-    return render_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
+    values |= {
+        "squares": _draw_squares(services, batch_id, jobs, language),
+        "compared": list_compared(services, jobs, language),
+        "has_reports": any(j.state is JobState.SUCCEEDED and j.request.reference is None for j in jobs),
+        "failed": batch.counts[JobState.FAILED],
+    }
+    return render_page(request, "batch.html", language, values)
 
 
 @router.post("/{batch_id}/retry")
@@ -58,15 +60,13 @@ def retry_batch(batch_id: str, request: Request, services: UsedServices) -> Resp
 
 
 @router.post("/{batch_id}/participants")
-async def take_participants(batch_id: str, request: Request, services: UsedServices) -> dict[str, Any]:
+def take_participants(
+    batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
+) -> dict[str, Any]:
     """Read a list of participants, and analyse again every recording of which it says something else.
 
     Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
     """
-    return await run_in_threadpool(_apply_participants, batch_id, await read_body(request), services)
-
-
-def _apply_participants(batch_id: str, content: bytes, services: Services) -> dict[str, Any]:
     every = services.batches.find_jobs(services.batches.get(batch_id).id)
     jobs = [job for job in every if job.request.reference is None]
     tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
@@ -90,10 +90,6 @@ class Square:
 
 
 MOST_SQUARES = 2_000
-
-
-def _is_report(job: Job) -> bool:
-    return job.state is JobState.SUCCEEDED and job.request.reference is None
 
 
 def _draw_squares(

@@ -1,7 +1,6 @@
 """A ready example: the report of a whole simulated shift, shown at once, without an analysis.
 
-``python -m benchmarks.example`` makes its findings; they are shipped, and held against today's engine by a
-test.
+``python -m benchmarks.example`` makes its results; they are shipped; a test holds them against the engine.
 """
 
 from functools import cache
@@ -10,8 +9,8 @@ from pathlib import Path
 from fastapi import APIRouter, Request, Response
 
 from app.report.analysis.report import build_report
-from app.report.export.results import build_results, encode_results
-from app.report.findings import Kept, decode_findings
+from app.report.export.results import decode_results
+from app.report.figures import load_results
 from app.report.model import Report
 from app.report.render.brief import format_brief
 from app.report.render.html import find_template_folder, render_html
@@ -26,26 +25,20 @@ router = APIRouter(prefix="/example", include_in_schema=False)
 
 
 def find_example() -> Path:
-    """Find the findings of the example."""
-    return find_template_folder().parent / "example" / "findings.json"
-
-
-@cache
-def _read_example() -> Kept:
-    return decode_findings(find_example().read_bytes())
+    """Find the results of the example."""
+    return find_template_folder().parent / "example" / "results.json"
 
 
 @cache
 def _build_report(language: Language) -> Report:
-    kept = _read_example()
+    kept = decode_results(find_example().read_bytes())
     return build_report(kept.findings, kept.subject, language)
 
 
 @router.get("")
 def show_example(request: Request, language: UsedLanguage) -> Response:
     """Show page 1 of the example as a recording's page shows it."""
-    kept, report = _read_example(), _build_report(language)
-    results = build_results(kept.findings, kept.subject)
+    report, results = _build_report(language), load_results(find_example().read_bytes())
     values = {
         "e": load_wording(language, "help")["example"],
         "h": load_wording(language, "help"),
@@ -67,8 +60,7 @@ def give_pdf(language: UsedLanguage, services: UsedServices) -> Response:
     """Give the report as a PDF, on the paper of this installation."""
     from app.report.render.pdf import render_pdf  # noqa: PLC0415  heavy, and only this needs it
 
-    kept = _read_example()
-    attached = {"results.json": encode_results(kept.findings, kept.subject)}
+    attached = {"results.json": find_example().read_bytes()}
     body = render_pdf(_build_report(language), attached, services.settings.paper)
     headers = {"Content-Disposition": 'attachment; filename="acromion-example.pdf"'}
     return Response(body, media_type="application/pdf", headers=headers)

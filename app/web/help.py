@@ -12,11 +12,10 @@ from fastapi.responses import RedirectResponse
 
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.intake import Intake
-from app.jobs.job import Job
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
 from app.report.words.wording import Language, find_other_language, load_wording
 from app.request import ReportRequest
-from app.services import Services, UsedLanguage, UsedServices
+from app.services import UsedLanguage, UsedServices
 from app.web.reading import draw_example
 from app.web.rendering import find_base, render_page
 from fusion.devices import KNOWN_DEVICES
@@ -110,20 +109,16 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
         environment = os.environ | {"PYTHONPATH": path}
         subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own
         (log,) = Path(folder).glob("*.gt3x")
-        job = _add_sample(log, services, language)
+        asked = ReportRequest(
+            log.name,
+            SAMPLE_SUBJECT,
+            "right",
+            languages=(language, find_other_language(language)),
+            paper=services.settings.paper,
+            pose_held="start",
+        )
+        job = Intake(services.store, services.storage, services.settings).add(log, asked, "web")
     return RedirectResponse(f"{find_base(request)}/analyses/{job.id}", status_code=303)
-
-
-def _add_sample(log: Path, services: Services, language: Language) -> Job:
-    request = ReportRequest(
-        log.name,
-        SAMPLE_SUBJECT,
-        "right",
-        languages=(language, find_other_language(language)),
-        paper=services.settings.paper,
-        pose_held="start",
-    )
-    return Intake(services.store, services.storage, services.settings).add(log, request, "web")
 
 
 def _render(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:

@@ -16,11 +16,11 @@ from app.api.library.files import build_download_name
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.names import find_names
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
+from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
-from app.jobs.trail import touch
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
 from app.report.export.naming import make_safe_name
@@ -28,6 +28,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
+from app.upkeep.backup_term import find_backup_term
 from app.web.forms import first, read_form
 from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.recording.analysis import find_results
@@ -54,8 +55,13 @@ def take_table(name: TableName, request: Request, services: UsedServices, langua
     entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
     dialect = FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL
     if name == "problems":
-        newest = (entry.attempt or entry.job for entry in entries)
-        rows = [_build_problem_row(job, language) for job in newest if job.state is JobState.FAILED]
+        rows: list[Row] = []
+        for job in (entry.attempt or entry.job for entry in entries):
+            if job.state is JobState.FAILED:
+                code = job.problem_code or ""
+                words = describe_problem(code, job.problem_facts, language)
+                cells = (job.file_name, job.request.subject, code, words.title, words.detail, words.fix)
+                rows.append(dict(zip(PROBLEM_COLUMNS, cells, strict=True)))
         body = encode_table(PROBLEM_COLUMNS, rows, dialect)
     else:
         body = encode_summary(list(summarise_jobs(services, [entry.job for entry in entries])), dialect)
@@ -83,12 +89,7 @@ def take_recordings(request: Request, services: UsedServices, language: UsedLang
 
 @router.post("/library/views")
 async def save_view(request: Request, services: UsedServices) -> Response:
-    """Save the filter and order of the list under a name.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Save the filter and order of the list under a name. Raises BadParameter."""
     form = await read_form(request)
     name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
     known = {view.name for view in services.views.find_all()}
@@ -206,9 +207,7 @@ def ask_to_delete(
     if not has_trash(services):
         return RedirectResponse(f"{find_base(request)}/recordings/{recording_id}/purge", status_code=303)
     row = services.recordings.get(recording_id, trashed=True)
-    values = _describe(services, row, language) | {"for_good": row.state == "trashed"}
-    values |= _describe_hold(request, row, language)
-    return render_page(request, "delete.html", language, values)
+    return _ask(request, services, row, language, for_good=row.state == "trashed")
 
 
 @router.get("/recordings/{recording_id}/purge")
@@ -217,8 +216,26 @@ def ask_to_purge(
 ) -> Response:
     """Ask once more before a recording is deleted for good."""
     row = services.recordings.get(recording_id, trashed=True)
-    values = _describe(services, row, language) | {"for_good": True}
-    values |= _describe_hold(request, row, language)
+    return _ask(request, services, row, language, for_good=True)
+
+
+def _ask(
+    request: Request, services: Services, row: StoredRow, language: Language, *, for_good: bool
+) -> Response:
+    values = {
+        "recording": row,
+        "size": format_size(row.size_bytes, language),
+        "added": format_moment(row.created_at),
+        "analyses": len(services.store.find_page(JobFilter(recording_id=row.id), SHOWN)),
+        "for_good": for_good,
+        "tr": load_wording(language, "trail"),
+        "hold_reasons": HOLD_REASONS,
+        "held_by": find_names(request, [row.hold_by], language)[row.hold_by],
+        **_describe_trash(services, language),
+    }
+    if for_good:
+        term = find_backup_term(services.storage)
+        values["backups"] = fill(values["t"]["backups"][term.kind], {"until": term.until})
     return render_page(request, "delete.html", language, values)
 
 
@@ -254,48 +271,17 @@ def take_back(recording_id: str, request: Request, services: UsedServices) -> Re
 def show_trash(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """List what is in the trash."""
     rows = services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
-    values = {
-        "rows": [(row, format_size(row.size_bytes, language)) for row in rows],
-        "term": _format_term(services, language),
-        "terms": load_wording(language, "trail")["terms"]["title"],
-        "t": load_wording(language, "page")["trash"],
-    }
-    return render_page(request, "trash.html", language, values)
+    shown = [(row, format_size(row.size_bytes, language)) for row in rows]
+    return render_page(request, "trash.html", language, {"rows": shown} | _describe_trash(services, language))
 
 
-def _describe_hold(request: Request, row: StoredRow, language: Language) -> dict[str, Any]:
-    held_by = find_names(request, [row.hold_by], language)[row.hold_by]
-    return {"tr": load_wording(language, "trail"), "hold_reasons": HOLD_REASONS, "held_by": held_by}
-
-
-def _describe(services: Services, row: StoredRow, language: Language) -> dict[str, Any]:
-    made = services.store.find_page(JobFilter(recording_id=row.id), SHOWN)
-    return {
-        "recording": row,
-        "size": format_size(row.size_bytes, language),
-        "added": format_moment(row.created_at),
-        "analyses": len(made),
-        "term": _format_term(services, language),
-        "terms": load_wording(language, "trail")["terms"]["title"],
-        "t": load_wording(language, "page")["trash"],
-    }
-
-
-def _format_term(services: Services, language: Language) -> str:
+def _describe_trash(services: Services, language: Language) -> dict[str, Any]:
+    words = load_wording(language, "page")["trash"]
     days = services.retention.find_trash_term_s(services.settings.trash_term_s) / DAY_S
-    return fill(load_wording(language, "page")["trash"]["term"], {"days": f"{days:.0f}"})
-
-
-def _build_problem_row(job: Job, language: Language) -> Row:
-    code = job.problem_code or ""
-    words = describe_problem(code, job.problem_facts, language)
     return {
-        "file": job.file_name,
-        "subject": job.request.subject,
-        "code": code,
-        "title": words.title,
-        "detail": words.detail,
-        "fix": words.fix,
+        "term": fill(words["term"], {"days": f"{days:.0f}"}),
+        "terms": load_wording(language, "trail")["terms"]["title"],
+        "t": words,
     }
 
 

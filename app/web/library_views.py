@@ -128,23 +128,37 @@ def build_library(
     services: Services, request: Request, wanted: LibraryFilter, language: Language
 ) -> dict[str, Any]:
     """Give everything the list of the first page, or of a batch, needs."""
+    words = load_wording(language, "page")
     library = Library(services.store.reader)
     counts = library.count(wanted)
     pages = max(1, -(-counts[wanted.group] // PER_PAGE))
-    page = min(_read_page(request.query_params.get("page", "")), pages)
+    asked = request.query_params.get("page", "")
+    page = min(int(asked) if asked.isdecimal() and 0 < int(asked) < 1_000_000 else 1, pages)
+    done = fill(
+        words["list"]["summary"], {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
+    )
     entries = library.find_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
     took = find_took(services, entries)
     return {
         "entries": [build_entry(entry, language, took) for entry in entries],
-        "headings": _build_headings(wanted, language),
+        "headings": [_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
         "wanted": wanted,
         "tags": library.find_tags(),
         "views": () if wanted.batch else services.views.find_all(),
         "number": counts[wanted.group],
         "older": counts["older"],
         "query": write_filter(wanted),
-        "chips": _build_chips(wanted, counts, language),
-        "count": _format_count(counts, load_wording(language, "page")),
+        "chips": [
+            Chip(
+                str(words["group"][group]),
+                counts[group],
+                write_filter(wanted, group="" if group == "all" else group),
+                group == wanted.group,
+            )
+            for group in GROUPS
+            if counts[group] or group in ("all", wanted.group)
+        ],
+        "count": f"{done}. {words['row']['close_hint']}" if counts["active"] else done,
         "is_empty": not counts["all"] and wanted == LibraryFilter(),
         "page": page,
         "pages": pages,
@@ -163,7 +177,9 @@ def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
 
 def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> ShownEntry:
     """Show a recording with its report or, without one, its newest analysis."""
-    job, words = entry.job, load_wording(language, "page")
+    job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
+    if attempt is not None and attempt.state is JobState.CANCELLED:
+        attempt = None
     start = (entry.headline.start if entry.headline else None) or ""
     return ShownEntry(
         row=build_row(job, language, now_utc(), took),
@@ -174,7 +190,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
         arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
         figures=_build_figures(entry.headline, words, language) if entry.headline else None,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
-        attempt=_build_attempt(entry, language, took),
+        attempt=build_row(attempt, language, now_utc(), took) if attempt else None,
     )
 
 
@@ -212,24 +228,12 @@ def draw_spark(day: str) -> tuple[str, str, str]:
     return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
-def _build_attempt(entry: Entry, language: Language, took: Sequence[Took]) -> JobRow | None:
-    """Build the row of a newer attempt, unless a person has cancelled it."""
-    if entry.attempt is None or entry.attempt.state is JobState.CANCELLED:
-        return None
-    return build_row(entry.attempt, language, now_utc(), took)
-
-
 def find_neighbours(services: Services, request: Request, job: Job) -> dict[str, Any]:
     """Give what was shown before and after an analysis in the list it was opened from."""
     wanted = read_filter(request)
     before, after = Library(services.store.reader).find_neighbours(job, wanted)
     back = f"/batches/{wanted.batch}" if wanted.batch else "/"
     return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
-
-
-def _build_headings(wanted: LibraryFilter, language: Language) -> list[Heading]:
-    names = load_wording(language, "page")["column"]
-    return [_build_heading(order, str(names[order]), wanted) for order in SORTED]
 
 
 def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
@@ -241,33 +245,8 @@ def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
     return Heading(order, name, write_filter(wanted, order=order, reversed=again), turned)
 
 
-def _build_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Language) -> list[Chip]:
-    names = load_wording(language, "page")["group"]
-    return [
-        Chip(
-            str(names[group]),
-            counts[group],
-            write_filter(wanted, group="" if group == "all" else group),
-            group == wanted.group,
-        )
-        for group in GROUPS
-        if counts[group] or group in ("all", wanted.group)
-    ]
-
-
-def _format_count(counts: Mapping[Any, int], words: Words) -> str:
-    """Say how many are done, and that nobody has to wait for the others."""
-    facts = {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
-    told = fill(words["list"]["summary"], facts)
-    return f"{told}. {words['row']['close_hint']}" if counts["active"] else told
-
-
 def _read_day(text: str) -> str:
     try:
         return date.fromisoformat(text).isoformat()
     except ValueError:
         return ""
-
-
-def _read_page(text: str) -> int:
-    return int(text) if text.isdecimal() and 0 < int(text) < 1_000_000 else 1

@@ -41,8 +41,22 @@ class Offer:
 
 def find_offers(services: Services, job: Job, start: str, language: Language) -> tuple[Offer, ...]:
     """Offer a pair where arm and day fit, else a comparison, the earlier first."""
-    others = Library(services.store.reader).find_others(job)
-    return tuple(_offer(job, start, other, language) for other in others)
+    words, offers = load_wording(language, "pair_pages"), []
+    for other in Library(services.store.reader).find_others(job):
+        other_start = _read_start(other)
+        facts = {"name": other.job.file_name, "when": other_start[:16].replace("T", " ")}
+        kind, first, second = "compare", *((job, other.job) if start <= other_start else (other.job, job))
+        sides = {job.request.side, other.job.request.side}
+        if sides == {"left", "right"} and start[:DAY] == other_start[:DAY]:
+            kind = "pair"
+            first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
+        address = f"/beside/{kind}?first={first.id}&second={second.id}"
+        offers.append(Offer(address, fill(words[f"with_{kind}"], facts)))
+    return tuple(offers)
+
+
+def _read_start(entry: Entry) -> str:
+    return (entry.headline.start if entry.headline else None) or ""
 
 
 def find_trunks(services: Services, first: Job, second: Job, start: str) -> tuple[Job, ...]:
@@ -53,24 +67,8 @@ def find_trunks(services: Services, first: Job, second: Job, start: str) -> tupl
         for other in others
         if other.job.request.side is None
         and other.job.recording_id != second.recording_id
-        and ((other.headline.start if other.headline else None) or "")[:DAY] == start[:DAY]
+        and _read_start(other)[:DAY] == start[:DAY]
     )
-
-
-def _offer(job: Job, start: str, other: Entry, language: Language) -> Offer:
-    other_start = (other.headline.start if other.headline else None) or ""
-    facts = {"name": other.job.file_name, "when": other_start[:16].replace("T", " ")}
-    words = load_wording(language, "pair_pages")
-    if _are_arms(job, start, other.job, other_start):
-        first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
-        return Offer(f"/beside/pair?first={first.id}&second={second.id}", fill(words["with_pair"], facts))
-    first, second = (job, other.job) if start <= other_start else (other.job, job)
-    return Offer(f"/beside/compare?first={first.id}&second={second.id}", fill(words["with_compare"], facts))
-
-
-def _are_arms(job: Job, start: str, other: Job, other_start: str) -> bool:
-    sides = {job.request.side, other.request.side}
-    return sides == {"left", "right"} and start[:DAY] == other_start[:DAY]
 
 
 router = APIRouter(include_in_schema=False)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -58,12 +59,21 @@ def show(validation_id: str, request: Request, services: UsedServices, language:
     job = find_validation(services, validation_id)
     if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and made again
         return RedirectResponse(f"{find_base(request)}/validations/{job.replaced_by}", status_code=303)
+    sentences: tuple[str, ...] = ()
+    curves: tuple[CurveView, ...] = ()
+    if job.state is JobState.SUCCEEDED:
+        sentences = list_sentences(json.loads(services.results.read(job, "validation.json")), language)
+    with suppress(NoSuchFile):  # only angles that were both measured are drawn
+        clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
+        place = f"{find_base(request)}/validations/{job.id}/curve?of="
+        name = _load(language)["curves"]
+        curves = (CurveView(name, f"{place}own", clock, 0.0, beside=f"{place}reference"),)
     values = {
         "row": build_row(job, language, now_utc()),
         "reference": job.request.reference.file_name if job.request.reference else "",
-        "sentences": _read_answer(services, job, language),
+        "sentences": sentences,
         "asked": _load(language),
-        "curves": _build_curves(services, job, f"{find_base(request)}/validations/{job.id}", language),
+        "curves": curves,
         "d": load_wording(language, "day"),
     }
     return render_page(request, "validation.html", language, values)
@@ -101,31 +111,21 @@ class ComparedItem:
 
 def list_compared(services: Services, jobs: Sequence[Job], language: Language) -> tuple[ComparedItem, ...]:
     """List the finished comparisons among the analyses of a study."""
-    compared = (job for job in jobs if job.request.reference and job.state is JobState.SUCCEEDED)
-    return tuple(_build_item(services, job, language) for job in compared)
-
-
-def _build_item(services: Services, job: Job, language: Language) -> ComparedItem:
-    overall = json.loads(services.results.read(job, "validation.json"))["overall"]
-    facts = {
-        "rmse": format_angle(overall["rmse_deg"], language, 2),
-        "bias": format_angle(overall["bias_deg"], language, 2),
-        "low": format_angle(overall["loa_low_deg"], language, 1),
-        "high": format_angle(overall["loa_high_deg"], language, 1),
-    }
-    name = f"plot.{find_nearest(language, job.request.languages)}.svg"
-    has_plot = services.store.find_file(job.id, name) is not None
-    return ComparedItem(job, fill(_load(language)["item"], facts), "plot.svg" if has_plot else "")
-
-
-def _build_curves(services: Services, job: Job, address: str, language: Language) -> tuple[CurveView, ...]:
-    """Lay both angles into one drawing; nothing where an earlier release kept none."""
-    try:
-        clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
-    except NoSuchFile:
-        return ()
-    own, reference = (f"{address}/curve?of={of}" for of in ("own", "reference"))
-    return (CurveView(_load(language)["curves"], own, clock, 0.0, beside=reference),)
+    items = []
+    for job in jobs:
+        if job.request.reference is None or job.state is not JobState.SUCCEEDED:
+            continue
+        overall = json.loads(services.results.read(job, "validation.json"))["overall"]
+        facts = {
+            "rmse": format_angle(overall["rmse_deg"], language, 2),
+            "bias": format_angle(overall["bias_deg"], language, 2),
+            "low": format_angle(overall["loa_low_deg"], language, 1),
+            "high": format_angle(overall["loa_high_deg"], language, 1),
+        }
+        name = f"plot.{find_nearest(language, job.request.languages)}.svg"
+        has_plot = services.store.find_file(job.id, name) is not None
+        items.append(ComparedItem(job, fill(_load(language)["item"], facts), "plot.svg" if has_plot else ""))
+    return tuple(items)
 
 
 def _describe_form(services: Services, language: Language, form: FormData | None = None) -> dict[str, Any]:
@@ -141,10 +141,3 @@ def _describe_form(services: Services, language: Language, form: FormData | None
 
 def _load(language: Language) -> Any:
     return load_wording(language, "agreement")["page"]
-
-
-def _read_answer(services: Services, job: Job, language: Language) -> tuple[str, ...]:
-    if job.state is not JobState.SUCCEEDED:
-        return ()
-    body = services.results.read(job, "validation.json")
-    return list_sentences(json.loads(body), language)

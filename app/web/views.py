@@ -1,6 +1,5 @@
 """Views of a job for the pages: words and formatted numbers, so that the templates only place them."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,43 +12,17 @@ from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Took
 from app.report.words.columns import format_columns
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.numbers import (
-    format_angle,
-    format_duration,
-    format_number,
-    format_percent,
-)
+from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.web.recording.day_views import DayClock, format_axis, place_rows
-from fusion.errors import (
-    ExchangedSensors,
-    MixedColumns,
-    SeveralSensors,
-    UnknownColumns,
-    UnknownFormat,
-    UnknownRate,
-    UnknownUnit,
-    UnusableDiary,
-    UnusableProfile,
-    UnusableTime,
-    WrongScale,
-)
+from fusion import errors
 
-ASK_COLUMNS = frozenset(
-    refusal.code
-    for refusal in (
-        MixedColumns,
-        ExchangedSensors,
-        UnknownColumns,
-        SeveralSensors,
-        UnknownRate,
-        UnknownUnit,
-        WrongScale,
-        UnusableTime,
-        UnknownFormat,
-        UnusableProfile,
-    )
+_CURED_BY_COLUMNS = (
+    *(errors.MixedColumns, errors.ExchangedSensors, errors.UnknownColumns, errors.SeveralSensors),
+    *(errors.UnknownRate, errors.UnknownUnit, errors.WrongScale, errors.UnusableTime),
+    *(errors.UnknownFormat, errors.UnusableProfile),
 )
+ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
 """Refusals that a person may cure by saying what the columns are."""
 
 SENTENCES = 3
@@ -133,17 +106,31 @@ class Fact:
 def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] = ()) -> JobRow:
     """Build the row of a job in the list; ``took``: earlier analyses, by which its time left is judged."""
     words = load_wording(language, "page")
+    request, told = job.request, words["row"]
     state_word = str(words["state"][job.state.value])
     percent = round(100 * job.progress)
-    left_s = estimate_left_s(job, took, now)
-    left = fill(words["row"]["time_left"], {"duration": format_duration(left_s, language)}) if left_s else ""
-    duration = ", ".join(filter(None, (_format_row_duration(job, words, language, now), left)))
+    times = []
+    if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
+        seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
+        shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
+        times.append(fill(told["took" if job.ended_at else "running_for"], {"duration": shown}))
+    if left_s := estimate_left_s(job, took, now):
+        times.append(fill(told["time_left"], {"duration": format_duration(left_s, language)}))
+    duration = ", ".join(times)
+    # a first report needs no number, and a failed analysis has none
+    has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
+    version = fill(told["version"], {"n": str(request.version)}) if has_version else ""
+    subject = fill(told["subject"], {"subject": request.subject}) if request.subject else ""
+    has_arm = job.state is JobState.SUCCEEDED and request.reference is None
+    side = str(told[request.side]) if request.side else str(told["no_side"]) if has_arm else ""
+    of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
+    place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
     return JobRow(
         id=job.id,
         key=f"of-{job.recording_id}",
         name=job.file_name,
-        meta=_format_meta(job, words, language),
-        file_meta=_format_file_meta(job, words, language),
+        meta=tuple(filter(None, (version, subject, side, *of_file))),
+        file_meta=tuple(filter(None, (version, *of_file))),
         state=job.state.value,
         state_word=state_word,
         stage_word=str(words["stage"][job.stage or "starting"]),
@@ -151,10 +138,10 @@ def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] 
         duration=duration,
         is_over=job.is_over,
         problem=build_problem(job, language),
-        announcement=fill(words["row"]["announce"], {"name": job.file_name, "state": state_word}),
+        announcement=fill(told["announce"], {"name": job.file_name, "state": state_word}),
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
-        report=_find_report(job),
-        side=job.request.side or "",
+        report=f"/api/v1/{place}",
+        side=request.side or "",
         asks_columns=asks_columns(job),
         compared=format_compared(job, words),
     )
@@ -190,12 +177,6 @@ def asks_columns(job: Job) -> bool:
     """Whether a person may cure a refusal by naming the columns, or by naming them anew."""
     is_table = job.request.profile != "" and "header" in job.problem_facts
     return job.request.reference is None and (job.problem_code in ASK_COLUMNS or is_table)
-
-
-def _find_report(job: Job) -> str:
-    if job.request.reference is not None:
-        return f"/api/v1/validations/{job.id}/validation"
-    return f"/api/v1/analyses/{job.id}/report"
 
 
 def build_problem(job: Job, language: Language) -> ProblemBox | None:
@@ -256,12 +237,13 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
     words = load_wording(language, "page")["analysis"]
     request = job.request
     sides = load_wording(language, "page")["drop"]
+    unstated = words["windows_held" if request.pose_held == "start" else "windows_proposed"]
     values = {
         "side": sides[f"side_{request.side}"] if request.side else words["none"],
         "subject": request.subject or words["none"],
         "method": words["method_name"][request.method],
-        "pose": _format_pose(job, words),
-        "windows": _format_pose_time(job, clock, words, language),
+        "pose": words["pose_name"][request.pose],
+        "windows": format_windows(request.calibration_windows_s, clock, language) or str(unstated),
         "slips": format_times(request.slip_times_s, clock, language) or words["no_slip"],
         "no_slips": format_times(request.no_slip_times_s, clock, language),
         "columns": format_columns(request.profile, language) if request.profile else "",
@@ -271,6 +253,9 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
         "sha256": job.sha256,
         "id": job.id,
     }
+    if request.arm_axis is not None:
+        values["pose"] = fill(words["no_pose"], {"axis": format_axis(request.arm_axis)})
+        values["windows"] = words["none_given"]
     return tuple(Fact(str(words[name]), str(value), name) for name, value in values.items())
 
 
@@ -292,54 +277,6 @@ def format_moment(text: str) -> str:
     return format_time(datetime.fromisoformat(text))
 
 
-def read_results(body: bytes) -> Mapping[str, Any]:
-    """Read a stored ``results.json``."""
-    results: Mapping[str, Any] = json.loads(body)
-    return results
-
-
-def _format_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
-    request = job.request
-    subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
-    side = str(words["row"][request.side]) if request.side else _format_no_side(job, words)
-    *version, size, created = _format_file_meta(job, words, language)
-    return tuple(filter(None, (*version, subject, side, size, created)))
-
-
-def _format_file_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
-    version = fill(words["row"]["version"], {"n": str(job.request.version)}) if _has_version(job) else ""
-    return tuple(filter(None, (version, format_size(job.size_bytes, language), format_time(job.created_at))))
-
-
-def _format_no_side(job: Job, words: Words) -> str:
-    """State that the arm is unknown, where there is a report of one arm."""
-    is_open = job.state is JobState.SUCCEEDED and job.request.reference is None
-    return str(words["row"]["no_side"]) if is_open else ""
-
-
-def _has_version(job: Job) -> bool:
-    """Whether the row shows a number: a first report needs none, and a failed analysis has none."""
-    return job.request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
-
-
-def _format_row_duration(job: Job, words: Words, language: Language, now: datetime) -> str:
-    if job.started_at is None or job.state in (JobState.QUEUED, JobState.CANCELLED):
-        return ""
-    seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
-    key = "took" if job.ended_at else "running_for"
-    shown = seconds if job.ended_at else float(int(seconds))
-    return fill(words["row"][key], {"duration": format_duration(shown, language)})
-
-
-def _format_pose_time(job: Job, clock: DayClock | None, words: Words, language: Language) -> str:
-    """Write when the pose was held, as it was stated."""
-    request = job.request
-    if request.arm_axis:
-        return str(words["none_given"])
-    stated = words["windows_held" if request.pose_held == "start" else "windows_proposed"]
-    return format_windows(request.calibration_windows_s, clock, language) or str(stated)
-
-
 def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
     """Write stretches on the clock of the recording, or else in seconds; empty for none."""
     words = load_wording(language, "page")["analysis"]
@@ -350,14 +287,6 @@ def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | Non
         for start_s, end_s in windows
     )
     return "; ".join(fill(words["window"], pair) for pair in pairs)
-
-
-def _format_pose(job: Job, words: Words) -> str:
-    """Name the pose, or the sensor's axis in its place."""
-    axis = job.request.arm_axis
-    if axis is None:
-        return str(words["pose_name"][job.request.pose])
-    return fill(words["no_pose"], {"axis": format_axis(axis)})
 
 
 def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
@@ -372,7 +301,7 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
     diary, kinds = job.request.select_diary(), load_wording(language, "day")["kind_name"]
     try:
         rows = place_rows(diary, clock) if clock else []
-    except UnusableDiary:
+    except errors.UnusableDiary:
         rows = []
     shown = [
         f"{row['label'] or kinds[row['kind']]} {row['start']} – {row['end']}" for row in rows[:MOST_PERIODS]

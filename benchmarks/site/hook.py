@@ -21,8 +21,7 @@ from mkdocs.structure.pages import Page
 from app.errors import list_refusals
 from app.main import create_app
 from app.report.analysis.report import build_report
-from app.report.export.results import encode_results
-from app.report.findings import Kept, decode_findings
+from app.report.export.results import decode_results
 from app.report.model import Report
 from app.report.render.html import render_html
 from app.report.render.pdf import render_first_page, render_pdf
@@ -151,20 +150,14 @@ def _make_environment() -> Environment:
     return pages.overlay(loader=ChoiceLoader(loaders))
 
 
-@cache
-def _read_example() -> Kept:
-    return decode_findings(find_example().read_bytes())
-
-
 def _build_example(language: Language) -> Report:
-    kept = _read_example()
+    kept = decode_results(find_example().read_bytes())
     return build_report(kept.findings, kept.subject, language)
 
 
 def _render_example(language: Language) -> dict[str, str | bytes]:
     """Render the report of the example as HTML and PDF, and its page 1 as a picture."""
-    kept, report = _read_example(), _build_example(language)
-    attached = {"results.json": encode_results(kept.findings, kept.subject)}
+    report, attached = _build_example(language), {"results.json": find_example().read_bytes()}
     return {
         f"example/report_{language}.html": render_html(report),
         f"example/report_{language}.pdf": render_pdf(report, attached),

@@ -231,6 +231,8 @@ def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None
 def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> GroupSpread:
     """Split the spread of a group, which holds each person's days, into that between and within people.
 
+    The mean is that of the people's means, each person once whatever the number of days.
+
     No range exceeds ``most``, the largest value there can be.
 
     Raises

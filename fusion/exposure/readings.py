@@ -18,7 +18,7 @@ def _widen(value: Any, others: Sequence[Any]) -> Any:
     """Return a value whose intervals hold those at the same place in others; places that lack are skipped."""
     alike = [other for other in others if type(other) is type(value)]
     if isinstance(value, Interval):
-        return _join([value, *alike])
+        return join_intervals([value, *alike])
     if isinstance(value, dict):
         return {
             key: _widen(each, [other[key] for other in alike if key in other]) for key, each in value.items()
@@ -36,7 +36,8 @@ def _widen(value: Any, others: Sequence[Any]) -> Any:
     return value
 
 
-def _join(intervals: Sequence[Interval]) -> Interval:
+def join_intervals(intervals: Sequence[Interval]) -> Interval:
+    """Return the interval that holds all of them, also with the error of the N-pose."""
     low, high = min(one.low for one in intervals), max(one.high for one in intervals)
     lows = [one.low_pose for one in intervals if one.low_pose is not None]
     highs = [one.high_pose for one in intervals if one.high_pose is not None]

@@ -1,13 +1,12 @@
 """What is known of a recording before its analysis: from its first bytes, and from its samples as read."""
 
 import io
-import re
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,13 +151,8 @@ def _describe_flag(flag: QualityFlag) -> dict[str, object]:
 
 
 MAX_UNPACKED_BYTES = 8 << 20
-LONGEST_RECORDING = timedelta(days=366)
-_STAMPED = {"calendar", "number since 1970"}
-_LONGEST_COUNT_US = 1 << 32  # a count of 32 bits, the usual one, begins anew after 72 minutes
-_CLOCK_DOUBTS = {Caveat.CLOCK_BACK, Caveat.CLOCK_FWD, Caveat.CLOCK_UNSET}
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")  # APPNOTE 4.3.7: one before each member of a zip
-_DEVICE_TEXT = re.compile(rb"PK\x03\x04.{22}\x08\x00..info\.txt", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,19 +162,12 @@ class Preview:
     device: str | None = None
     rate_hz: float | None = None
     start: datetime | None = None
-    end: datetime | None = None
     time_zone: str | None = None
     serial_hash: str | None = None
 
 
-def preview_head(
-    head: bytes, file_name: str = "", rate_hz: float | None = None, tail: bytes | None = None
-) -> Preview:
-    """Preview a recording by the first bytes of its file and, for its end, by the last bytes.
-
-    ``tail``: the last bytes of the file, none of which is in ``head``; empty where the head is the whole
-    file, None where they are not known. A tail adds the end and, for a `.gt3x`, what info.txt states; it
-    never causes a refusal.
+def preview_head(head: bytes, file_name: str = "", rate_hz: float | None = None) -> Preview:
+    """Preview a recording by the first bytes of its file.
 
     Raises
     ------
@@ -188,67 +175,32 @@ def preview_head(
         The file is something else than a recording; that it is cut is no reason.
     """
     if head.startswith(ZIP_MAGIC):
-        return _preview_zip(head, rate_hz, tail or b"")
+        return _preview_zip(head, rate_hz)
     if cwa.is_cwa(head):
-        return _preview_cwa(head, tail)
-    if head.startswith(GZIP_MAGIC):  # the tail of a packed table cannot be unpacked by itself
+        return _preview_cwa(head)
+    if head.startswith(GZIP_MAGIC):
         return _preview_text(_inflate(head), file_name.removesuffix(".gz"), rate_hz)
-    return _preview_text(head, file_name, rate_hz, tail)
+    return _preview_text(head, file_name, rate_hz)
 
 
-def _preview_text(head: bytes, file_name: str, rate_hz: float | None, tail: bytes | None = None) -> Preview:
+def _preview_text(head: bytes, file_name: str, rate_hz: float | None) -> Preview:
     """Read the whole lines as if they were the file."""
     lines = head[: head.rfind(b"\n") + 1]
     try:
-        recording = _read_lines(lines, file_name, rate_hz)
+        recording = read_recording(io.BytesIO(lines), file_name=file_name, rate_hz=rate_hz, sha256="-")
     except (EmptyFile, NoGyroscope):
         return Preview()
     except UnknownFormat:
         raise
     except FusionError:  # too short, dead, without time: the rest may tell otherwise
         return Preview()
-    end = None if tail is None else _find_last_row(recording, lines, tail, file_name, rate_hz)
-    return replace(_summarise(recording), end=end)
+    return _summarise(recording)
 
 
-def _find_last_row(
-    first: Recording, lines: bytes, tail: bytes, file_name: str, rate_hz: float | None
-) -> datetime | None:
-    """Read the first lines and the last as if they were the file: it ends where the file ends.
-
-    ``first`` is what was read of the first lines alone. A bare count may have begun anew in between, unseen:
-    it tells an end only where it goes further than a count of 32 bits of microseconds can.
-    """
-    if not tail:
-        return _find_end(first)
-    with suppress(FusionError):
-        both = _read_lines(lines + _keep_whole_lines(tail), file_name, rate_hz)
-        time = both.understood.get("time")
-        least_us = first.duration_us if time in _STAMPED else max(first.duration_us, _LONGEST_COUNT_US)
-        if time in (*_STAMPED, "number") and both.start == first.start and both.duration_us > least_us:
-            return _find_end(both)
-    return None
-
-
-def _read_lines(lines: bytes, file_name: str, rate_hz: float | None) -> Recording:
-    return read_recording(io.BytesIO(lines), file_name=file_name, rate_hz=rate_hz, sha256="-")
-
-
-def _keep_whole_lines(tail: bytes) -> bytes:
-    """Leave out the first line, whose beginning is not in the tail, and a last one that was broken off."""
-    return tail[tail.find(b"\n") + 1 : tail.rfind(b"\n") + 1]
-
-
-def _find_end(recording: Recording) -> datetime | None:
-    """Give the device's clock at the end, where the recording is as long as one can be."""
-    lasted = timedelta(microseconds=recording.duration_us)
-    return recording.start + lasted if recording.start and lasted <= LONGEST_RECORDING else None
-
-
-def _preview_zip(head: bytes, rate_hz: float | None, tail: bytes) -> Preview:
+def _preview_zip(head: bytes, rate_hz: float | None) -> Preview:
     members = dict(_unpack_members(head))
     if {"info.txt", "log.bin"} & set(members):
-        return _preview_gt3x(members, _find_device_text(tail))
+        return _preview_gt3x(members)
     packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
     if packed is None or find_pair(list(members)):
         return Preview()
@@ -258,69 +210,34 @@ def _preview_zip(head: bytes, rate_hz: float | None, tail: bytes) -> Preview:
         return Preview()
 
 
-def _preview_cwa(head: bytes, tail: bytes | None) -> Preview:
+def _preview_cwa(head: bytes) -> Preview:
     """Read the blocks that came; a gyroscope that is off in the first of them is off in all."""
     try:
-        first = _read_blocks(head, b"")
+        log = cwa.decode_log([head[HEADER_BYTES:]])
+        if not log.columns.rows:
+            log.refuse_unusable()
+        return _summarise(cwa.build_recording(parse_header(head), log))
     except NoGyroscope:
         raise
     except FusionError:
         return Preview(device="ax6")
-    end = None
-    if tail is not None:
-        with suppress(FusionError):
-            end = _find_last_block(first, _read_blocks(head, tail) if tail else first)
-    return replace(_summarise(first), end=end)
 
 
-def _find_last_block(first: Recording, both: Recording) -> datetime | None:
-    """Give the end of what begins with the head and ends with the tail, where one clock runs through both."""
-    is_one_clock = _CLOCK_DOUBTS.isdisjoint(flag.code for flag in both.flags)
-    is_continued = both is first or both.duration_us > first.duration_us
-    return _find_end(both) if is_one_clock and is_continued and both.start == first.start else None
-
-
-def _read_blocks(head: bytes, tail: bytes) -> Recording:
-    log = cwa.decode_log([head[HEADER_BYTES:], tail])
-    if not log.columns.rows:
-        log.refuse_unusable()
-    return cwa.build_recording(parse_header(head), log)
-
-
-def _find_device_text(tail: bytes) -> bytes:
-    """Unpack info.txt where the tail of a `.gt3x` holds it from its beginning; else nothing."""
-    last = max(_DEVICE_TEXT.finditer(tail), key=re.Match.start, default=None)
-    return next(_unpack_members(tail[last.start() :]))[1] if last else b""
-
-
-def _preview_gt3x(members: dict[str, bytes], last_text: bytes) -> Preview:
+def _preview_gt3x(members: dict[str, bytes]) -> Preview:
     """Read the log as far as it came (info.txt may be the last member); else what info.txt says."""
-    text = parse_device_text((last_text or members.get("info.txt", b""))[:MAX_TEXT_BYTES])
+    text = parse_device_text(members.get("info.txt", b"")[:MAX_TEXT_BYTES])
     with suppress(FusionError):
         log = gt3x.decode_log([members.get("log.bin", b"")])
         log.refuse_unusable()
         timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
-        recording = gt3x.build_recording(text, log, timeline)
-        # whether info.txt counts UTC where the log does is not known
-        end = (
-            None if log.events.counts_utc else _find_last_sample(text, recording.start, recording.duration_us)
-        )
-        return replace(_summarise(recording), end=end)
+        return _summarise(gt3x.build_recording(text, log, timeline))
     return _preview_device_text(text) if text.values else Preview()
 
 
 def _preview_device_text(text: DeviceText) -> Preview:
     start = _parse_moment(text, "Start Date")
     zone = None if text.offset_s is None else format_offset(text.offset_s)
-    return Preview("gt9x", None, start, _find_last_sample(text, start, 0), zone, text.serial_hash)
-
-
-def _find_last_sample(text: DeviceText, start: datetime | None, least_us: int) -> datetime | None:
-    """Give the last sample time of info.txt; None where it is before what was read, or absurd."""
-    end = _parse_moment(text, "Last Sample Time")
-    if start is None or end is None:
-        return None
-    return end if timedelta(microseconds=least_us) <= end - start <= LONGEST_RECORDING else None
+    return Preview("gt9x", None, start, zone, text.serial_hash)
 
 
 def _parse_moment(text: DeviceText, key: str) -> datetime | None:
@@ -339,7 +256,6 @@ def _summarise(recording: Recording) -> Preview:
         recording.device,
         round(recording.rate_hz, 4),
         recording.start,
-        None,
         recording.time_zone,
         recording.serial_hash,
     )

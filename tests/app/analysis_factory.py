@@ -17,8 +17,6 @@ from app.report.findings import (
     Findings,
     MethodFacts,
     RecordingFacts,
-    SettingsFacts,
-    StillFacts,
 )
 from fusion.exposure import (
     Cycles,
@@ -51,7 +49,8 @@ def make_subject(
     subject: str = "S012", file_name: str = "S012_right.gt3x", side: str | None = "right"
 ) -> ReportSubject:
     """Whose arm it is."""
-    return ReportSubject(file_name, subject, side, Software("0.1.0", "a1b2c3d4e5f6"))  # type: ignore[arg-type]
+    software, report_id = Software("0.1.0", "a1b2c3d4e5f6"), f"{subject}{side}".encode().hex()[:16]
+    return ReportSubject(file_name, subject, side, software, report_id=report_id)  # type: ignore[arg-type]
 
 
 def make_analysis(
@@ -75,7 +74,6 @@ def make_analysis(
     time = TimeAccount(_us(RECORDED_S), _us(ANALYSED_S), _us(540), _us(2700))
     return Findings(
         recording=recording,
-        settings=SettingsFacts(),
         calibration=make_calibration() if calibrated else None,
         method=make_method() if calibrated else None,
         exclusions=exclusions,
@@ -87,10 +85,15 @@ def make_analysis(
 
 def make_calibration() -> CalibrationFacts:
     """An N-pose that a person said was held at the start of wear."""
-    bias_dps = (0.31, -0.12, 0.07)
-    still = StillFacts(42.5, 6.2, 0.93, bias_dps)
     return CalibrationFacts(
-        "n-pose", still, state="held_at_start", sigma_deg=5.0, gyro_bias_dps=bias_dps, walking_deg=12.0
+        pose="n-pose",
+        state="held_at_start",
+        sigma_deg=5.0,
+        start_s=42.5,
+        duration_s=6.2,
+        score=0.93,
+        gyro_bias_dps=(0.31, -0.12, 0.07),
+        walking_apart_deg=12.0,
     )
 
 

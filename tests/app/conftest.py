@@ -12,7 +12,6 @@ from fastapi.testclient import TestClient
 
 from app.jobs import worker
 from app.jobs.children.attempt import MakeReport
-from app.jobs.database.sealed_text import find_sealer
 from app.jobs.job import Job
 from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
@@ -21,7 +20,7 @@ from app.main import configure_server, create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.sealing import SealedStorage
+from app.storage.store import Storage
 from app.upkeep import verify
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
@@ -40,7 +39,7 @@ on_both_set_ups = pytest.mark.parametrize(
 
 def find_study(store: JobStore, name: str) -> str:
     """Give the id of the study of a name."""
-    return identify_study(find_sealer(store.engine), name)
+    return identify_study(name)
 
 
 def do_next(bench: Bench) -> bool:
@@ -114,7 +113,7 @@ def address(settings: Settings, patience_s: float) -> Iterator[tuple[str, int]]:
 
 
 @pytest.fixture
-def storage(settings: Settings) -> SealedStorage:
+def storage(settings: Settings) -> Storage:
     """The folder or the bucket, prepared."""
     kept = open_storage(settings)
     kept.prepare()
@@ -130,7 +129,7 @@ def store(settings: Settings) -> Iterator[JobStore]:
 
 
 @pytest.fixture
-def add_job(store: JobStore, storage: SealedStorage) -> AddJob:
+def add_job(store: JobStore, storage: Storage) -> AddJob:
     """Store a recording and queue its analysis."""
 
     def add(content: bytes = b"recording", file_name: str = "shift.gt3x", subject: str = "") -> Job:

@@ -1,6 +1,5 @@
 """Finished analyses of several days, made by hand: that of the factory, with one figure changed."""
 
-import json
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -9,7 +8,8 @@ import numpy as np
 
 from app.report.days.people import MeasuredDay, Stage
 from app.report.export.parquet import write_elevation
-from app.report.findings import Findings, Kept, encode_findings
+from app.report.export.results import encode_results
+from app.report.findings import Findings, Kept
 from app.report.words.subject import ReportSubject
 from app.request import OnStage, ReportRequest
 from fusion.elevation import Elevation, ElevationSegment
@@ -52,10 +52,7 @@ def write_day(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -
 
 def finish_day(folder: Path, findings: Findings, subject: ReportSubject) -> None:
     """Leave what a report of several days is made from; the angle is 20 deg for an hour."""
-    (folder / "findings.json").write_bytes(encode_findings(findings, subject))
-    start = findings.recording.start
-    results = json.loads(stand_ins.RESULTS) | {"recording": {"start": start.isoformat() if start else None}}
-    (folder / "results.json").write_text(json.dumps(results))
+    (folder / "results.json").write_bytes(encode_results(findings, subject))
     segment = ElevationSegment(0, 1.0, np.full(3600, 20.0, np.float32), np.full(3600, True))
     write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
 

@@ -1,22 +1,21 @@
 """Small takers of ``make_report``'s place: an attempt's child process imports them by name."""
 
 import errno
+import itertools
 import os
 import signal
 import time
 from pathlib import Path
 
-from app.jobs.job import Claimer
 from app.request import OnStage, ReportRequest
 from fusion.errors import TooShort, UnknownColumns
-
-NOBODY = Claimer("nowhere", 1, "")
 
 RESULTS = (
     b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['
     b'{"threshold_deg": 30, "percent": 40.0}, '
     b'{"threshold_deg": 60, "percent": 12.34}, {"threshold_deg": 90, "percent": 3.0}], "entries": ['
-    b'{"threshold_deg": 60, "count": 512}], "percentiles_deg": {"50": 24.3, "90": 63.2}},'
+    b'{"threshold_deg": 60, "count": 512}], "percentiles_deg": {"50": 24.3, "90": 63.2},'
+    b' "minutes": {"p50_deg": []}},'
     b' "quality": {"verdict": "good", "warnings": []}}'
 )
 
@@ -51,6 +50,13 @@ def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
     (out / "results.json").write_bytes(b"{")
     time.sleep(30)
     write_report(log, request, out, on_stage)
+
+
+def never_end(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Go on for ever, with progress."""
+    for step in itertools.count():
+        on_stage("fusing", 1.0 - 1.0 / (step + 2))
+        time.sleep(0.2)
 
 
 def stand_still(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -102,12 +108,6 @@ def spoil_recording(log: Path, request: ReportRequest, out: Path, on_stage: OnSt
     """Alter the recording while it is analysed."""
     write_report(log, request, out, on_stage)
     log.write_bytes(b"something else")
-
-
-def write_findings(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write what reports of two are made from, too."""
-    write_report(log, request, out, on_stage)
-    (out / "findings.json").write_bytes(b"{}")
 
 
 def write_pair(*given: object) -> None:

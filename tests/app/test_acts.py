@@ -1,30 +1,26 @@
 """Acts on many recordings of the list: what they change, of which recordings, and what stays."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import delete, update
+from sqlalchemy import delete
 
-from app.jobs.database.tables import answers, saved_views
-from app.jobs.job import Claimer, Job, JobState
+from app.jobs.database.tables import saved_views
+from app.jobs.job import Job, JobState
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.library.listing import VIEWS_FILE, Library, LibraryFilter, SavedViews
 from app.jobs.recordings import RecordingStore
-from app.jobs.results import ResultReader, complete_headlines
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import Conclusion
 from app.settings import Settings
-from app.storage.store import ResultFile, Storage, describe_files
+from app.storage.store import ResultFile, Storage
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob, find_study
-
-ME = Claimer("here", 1, "")
 
 
 @pytest.fixture
@@ -45,7 +41,7 @@ def views(store: JobStore, storage: Storage) -> SavedViews:
 
 def finish(store: JobStore, method_version: int = int(METHOD_VERSION)) -> None:
     """Let the job that waits end well, by a version of the method."""
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     figures = HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0, "smoothed", method_version)
     assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)], figures)
@@ -139,7 +135,7 @@ def test_a_failed_analysis_is_replaced_by_its_repetition(
     caller: TestClient, store: JobStore, add_job: AddJob
 ) -> None:
     job = add_job()
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     store.fail(job.id, str(claimed.token), "E-SHORT", {})
 
@@ -230,50 +226,6 @@ def test_a_file_of_views_that_cannot_be_read_stops_nothing(views: SavedViews, st
     storage.write_small(VIEWS_FILE, b"{")
 
     assert views.recover() == 0
-
-
-def test_what_an_earlier_release_did_not_keep_is_read_from_the_files_of_the_report(
-    store: JobStore, storage: Storage, library: Library, add_job: AddJob
-) -> None:
-    results = {
-        "exposure": {"time_above": [{"threshold_deg": 60, "percent": 7.5}]},
-        "quality": {"verdict": "good"},
-        "time": {"recorded_s": 180.0},
-        "method": {"name": "smoothed", "version": "4"},
-    }
-    findings = {"findings": {"exposure": {"minutes": {"p50_deg": [10.0, 20.0]}}}}
-    job = add_job()
-    claimed = store.claim(ME)
-    assert claimed is not None
-    folder = storage.open_attempt(job.id, str(claimed.token))
-    for name, content in (("results.json", results), ("findings.json", findings)):
-        (folder / name).write_text(json.dumps(content))
-    files = describe_files(folder)
-    storage.keep_attempt(job.id, str(claimed.token), job.recording_id)
-    assert store.finish(job.id, str(claimed.token), files, HeadlineFigures("good", None, 1.0, 1.0))
-    with store.engine.begin() as connection:
-        connection.execute(update(answers).values(method=None, method_version=None, day=None))
-
-    reader = ResultReader(store, storage)
-    numbers = [complete_headlines(store, reader, 20) for _ in range(2)]
-
-    (entry,) = library.find_page(LibraryFilter(group="older"), 10)
-    assert numbers == [1, 0]
-    assert entry.headline == HeadlineFigures("good", None, 180.0, 7.5, "smoothed", 4, "10,20")
-
-
-def test_a_report_whose_files_are_gone_is_listed_as_before(
-    store: JobStore, storage: Storage, library: Library, add_job: AddJob
-) -> None:
-    add_job()
-    finish(store)
-    with store.engine.begin() as connection:
-        connection.execute(update(answers).values(method=None, method_version=None, day=None))
-
-    assert complete_headlines(store, ResultReader(store, storage), 20) == 1
-
-    (entry,) = library.find_page(LibraryFilter(), 10)
-    assert entry.headline == HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0)
 
 
 def test_the_chosen_join_a_study_that_goes_on_with_their_next_analyses(

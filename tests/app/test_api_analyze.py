@@ -19,14 +19,14 @@ from app.jobs.worker import run_next
 from app.main import create_app
 from app.request import clean_file_name
 from app.settings import Settings
-from app.storage.sealing import SealedStorage
+from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 
 URL = "/api/v1/analyze"
 
 
-def files_in(storage: SealedStorage) -> list[Path]:
+def files_in(storage: Storage) -> list[Path]:
     return [path for name in ("uploads", "recordings") for path in (storage.root / name).iterdir()]
 
 
@@ -38,7 +38,7 @@ def test_a_recording_is_taken_with_202_and_its_address(client: TestClient) -> No
     assert answer.headers["retry-after"] == "2"
 
 
-def test_what_is_kept_is_what_was_sent(client: TestClient, storage: SealedStorage) -> None:
+def test_what_is_kept_is_what_was_sent(client: TestClient, storage: Storage) -> None:
     content = b"0123456789" * 300_00
 
     job = client.post(URL, content=content).json()
@@ -59,6 +59,9 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "method": "published",
         "pose": "two-point",
         "calibration": ["5,15", "20.5,30"],
+        "pose_held": "no",
+        "slip_at": "3600",
+        "no_slip_at": ["60", "7200"],
         "rate_hz": "100",
         "lang": "fr",
         "sensor": "arm",
@@ -71,6 +74,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     assert request.calibration_windows_s == ((5.0, 15.0), (20.5, 30.0))
     assert request.languages == ("fr", "en")
     assert json.loads(request.profile) == {"sensor": "arm"}
+    assert (request.pose_held, request.slip_times_s) == ("no", (3600.0,))
+    assert request.no_slip_times_s == (60.0, 7200.0)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +102,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     ],
 )
 def test_a_value_that_cannot_be_is_refused_by_name(
-    client: TestClient, storage: SealedStorage, name: str, value: str
+    client: TestClient, storage: Storage, name: str, value: str
 ) -> None:
     problem = client.post(URL, content=b"x", params={name: value})
 
@@ -106,30 +111,6 @@ def test_a_value_that_cannot_be_is_refused_by_name(
     assert problem.json()["code"] == "E-PARAMETER"
     assert name in problem.json()["detail"]
     assert files_in(storage) == []
-
-
-def test_a_pose_may_be_held_as_often_as_one_likes(client: TestClient, store: JobStore) -> None:
-    wishes = {"calibration": ["5,15", "7200,7210", "28000,28010"], "slip_at": ["3600"]}
-
-    request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
-
-    assert request.calibration_windows_s == ((5.0, 15.0), (7200.0, 7210.0), (28000.0, 28010.0))
-    assert request.slip_times_s == (3600.0,)
-
-
-def test_a_pose_that_was_not_held_is_taken(client: TestClient, store: JobStore) -> None:
-    answer = client.post(f"{URL}?pose_held=no", content=b"x").json()
-
-    assert store.get(answer["id"]).request.pose_held == answer["settings"]["pose_held"] == "no"
-
-
-def test_a_pose_held_at_the_start_and_no_slip_are_taken(client: TestClient, store: JobStore) -> None:
-    answer = client.post(f"{URL}?pose_held=start&no_slip_at=60&no_slip_at=7200", content=b"x").json()
-
-    request = store.get(answer["id"]).request
-    assert (request.pose_held, request.no_slip_times_s) == ("start", (60.0, 7200.0))
-    assert answer["settings"]["pose_held"] == "start"
-    assert answer["settings"]["no_slip_times_s"] == [60.0, 7200.0]
 
 
 @pytest.mark.parametrize(("written", "axis"), [("y", "+y"), ("%2By", "+y"), ("+y", "+y"), ("-z", "-z")])
@@ -157,23 +138,21 @@ def test_windows_that_fit_neither_pose_nor_axis_are_refused(
     assert (problem.status_code, problem.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_an_empty_body_is_refused_at_once(client: TestClient, storage: SealedStorage) -> None:
+def test_an_empty_body_is_refused_at_once(client: TestClient, storage: Storage) -> None:
     problem = client.post(URL, content=b"")
 
     assert (problem.status_code, problem.json()["code"]) == (422, "E-EMPTY")
     assert files_in(storage) == []
 
 
-def test_a_body_announced_too_large_is_refused(client: TestClient, storage: SealedStorage) -> None:
+def test_a_body_announced_too_large_is_refused(client: TestClient, storage: Storage) -> None:
     problem = client.post(URL, content=b"x" * 1_000_001)
 
     assert (problem.status_code, problem.json()["code"]) == (413, "E-BIG")
     assert files_in(storage) == []
 
 
-def test_a_body_that_grows_too_large_is_refused_and_removed(
-    client: TestClient, storage: SealedStorage
-) -> None:
+def test_a_body_that_grows_too_large_is_refused_and_removed(client: TestClient, storage: Storage) -> None:
     problem = client.post(URL, content=iter([b"x" * 600_000] * 2))
 
     assert (problem.status_code, problem.json()["code"]) == (413, "E-BIG")
@@ -197,7 +176,7 @@ def test_a_form_is_not_taken_for_a_recording(client: TestClient) -> None:
 
 
 def test_a_row_that_cannot_be_written_leaves_no_recording(
-    client: TestClient, storage: SealedStorage, store: JobStore
+    client: TestClient, storage: Storage, store: JobStore
 ) -> None:
     with store._engine.begin() as connection:
         connection.exec_driver_sql("DROP TABLE analyses")

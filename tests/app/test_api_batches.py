@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import delete
 
+from app.jobs.database.tables import batch_items
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from tests.app import stand_ins
@@ -20,8 +22,8 @@ def keep(client: TestClient, k: int) -> str:
     return str(answer.json()["id"])
 
 
-def start(client: TestClient, count: int = 2, **wish: Any) -> dict[str, Any]:
-    items = [{"recording_id": keep(client, k)} for k in range(count)]
+def start(client: TestClient, count: int = 2, first: int = 0, **wish: Any) -> dict[str, Any]:
+    items = [{"recording_id": keep(client, first + k)} for k in range(count)]
     answer = client.post(URL, json={"name": "spring", "items": items} | wish)
     assert answer.status_code == 202, answer.text
     batch: dict[str, Any] = answer.json()
@@ -101,10 +103,10 @@ def test_failed_ones_can_be_tried_again_and_count_once(client: TestClient, bench
 
 
 def test_batches_take_turns(client: TestClient, store: JobStore) -> None:
-    first, second = start(client, 3)["id"], start(client, 3, settings={"side": "left"})["id"]
+    first, second = start(client, 3)["id"], start(client, 3, first=3)["id"]
 
     order = []
-    while job := store.claim(stand_ins.NOBODY):
+    while job := store.claim():
         order.append(job.batch_id)
 
     assert order == [first, second] * 3
@@ -114,7 +116,7 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
     start(client, 50)
     single = client.post("/api/v1/analyze", content=b"single").json()["id"]
 
-    first_two = [store.claim(stand_ins.NOBODY) for _ in range(2)]
+    first_two = [store.claim() for _ in range(2)]
 
     assert single in [job.id for job in first_two if job]
 
@@ -142,7 +144,7 @@ def test_what_was_analysed_before_is_taken_as_it_is(client: TestClient, bench: O
     client.post(URL, json={"items": items})
     run_next(bench(stand_ins.write_report))
 
-    again = client.post(URL, json={"items": items}).json()
+    again = client.post(URL, json={"items": items, "name": "another"}).json()
 
     assert (again["is_over"], again["duplicate_count"], again["counts"]["succeeded"]) == (True, 1, 1)
     listed = client.get(again["links"]["analyses"]).json()["items"]
@@ -158,9 +160,35 @@ def test_a_batch_may_ask_for_everything_anew(client: TestClient) -> None:
     assert (anew["duplicate_count"], anew["counts"]["queued"]) == (0, 1)
 
 
+def test_the_same_batch_again_is_the_batch_that_there_is(client: TestClient, store: JobStore) -> None:
+    items = [{"recording_id": keep(client, k)} for k in range(2)]
+    wish = {"name": "May", "items": items}
+
+    first = client.post(URL, json=wish).json()
+    others = (
+        wish | {"name": "June"},
+        wish | {"items": items[::-1]},
+        wish | {"settings": {"side": "left"}},
+        wish | {"again": True},
+    )
+
+    assert client.post(URL, json=wish).json()["id"] == first["id"]
+    assert first["id"] not in {client.post(URL, json=other).json()["id"] for other in others}
+
+
+def test_a_batch_that_lost_an_analysis_is_made_again(client: TestClient, store: JobStore) -> None:
+    wish = {"items": [{"recording_id": keep(client, k)} for k in range(2)]}
+    first = client.post(URL, json=wish).json()
+    store.run(delete(batch_items).where(batch_items.c.place == 1))
+
+    again = client.post(URL, json=wish).json()
+
+    assert (again["id"] != first["id"], again["item_count"]) == (True, 2)
+
+
 def test_a_repetition_takes_its_place_in_every_batch_that_asked(client: TestClient, bench: OpenBench) -> None:
     items = [{"recording_id": keep(client, 0)}]
-    first, second = (client.post(URL, json={"items": items}).json() for _ in range(2))
+    first, second = (client.post(URL, json={"items": items, "name": name}).json() for name in "ab")
     run_next(bench(stand_ins.refuse))
 
     client.post(first["links"]["retry_failed"])

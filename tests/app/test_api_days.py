@@ -159,9 +159,11 @@ STUDY = "Packing line"
 
 @pytest.fixture
 def group(client: TestClient, bench: OpenBench, store: JobStore) -> str:
-    """A study of two people, each with a Monday and a Friday: 2.0 and 4.0 points more; gives its id."""
+    """A study of five people, each with a Monday and a Friday: 2.0 to 4.0 points more; gives its id."""
     at_work = bench(write_day)
-    for k, (subject, content) in enumerate([("A", "0 4"), ("A", "4 6"), ("B", "0 8"), ("B", "4 12")]):
+    shares = {"A": (4, 6), "B": (8, 12), "C": (4, 6), "D": (8, 12), "E": (6, 9)}
+    days = [(subject, f"{4 * k} {both[k]}") for subject, both in shares.items() for k in (0, 1)]
+    for k, (subject, content) in enumerate(days):
         asked = {"side": "right", "file_name": f"{k}.gt3x", "subject": subject, "study": STUDY}
         client.put("/api/v1/analyze", params=asked, content=content.encode())
         assert run_next(at_work)
@@ -171,16 +173,16 @@ def group(client: TestClient, bench: OpenBench, store: JobStore) -> str:
 def test_a_study_is_one_group(client: TestClient, group: str) -> None:
     page = plain(client.get("/days", params={"study": group}).text)
 
-    assert "2 people" in page
-    assert len(re.findall(r'name="analysis" value="\w+" checked', page)) == 4
+    assert "5 people" in page
+    assert len(re.findall(r'name="analysis" value="\w+" checked', page)) == 10
 
 
 def test_a_study_is_compared_before_and_after_a_day(client: TestClient, group: str) -> None:
     page = plain(client.get("/days", params={"study": group, "since": "2026-03-05"}).text)
 
     assert re.findall(r'name="after" value="\w+" checked', page) != []
-    # by hand: +2 and +4 have a standard deviation of 1.414, and t(1) is 12.706: 3 ± 12.7
-    assert "from 6.0 % to 9.0 % (+3.0 points, 95 % range −9.7 to 15.7). The range includes no change." in page
+    # by hand: +2, +4, +2, +4 and +3 have a standard deviation of 1, and t(4) is 2.776: 3 ± 1.24
+    assert "from 6.0 % to 9.0 % (+3.0 points, 95 % range 1.8 to 4.2)." in page
     assert "One day has no spread" not in page  # a group needs no second day of anyone
 
 
@@ -194,7 +196,7 @@ def test_the_page_of_a_study_leads_to_its_group(client: TestClient, group: str) 
 def test_a_change_before_or_after_all_days_is_no_change(client: TestClient, group: str, since: str) -> None:
     page = plain(client.get("/days", params={"study": group, "since": since}).text)
 
-    assert "2 people" in page
+    assert "5 people" in page
     assert not re.findall(r'name="after" value="\w+" checked', page)
 
 

@@ -27,18 +27,6 @@ def analysed(client: TestClient, bench: OpenBench, shift_gt3x: Path) -> list[str
     return found
 
 
-def test_the_same_day_compared_with_itself_has_not_changed(client: TestClient, analysed: list[str]) -> None:
-    told = client.get("/api/v1/compare", params={"analysis": analysed}).json()
-
-    assert {figure["change"] for figure in told["figures"]} == {0.0}
-
-
-def test_the_settings_that_differ_are_named(client: TestClient, analysed: list[str]) -> None:
-    told = client.get("/api/v1/compare", params={"analysis": analysed}).json()
-
-    assert told["settings"] == {"side": ["right", "left"]}
-
-
 def test_the_angles_are_given_as_text(client: TestClient, analysed: list[str]) -> None:
     body = client.get(f"/api/v1/analyses/{analysed[0]}/elevation.csv.gz").content
 

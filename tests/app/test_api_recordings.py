@@ -8,13 +8,12 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
-from app.jobs.database.tables import recordings
+from app.jobs.database.tables import purged_uploads, recordings
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage.labels import Label
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
@@ -54,12 +53,68 @@ def test_a_raw_body_becomes_a_recording(client: TestClient) -> None:
     )
 
 
-def test_the_same_bytes_again_are_flagged_as_a_duplicate(client: TestClient) -> None:
-    first, second = keep(client), keep(client)
+def test_the_same_bytes_with_other_words_are_flagged_as_a_duplicate(client: TestClient) -> None:
+    first, second = keep(client), keep(client, note="again")
 
     assert (first["warnings"], second["warnings"]) == ([], ["W-DUP-UPLOAD"])
     assert second["duplicate_of"] == first["id"]
     assert second["id"] != first["id"]
+
+
+@pytest.mark.parametrize("way", ["raw", "form"])
+def test_the_same_upload_again_is_the_recording_that_there_is(
+    client: TestClient, settings: Settings, way: str
+) -> None:
+    words = {"subject": "S1", "file_name": "a.csv"}
+    sent: dict[str, Any] = (
+        {"content": b"abc", "params": words}
+        if way == "raw"
+        else {"files": {"file": ("a.csv", b"abc")}, "data": {"subject": "S1"}}
+    )
+
+    answers = [client.post(URL, **sent) for _ in range(2)]
+
+    assert [answer.status_code for answer in answers] == [201, 200]
+    assert len({answer.json()["id"] for answer in answers}) == 1
+    assert len([path for path in files_of(settings) if path.suffix != ".json"]) == 1
+
+
+def test_the_same_upload_after_a_day_is_another_recording(client: TestClient, store: JobStore) -> None:
+    first = keep(client)
+    store.run(update(recordings).values(since_s=-25 * 3600.0))
+
+    assert keep(client)["id"] != first["id"]
+
+
+def test_the_same_upload_of_somebody_else_is_another_recording(client: TestClient, store: JobStore) -> None:
+    first = keep(client)
+    store.run(update(recordings).values(stored_by="usr_other"))
+
+    assert keep(client)["id"] != first["id"]
+
+
+@pytest.mark.parametrize("address", [URL, "/api/v1/analyze"])
+def test_a_repeated_request_never_brings_back_what_was_deleted_for_good(
+    client: TestClient, settings: Settings, address: str
+) -> None:
+    sent = {"content": b"abc", "params": {"subject": "S1"}}
+    answer = client.post(address, **sent).json()  # type: ignore[arg-type]
+    recording_id = answer.get("recording_id", answer["id"])
+    client.delete(f"{URL}/{recording_id}", params={"purge": True})
+
+    again = client.post(address, **sent)  # type: ignore[arg-type]
+
+    assert (again.status_code, again.json()["code"]) == (410, "E-PURGED")
+    assert files_of(settings) == []
+    assert client.post(address, content=b"abc", params={"subject": "S2"}).is_success
+
+
+def test_what_was_deleted_for_good_can_be_sent_again_after_a_day(client: TestClient, store: JobStore) -> None:
+    client.delete(f"{URL}/{keep(client)['id']}", params={"purge": True})
+    store.run(update(purged_uploads).values(since_s=-25 * 3600.0))
+    RecordingStore(store.engine, store.reader).forget_purged()
+
+    assert keep(client)["sha256"]
 
 
 def test_an_upload_can_be_described_when_it_is_whole(client: TestClient) -> None:
@@ -96,7 +151,7 @@ def test_recordings_are_found_by_what_they_are(client: TestClient, name: str) ->
 
 
 def test_recordings_are_found_by_their_start(client: TestClient, store: JobStore) -> None:
-    early, late = keep(client), keep(client)
+    early, late = keep(client, b"early"), keep(client, b"late")
     with store.engine.begin() as connection:
         for recording, start in ((early, "2026-03-02T07:00:00"), (late, "2026-03-03T07:00:00")):
             connection.exec_driver_sql(
@@ -166,7 +221,7 @@ def test_a_change_on_top_of_something_older_is_refused(client: TestClient) -> No
 
     answer = client.patch(f"{URL}/{kept['id']}", json={"subject": "S3"}, headers={"if-match": '"1"'})
 
-    assert (answer.status_code, answer.json()["code"]) == (412, "E-STALE")
+    assert (answer.status_code, answer.json()["code"]) == (409, "E-STALE")
 
 
 def test_a_recording_thrown_away_is_in_no_list_and_can_be_brought_back(client: TestClient) -> None:
@@ -219,7 +274,7 @@ def test_what_is_in_the_trash_is_deleted_for_good_by_a_purge(client: TestClient,
     kept = keep(client)
     client.delete(f"{URL}/{kept['id']}")
 
-    assert client.delete(f"{URL}/{kept['id']}", params={"purge": True}).status_code == 204
+    assert client.delete(f"{URL}/{kept['id']}", params={"purge": True}).status_code == 200
     assert files_of(settings) == []
 
 
@@ -315,7 +370,7 @@ def test_periods_are_guarded_by_their_etag_too(client: TestClient) -> None:
     address = f"{URL}/{keep(client)['id']}/periods"
     client.put(address, json=[])
 
-    assert client.put(address, json=[], headers={"if-match": '"1"'}).status_code == 412
+    assert client.put(address, json=[], headers={"if-match": '"1"'}).status_code == 409
 
 
 def test_the_head_of_an_upload_tells_the_device_before_the_rest_is_there(
@@ -351,7 +406,7 @@ def test_an_inspection_that_cannot_be_read_is_made_again(
     address = f"{URL}/{kept['id']}"
     found = client.get(f"{address}/inspection").json()
 
-    store.run(update(recordings).values(inspection=Label(kept["id"], damaged)))
+    store.run(update(recordings).values(inspection=damaged))
 
     assert client.get(address).status_code == 200
     assert client.get(f"{address}/inspection").json() == found

@@ -11,7 +11,7 @@ import pytest
 
 from app.main import listen
 from app.settings import Settings
-from app.storage.sealing import SealedStorage
+from app.storage.store import Storage
 from tests.loops import run_coroutine
 
 PATIENCE_S = 0.4
@@ -59,7 +59,7 @@ def test_a_body_that_stops_is_answered_with_408_and_hung_up_on(address: tuple[st
 
 
 def test_an_upload_that_is_broken_off_leaves_nothing_and_is_no_bug(
-    address: tuple[str, int], storage: SealedStorage, caplog: pytest.LogCaptureFixture
+    address: tuple[str, int], storage: Storage, caplog: pytest.LogCaptureFixture
 ) -> None:
     head = b"POST /api/v1/analyze HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\n"
     line = socket.create_connection(address)

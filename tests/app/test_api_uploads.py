@@ -15,7 +15,6 @@ from app.jobs.store import JobStore
 from app.main import create_app
 from app.services import find_services
 from app.settings import Settings
-from app.storage.sealed import HEAD_BYTES
 from app.storage.store import Storage, borrow_recording
 
 URL = "/api/v1/uploads"
@@ -224,16 +223,6 @@ def test_metadata_that_cannot_be_is_refused(client: TestClient, metadata: str) -
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_a_network_that_lets_only_post_pass_can_upload_too(client: TestClient) -> None:
-    address = announce(client, 1)
-
-    answer = client.post(
-        address, content=b"x", headers=BODY | {"upload-offset": "0", "x-http-method-override": "PATCH"}
-    )
-
-    assert (answer.status_code, answer.headers["upload-offset"]) == (204, "1")
-
-
 def test_a_server_started_anew_goes_on_where_the_bytes_ended(settings: Settings) -> None:
     with TestClient(create_app(settings), base_url="http://localhost") as before:
         address = announce(before, 10)
@@ -266,7 +255,7 @@ def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
     address = announce(client, 4)
     append(client, address, 0, b"01")
     upload_id = address.rpartition("/")[2]
-    file = find_services(Request({"type": "http", "app": client.app})).incoming.open(upload_id, 2, 4)
+    file = find_services(Request({"type": "http", "app": client.app})).incoming.open(upload_id, 2)
     file.write(b"23")
     file.flush()
     file.close()
@@ -277,38 +266,27 @@ def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
     assert recording["sha256"] == hashlib.sha256(b"0123").hexdigest()
 
 
-@pytest.mark.parametrize("sent", [b"01", b"0123"], ids=["a part", "all"])
-def test_an_upload_that_an_earlier_release_took_in_clear_goes_on_and_is_sealed(
-    client: TestClient, store: JobStore, settings: Settings, sent: bytes
-) -> None:
-    address = announce(client, 4)
-    incoming = settings.data_dir / "incoming" / address.rpartition("/")[2]
-    incoming.write_bytes(sent)
-    with store.engine.begin() as connection:
-        connection.exec_driver_sql(f"UPDATE uploads SET offset_bytes = {len(sent)}")
-    if len(sent) < 4:
-        append(client, address, len(sent), b"23")
+def test_the_same_file_again_is_the_recording_that_there_is(client: TestClient, settings: Settings) -> None:
+    answers = []
+    for _ in range(2):
+        address = announce(client, 3, filename="a.csv", subject="S1")
+        append(client, address, 0, b"abc")
+        answers.append(client.get(address).json())
 
-    recording = client.get(client.get(address).json()["links"]["recording"]).json()
-
-    assert recording["sha256"] == hashlib.sha256(b"0123").hexdigest()
-    assert b"01" not in (settings.data_dir / "recordings" / recording["id"]).read_bytes()[HEAD_BYTES:]
+    assert answers[1]["recording_id"] == answers[0]["recording_id"]
+    assert [answer["is_repeated"] for answer in answers] == [False, True]
+    assert len([path for path in files_of(settings) if path.suffix != ".json"]) == 1
 
 
-def test_bytes_under_way_are_sealed_and_end_with_their_key(client: TestClient, settings: Settings) -> None:
-    canary = b"a canary of thirty-two bytes, so"
-    address = announce(client, 100)
-    append(client, address, 0, canary)
-    services = find_services(Request({"type": "http", "app": client.app}))
-    upload_id = address.rpartition("/")[2]
-    recording_id = services.incoming.find_recording_id(upload_id)
-    assert recording_id is not None
-    assert canary not in (settings.data_dir / "incoming" / upload_id).read_bytes()
-    assert services.storage.keys.find(recording_id) is not None
+def test_the_upload_of_what_was_deleted_for_good_says_so(client: TestClient) -> None:
+    address = announce(client, 3)
+    append(client, address, 0, b"abc")
+    recording_id = client.get(address).json()["recording_id"]
+    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
 
-    client.delete(address, headers=TUS)
-
-    assert services.storage.keys.find(recording_id) is None
+    assert client.head(address, headers=TUS).status_code == 410
+    assert append(client, address, 3, b"") == 410
+    assert client.delete(address, headers=TUS).status_code == 204
 
 
 def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:
@@ -494,14 +472,15 @@ def test_what_is_said_too_late_changes_nothing_and_names_the_recording(client: T
 def test_bytes_that_were_analysed_before_are_not_analysed_again_unasked(client: TestClient) -> None:
     send_declared(client, b"0123456789")
 
-    assert list_analyses(client, send_declared(client, b"0123456789")) == []
+    assert len(list_analyses(client, send_declared(client, b"0123456789"))) == 1
 
 
 def test_bytes_whose_analysis_was_given_up_are_analysed_again(client: TestClient) -> None:
     (first,) = list_analyses(client, send_declared(client, b"0123456789"))
     client.post(f"/api/v1/analyses/{first['id']}/cancel")
 
-    assert len(list_analyses(client, send_declared(client, b"0123456789"))) == 1
+    analyses = list_analyses(client, send_declared(client, b"0123456789"))
+    assert [analysis["state"] for analysis in analyses] == ["queued", "cancelled"]
 
 
 def test_where_no_more_may_wait_the_upload_is_kept_and_nothing_begins(settings: Settings) -> None:

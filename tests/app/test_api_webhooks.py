@@ -27,6 +27,7 @@ from app.jobs.worker import run_next
 from app.main import create_app
 from app.services import Services, find_services
 from app.settings import Settings
+from app.storage.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 from tests.loops import run_coroutine
@@ -206,7 +207,9 @@ def test_a_delivery_that_waits_outlives_the_server(
 ) -> None:
     allowed = settings.model_copy(update={"webhooks_may_be_private": True})
     with TestClient(create_app(settings), base_url="http://localhost") as before:
-        services_of(before.app).webhooks.add(listener.url, ("analysis.finished",))
+        services_of(before.app).webhooks.add(
+            listener.url, ("analysis.finished",), ServerSecret(settings.data_dir)
+        )
         before.post("/api/v1/analyze", content=b"x")
     run_next(bench(stand_ins.refuse))
 

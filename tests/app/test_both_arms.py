@@ -3,7 +3,6 @@
 import io
 import json
 import re
-import shutil
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -14,7 +13,8 @@ from pypdf import PdfReader
 
 from app.errors import CannotPair
 from app.report.export.parquet import write_elevation
-from app.report.findings import Kept, encode_findings
+from app.report.export.results import encode_results
+from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pair import ArmPair, build_pair, describe_pair
 from app.report.pairs import OnePerson
@@ -76,7 +76,7 @@ def keep(
     assert kept.findings.method is not None
     named = replace(kept.findings.method, name=method)
     findings = replace(kept.findings, exclusions=(), method=named)
-    (folder / "findings.json").write_bytes(encode_findings(findings, kept.subject))
+    (folder / "results.json").write_bytes(encode_results(findings, kept.subject))
     angles = np.full(6000, angle_deg, np.float32)
     segment = ElevationSegment(0, 100.0, angles, np.ones(6000, bool))
     write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
@@ -418,16 +418,6 @@ def test_an_arm_is_not_taken_for_the_trunk(tmp_path: Path) -> None:
         make_report_of_two((left, right, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
 
     assert refused.value.facts == {"why": "same"}
-
-
-def test_an_arm_of_version_1_is_paired_with_one_of_today(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 70.0)
-    # The grid of 20 Hz ends at 0.95 s: valid at 0 s, not at 0.05 s, and from 0.08 s to 1 s there is a hole.
-    shutil.copy(Path(__file__).with_name("elevation_1.parquet"), left / "elevation.parquet")
-
-    make_report_of_two((left, right), PairRequest("pair", 0.0, None, ("en",), ()), tmp_path)
-
-    assert json.loads((tmp_path / "pair.json").read_bytes())["shared_s"] == 0.05
 
 
 def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:

@@ -9,13 +9,13 @@ import pytest
 
 from app.errors import BadParameter
 from app.report.analysis.report import build_report
-from app.report.export.results import build_results, identify_report
-from app.report.findings import decode_findings, encode_findings
+from app.report.export.results import build_results, decode_results, encode_results, identify_report
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ReportRequest
 from app.web.recording.conclusion import read_conclusion
+from fusion.settings import DEFAULT_SETTINGS
 from tests.app.analysis_factory import make_analysis, make_subject
 
 SAID = Conclusion("Overhead work is the load.\nMeasure again in May.", "M. Tremblay", "2026-11-23")
@@ -62,7 +62,9 @@ def test_markup_in_a_conclusion_is_only_text() -> None:
 def test_a_report_with_a_conclusion_has_an_id_of_its_own() -> None:
     findings = make_analysis()
 
-    assert identify_report(findings, concluded()) != identify_report(findings, make_subject())
+    assert identify_report(DEFAULT_SETTINGS, findings, concluded()) != identify_report(
+        DEFAULT_SETTINGS, findings, make_subject()
+    )
 
 
 def test_the_conclusion_moves_no_figure() -> None:
@@ -78,8 +80,8 @@ def test_the_conclusion_moves_no_figure() -> None:
     assert json.dumps(with_it) == json.dumps(without)
 
 
-def test_the_kept_findings_hold_the_conclusion() -> None:
-    kept = decode_findings(encode_findings(make_analysis(), concluded()))
+def test_results_json_holds_the_conclusion() -> None:
+    kept = decode_results(encode_results(make_analysis(), concluded()))
 
     assert kept.subject.conclusion == SAID
 

@@ -18,22 +18,17 @@ from fastapi.testclient import TestClient
 from starlette.types import Message
 
 from app.api.library.files import serve_file
-from app.errors import NotHere, ResultDamaged, StoreDamaged
+from app.errors import NotHere, ResultDamaged
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.services import Services
 from app.settings import Settings
-from app.storage.erasures import FolderLedger
 from app.storage.folder import FolderStorage
-from app.storage.keys import FolderKeys, KeyStore
-from app.storage.sealed import HEAD_BYTES
-from app.storage.sealing import SealedStorage
 from app.storage.store import (
     VERIFIED_TERM_S,
     ResultFile,
     Storage,
-    StoredRecording,
     VerifiedFiles,
     borrow_recording,
     borrow_result,
@@ -447,7 +442,6 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 @pytest.mark.parametrize(
     "path",
     [
-        "/api/v1/compare?analysis={0}&analysis={1}",
         "/api/v1/compare/report.pdf?analysis={0}&analysis={1}",
         "/api/v1/pair/pair.json?left={0}&right={1}",
         "/beside/pair?first={0}&second={1}",
@@ -456,8 +450,8 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 def test_a_damaged_analysis_beside_another_is_a_problem_answer(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish, path: str
 ) -> None:
-    one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
-    alter(storage, format_result_name(store, other, "findings.json"))
+    one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
+    alter(storage, format_result_name(store, other, "results.json"))
 
     answer = client.get(path.format(one.id, other.id))
 
@@ -470,7 +464,7 @@ def test_a_damaged_report_of_two_is_made_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.setattr("app.jobs.children.pairs.load_and_make_pair", stand_ins.write_pair)
-    one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
+    one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"
     (kept,) = (settings.data_dir / "cache" / "pairs").glob("*/report.en.pdf")
@@ -523,37 +517,35 @@ def clock() -> Hours:
     return Hours()
 
 
-def open_folder(root: Path, clock: Callable[[], float] = time.monotonic) -> SealedStorage:
-    keys = KeyStore(FolderKeys(root / "keys"), FolderLedger(root / "ledger"), root / "organisation.key")
-    return SealedStorage(FolderStorage(root), keys, VerifiedFiles(clock))
+def open_folder(root: Path, clock: Callable[[], float] = time.monotonic) -> Storage:
+    return FolderStorage(root, VerifiedFiles(clock))
 
 
 @pytest.fixture
-def folder(tmp_path: Path, clock: Hours) -> SealedStorage:
+def folder(tmp_path: Path, clock: Hours) -> Storage:
     """A folder with one result, and a clock of the test's own."""
     kept = open_folder(tmp_path / "kept", clock)
     kept.prepare()
     (kept.open_attempt("an_1", "t") / "a.txt").write_bytes(b"whole")
-    kept.keep_attempt("an_1", "t", "rec_1")
+    kept.keep_attempt("an_1", "t")
     return kept
 
 
-def read(folder: SealedStorage) -> bytes:
+def read(folder: Storage) -> bytes:
     with borrow_result(folder, "an_1", "t", RESULT) as path:
         return path.read_bytes()
 
 
-def rot(folder: SealedStorage) -> None:
+def rot(folder: Storage) -> None:
     """Alter bytes as a disk does: neither size nor time nor inode tells."""
     path = folder.root / "analyses" / "an_1" / "t" / "a.txt"
     status = path.stat()
     with path.open("r+b") as file:
-        file.seek(HEAD_BYTES)
         file.write(bytes(5))
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
-def test_a_verdict_spares_another_reading(folder: SealedStorage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_verdict_spares_another_reading(folder: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
     monkeypatch.setattr("app.storage.store.hash_file", lambda _: pytest.fail("read again"))
 
@@ -561,7 +553,7 @@ def test_a_verdict_spares_another_reading(folder: SealedStorage, monkeypatch: py
 
 
 def test_a_verdict_counts_for_an_hour_at_most(
-    folder: SealedStorage, clock: Hours, monkeypatch: pytest.MonkeyPatch
+    folder: Storage, clock: Hours, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read(folder)
     clock.now_s = VERIFIED_TERM_S
@@ -571,15 +563,16 @@ def test_a_verdict_counts_for_an_hour_at_most(
         read(folder)
 
 
-def test_what_rots_breaks_its_seal_whatever_the_verdict(folder: SealedStorage) -> None:
+def test_what_rots_is_found_when_the_verdict_is_an_hour_old(folder: Storage, clock: Hours) -> None:
     read(folder)
     rot(folder)
+    clock.now_s = VERIFIED_TERM_S
 
     with pytest.raises(ResultDamaged):
         read(folder)
 
 
-def test_a_verdict_does_not_outlive_the_start(folder: SealedStorage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_verdict_does_not_outlive_the_start(folder: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
     monkeypatch.setattr("app.storage.store.hash_file", lambda _: "0" * 64)
 
@@ -587,19 +580,19 @@ def test_a_verdict_does_not_outlive_the_start(folder: SealedStorage, monkeypatch
         read(open_folder(folder.root))
 
 
-def test_a_verdict_is_of_one_digest(folder: SealedStorage) -> None:
+def test_a_verdict_is_of_one_digest(folder: Storage) -> None:
     read(folder)
 
     with pytest.raises(ResultDamaged), borrow_result(folder, "an_1", "t", ResultFile("a.txt", "0" * 64, 5)):
         pass
 
 
-def test_a_file_that_is_altered_while_it_is_read_is_damaged(folder: SealedStorage) -> None:
+def test_a_file_that_is_altered_while_it_is_read_is_damaged(folder: Storage) -> None:
     with pytest.raises(ResultDamaged), borrow_result(folder, "an_1", "t", RESULT) as path:
         path.write_bytes(b"other")
 
 
-def test_a_file_that_is_replaced_by_the_same_bytes_while_it_is_read_is_whole(folder: SealedStorage) -> None:
+def test_a_file_that_is_replaced_by_the_same_bytes_while_it_is_read_is_whole(folder: Storage) -> None:
     with borrow_result(folder, "an_1", "t", RESULT) as path:
         path.unlink()
         path.write_bytes(b"whole")
@@ -617,7 +610,7 @@ def test_a_recording_that_is_damaged_while_it_is_analysed_gives_no_report(
 
 def send_results(client: TestClient, job: Job, sent: list[bytes], spoil: Callable[[Path], object]) -> None:
     """Send the results of an analysis piece by piece; ``spoil`` is called with the answer's file at each."""
-    services: Services = cast("Any", client.app).state.offices.own
+    services: Services = cast("Any", client.app).state.services
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
     answer = cast("FileResponse", serve_file(Request(scope), services, job, "results.json"))
 
@@ -644,18 +637,6 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
     assert b"".join(sent) == b""
 
 
-def test_an_answer_is_whole_though_its_stored_file_is_replaced_on_the_way(
-    client: TestClient, store: JobStore, storage: Storage, finish: Finish
-) -> None:
-    job = store.get(finish().id)
-    name = format_result_name(store, job, "results.json")
-    sent: list[bytes] = []
-
-    send_results(client, job, sent, lambda _: alter(storage, name))
-
-    assert b"".join(sent) == stand_ins.RESULTS
-
-
 def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.storage.store.MOST_VERIFIED", 2)
     verdicts = VerifiedFiles()
@@ -666,26 +647,13 @@ def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) ->
     assert [verdicts.is_known(name, "0", (1,)) for name in ("a", "b", "c")] == [False, True, True]
 
 
-@on_both_set_ups
-def test_a_borrowed_copy_is_given_back_when_it_is_damaged(storage: Storage) -> None:
-    upload = storage.open_upload(100)
-    upload.write(b"abc")
-    stored: StoredRecording = upload.keep()
-
-    with pytest.raises(StoreDamaged), borrow_recording(storage, stored.id, "0" * 64):
-        pass
-
-    copies = storage.root / "opened"
-    assert not copies.exists() or list(copies.iterdir()) == []
-
-
 def test_only_the_store_itself_and_its_upkeep_fetch_without_comparing() -> None:
     app = Path(__file__).resolve().parents[2] / "app"
     callers = {
         path.relative_to(app).as_posix() for path in app.rglob("*.py") if ".fetch(" in path.read_text("utf-8")
     }
 
-    assert callers <= {"storage/store.py", "storage/sealing.py"}
+    assert callers <= {"storage/store.py", "upkeep/backup.py"}
 
 
 @pytest.mark.parametrize("name", ["results.json", "report.html", "report.pdf", "answer.txt", "bundle.zip"])

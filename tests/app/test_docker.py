@@ -70,15 +70,7 @@ def test_every_volume_of_a_service_is_declared(path: Path) -> None:
     files = {name for name in used if name.startswith("./")}
 
     assert used - files == set(compose["volumes"])
-    assert files <= {"./organisation.key"}
-
-
-def test_web_and_worker_of_many_machines_have_the_same_key() -> None:
-    services = read(MANY)["services"]
-
-    for name in ("web", "worker"):
-        key = services[name]["environment"]["ACROMION_KEY_FILE"]
-        assert f"./organisation.key:{key}:ro" in services[name]["volumes"]
+    assert files == set()
 
 
 @pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)

@@ -1,10 +1,8 @@
 """The original file of a recording comes back: by the API, in a ZIP, by command."""
 
-import gc
 import hashlib
 import io
 import os
-import socket
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -15,18 +13,17 @@ from typer.testing import CliRunner
 
 from app.api.library.files import format_disposition
 from app.cli import app
+from app.jobs.audit_log import AuditLine, AuditQuestion, find_lines
 from app.jobs.job import Job
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailLine, TrailQuestion, find_lines
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.sealing import SealedStorage
+from app.storage.store import Storage
 from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.test_api_recordings import keep
-from tests.app.test_api_timeouts import wait_until
 
-CONTENT = bytes(range(256)) * 20_000  # more than two pieces of a seal, and than one of a download
+CONTENT = bytes(range(256)) * 20_000  # more than one piece of a download
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
 
 
@@ -39,11 +36,11 @@ def build_address(recording_id: str) -> str:
     return f"/api/v1/recordings/{recording_id}/file"
 
 
-def find_exports(store: JobStore) -> list[TrailLine]:
-    return list(find_lines(store.reader, TrailQuestion(act="file.exported")))
+def find_exports(store: JobStore) -> list[AuditLine]:
+    return list(find_lines(store.reader, AuditQuestion(act="file.exported")))
 
 
-def add_large(store: JobStore, storage: SealedStorage, file_name: str) -> Job:
+def add_large(store: JobStore, storage: Storage, file_name: str) -> Job:
     upload = storage.open_upload(10_000_000)
     upload.write(CONTENT)
     return store.add(upload.keep(), ReportRequest(file_name))
@@ -82,12 +79,6 @@ def test_a_resumable_upload_comes_back_whole(client: TestClient) -> None:
 
     assert answer.content == CONTENT
     assert answer.headers["content-disposition"] == 'attachment; filename="a.cwa"'
-
-
-def test_no_copy_in_clear_stays_behind(client: TestClient, settings: Settings) -> None:
-    client.get(build_address(keep(client, CONTENT)["id"]))
-
-    assert list((settings.data_dir / "opened").iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -257,28 +248,13 @@ def join_study(store: JobStore, *jobs: Job) -> str:
 
 @on_both_set_ups
 def test_the_zip_of_a_study_holds_the_originals_of_the_study(
-    client: TestClient, store: JobStore, storage: SealedStorage, add_job: AddJob
+    client: TestClient, store: JobStore, storage: Storage, add_job: AddJob
 ) -> None:
     first, second = add_large(store, storage, "one.csv"), add_job(b"22", "two.csv")
     add_job(b"333", "elsewhere.csv")
     study = join_study(store, first, second)
 
     assert read_zip(client, batch=study) == {"one.csv": CONTENT, "two.csv": b"22"}
-
-
-def test_a_zip_that_is_broken_off_leaves_no_copy_in_clear(
-    address: tuple[str, int], settings: Settings, store: JobStore, storage: SealedStorage
-) -> None:
-    add_large(store, storage, "one.csv")
-    with socket.create_connection(address) as caller:
-        caller.sendall(b"GET /library/recordings.zip HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        assert caller.recv(100).startswith(b"HTTP/1.1 200")
-        gc.disable()
-
-    try:
-        wait_until(lambda: not list((settings.data_dir / "opened").iterdir()))
-    finally:
-        gc.enable()
 
 
 def test_two_of_one_name_are_both_in_the_zip(client: TestClient, add_job: AddJob) -> None:
@@ -352,7 +328,7 @@ def get(settings: Settings, *words: str) -> Any:
 def test_the_command_writes_the_original(
     settings: Settings,
     store: JobStore,
-    storage: SealedStorage,
+    storage: Storage,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -8,8 +8,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from app.jobs import versions
-from app.jobs.database.tables import trail
-from app.jobs.job import Claimer, Job
+from app.jobs.database.tables import audit_log
+from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
@@ -22,7 +22,6 @@ from fusion.conventions import METHOD_VERSION
 from fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob
 
-ME = Claimer("here", 1, "")
 SAID = Conclusion("Overhead work is the load.", "M. Tremblay", "2026-11-23")
 
 
@@ -46,7 +45,7 @@ def concluded(store: JobStore, first: Job) -> Job:
 
 def finish(store: JobStore, job: Job) -> Job:
     """Let the job that waits end well; gives it."""
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     assert claimed.id == job.id
     figures = HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0, "smoothed", int(METHOD_VERSION))
@@ -151,7 +150,7 @@ def test_a_conclusion_that_is_taken_away_leaves_no_draft(store: JobStore, conclu
 
 def test_a_correction_that_fails_does_not_lose_the_draft(store: JobStore, concluded: Job) -> None:
     failed = store.add_correction(concluded, replace(concluded.request, calibration_windows_s=((1.0, 9.0),)))
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     store.fail(failed.id, str(claimed.token), "E-CALIBRATION", {})
 
@@ -243,7 +242,7 @@ def test_what_is_dismissed_is_one_line_of_the_audit_log(store: JobStore, conclud
     store.dismiss_draft(third.id)
     store.dismiss_draft(third.id)
 
-    lines = select(trail.c.analysis_id).where(trail.c.act == "conclusion.dismissed")
+    lines = select(audit_log.c.analysis_id).where(audit_log.c.act == "conclusion.dismissed")
     with store.reader.connect() as connection:
         assert connection.execute(lines).scalars().all() == [third.id]
 
@@ -251,7 +250,7 @@ def test_what_is_dismissed_is_one_line_of_the_audit_log(store: JobStore, conclud
 def test_a_kept_conclusion_is_not_written_again_in_the_audit_log(store: JobStore, concluded: Job) -> None:
     correct(store, concluded)
 
-    lines = select(trail.c.analysis_id).where(trail.c.act == "report.concluded")
+    lines = select(audit_log.c.analysis_id).where(audit_log.c.act == "report.concluded")
     with store.reader.connect() as connection:
         assert connection.execute(lines).scalars().all() == [concluded.id]
 

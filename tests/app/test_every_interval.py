@@ -29,6 +29,8 @@ EXCEPTIONS = {
     r"quarter_hours\.percent_above_60": "where to look; the worst has its range as the worst 15 min",
     r"(angle_edges_deg|duration_edges_s)": "edges of classes",
     r"intervals(_pose)?\..*": "the ranges themselves",
+    r"^(analysed_s|metric_filter_hz|angle_sigma_deg|histogram_s|minutes\.\w+)": "what figures are made of",
+    r"longest_start_s": "a place",
 }
 
 

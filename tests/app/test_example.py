@@ -7,7 +7,8 @@ import pypdf
 import pytest
 from fastapi.testclient import TestClient
 
-from app.report.findings import Findings, decode_findings
+from app.report.export.results import decode_results
+from app.report.findings import Findings
 from app.web.example import find_example
 from benchmarks.example import analyse_example
 
@@ -16,7 +17,7 @@ THRESHOLDS_DEG = (30, 60, 90)
 
 @pytest.fixture(scope="module")
 def shipped() -> Findings:
-    return decode_findings(find_example().read_bytes()).findings
+    return decode_results(find_example().read_bytes()).findings
 
 
 def read_shares(findings: Findings) -> list[float]:

@@ -209,17 +209,3 @@ def test_nothing_is_moved_through_a_link(watch: FolderWatch, tmp_path: Path) -> 
     watch.scan()
 
     assert list((tmp_path / "outside").iterdir()) == []
-
-
-def test_no_name_and_no_subject_reaches_the_log(watch: FolderWatch, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.DEBUG)
-    put(watch, "CANARY-S012/CANARY-shift.csv")
-    put(watch, "CANARY-S013/CANARY-large.csv", bytes(1_000_001))
-    put(watch, "CANARY\x85\u202e/shift.csv")
-    watch.scan()
-
-    watch.scan()
-    watch.scan()
-
-    assert len(caplog.records) == 3  # one taken, two refused once each
-    assert "CANARY" not in caplog.text

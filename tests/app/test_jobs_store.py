@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, delete, text
+from sqlalchemy import create_engine, delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
-from app.jobs.database.tables import recordings
-from app.jobs.job import TRANSITIONS, Claimer, Job, JobState
+from app.jobs.database.tables import analyses, recordings
+from app.jobs.job import TRANSITIONS, Job, JobState
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.store import ResultFile
@@ -19,12 +19,11 @@ from tests.app.conftest import AddJob
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
-ME = Claimer("here", 1, "10")
 FILES = (ResultFile("results.json", "0" * 64, 2),)
 
 
 def claim(store: JobStore) -> tuple[Job, str]:
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     assert job.token is not None
     return job, job.token
@@ -58,14 +57,14 @@ def test_the_oldest_job_is_claimed_first(store: JobStore, add_job: AddJob) -> No
 
 
 def test_nothing_is_claimed_when_nothing_waits(store: JobStore) -> None:
-    assert store.claim(ME) is None
+    assert store.claim() is None
 
 
 def test_twenty_claims_at_once_give_every_job_to_one_claimer(store: JobStore, add_job: AddJob) -> None:
     jobs = [add_job() for _ in range(10)]
 
     with ThreadPoolExecutor(20) as pool:
-        claimed = list(pool.map(lambda _: store.claim(ME), range(20)))
+        claimed = list(pool.map(lambda _: store.claim(), range(20)))
 
     assert sorted(job.id for job in claimed if job) == sorted(job.id for job in jobs)
 
@@ -80,7 +79,7 @@ def test_progress_is_seen_by_everybody(store: JobStore, add_job: AddJob) -> None
     job = add_job()
     _, token = claim(store)
 
-    store.beat(job.id, token, "fusing", 0.6)
+    store.renew(job.id, token, "fusing", 0.6)
 
     assert (store.get(job.id).stage, store.get(job.id).progress) == ("fusing", 0.6)
 
@@ -130,8 +129,82 @@ def test_a_cancelled_job_is_no_longer_its_workers(store: JobStore, add_job: AddJ
 
     store.cancel(job.id)
 
-    assert not store.owns(job.id, token)
-    assert not store.beat(job.id, token, "fusing", 0.5)
+    assert not store.renew(job.id, token, "fusing", 0.5)
+
+
+def move_lease(store: JobStore, by_s: float) -> None:
+    """Move the end of every lease, as a clock does that is moved the other way, or a computer that sleeps."""
+    store.run(update(analyses).values(lease_until_s=analyses.c.lease_until_s + by_s))
+
+
+def test_a_lease_that_lasts_is_left_alone(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    claim(store)
+
+    assert store.return_expired() == ()
+    assert store.get(job.id).state is JobState.RUNNING
+
+
+def test_a_job_whose_lease_ran_out_twice_waits_again_and_counts_an_interruption(
+    store: JobStore, add_job: AddJob
+) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    move_lease(store, -60.0)
+    assert store.return_expired() == ()
+    move_lease(store, -60.0)
+    assert store.return_expired() == ((job.id, token),)
+
+    back = store.get(job.id)
+    assert (back.state, back.attempts, back.interruptions) == (JobState.QUEUED, 0, 1)
+    assert (back.stage, back.progress) == (None, 0.0)
+
+
+@pytest.mark.parametrize("hours", [-8, 1, -1], ids=["a laptop slept", "clock put back", "clock put forward"])
+def test_a_living_worker_keeps_its_job_when_the_time_jumps(
+    store: JobStore, add_job: AddJob, hours: int
+) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    for _ in range(3):
+        move_lease(store, 3600.0 * hours)
+        assert store.return_expired() == ()
+        assert store.renew(job.id, token, "fusing", 0.5)
+
+    assert store.get(job.id).interruptions == 0
+
+
+@pytest.mark.parametrize("hours", [1, -1])
+def test_the_job_of_a_dead_worker_comes_back_whatever_the_clock_does(
+    store: JobStore, add_job: AddJob, hours: int
+) -> None:
+    job = add_job()
+    claim(store)
+
+    move_lease(store, 3600.0 * hours)
+    store.return_expired()
+    move_lease(store, -60.0)
+    store.return_expired()
+
+    assert store.get(job.id).state is JobState.QUEUED
+
+
+def test_a_worker_that_lost_its_job_changes_nothing_any_more(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, lost = claim(store)
+    for _ in range(2):
+        move_lease(store, -60.0)
+        store.return_expired()
+    claim(store)
+
+    assert not store.renew(job.id, lost, "fusing", 0.5)
+    assert not store.finish(job.id, lost, FILES)
+    assert not store.fail(job.id, lost, "E-SHORT", {})
+    assert not store.release(job.id, lost)
+    assert not store.interrupt(job.id, lost)
+    assert store.get(job.id).state is JobState.RUNNING
 
 
 def test_a_job_that_is_not_there_is_refused(store: JobStore) -> None:
@@ -147,7 +220,7 @@ def test_a_state_follows_another_only_where_the_table_says_so(
     token = bring_to(store, job.id, source)
     moves: dict[JobState, Callable[[], object]] = {
         JobState.QUEUED: lambda: store.release(job.id, token),
-        JobState.RUNNING: lambda: store.claim(ME),
+        JobState.RUNNING: store.claim,
         JobState.SUCCEEDED: lambda: store.finish(job.id, token, FILES),
         JobState.FAILED: lambda: store.fail(job.id, token, "E-SHORT", {}),
         JobState.CANCELLED: lambda: store.cancel(job.id),

@@ -1,20 +1,19 @@
 """Several processes on one database: one leads, for all the others."""
 
 import asyncio
-import os
 import threading
 from collections.abc import Iterator
 
 import pytest
-from sqlalchemy import Engine, text
+from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
 from app.api.library.analyses import run_to_end
 from app.jobs.database.connect import open_database
-from app.jobs.job import Claimer, JobState
+from app.jobs.database.tables import analyses
+from app.jobs.job import JobState
 from app.jobs.processes.cluster import install, revive_if_leading
 from app.jobs.processes.leader import REVIVAL, Leader
-from app.jobs.processes.lease import identify_self
 from app.jobs.store import JobStore
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
@@ -98,7 +97,8 @@ def test_only_the_leader_puts_back_what_a_dead_worker_held(
 ) -> None:
     install(store.engine.url.render_as_string(hide_password=False))
     job, workshop, (one, other) = add_job(), bench(stand_ins.write_report), leaders
-    store.claim(Claimer(identify_self().place, os.getpid(), "1"))
+    store.claim()
+    store.run(update(analyses).values(lease_until_s=0.0, is_lease_missed=1))
     assert one.is_leader()
 
     assert not revive_if_leading(workshop, other)

@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
-from app.jobs.job import Claimer, Job
+from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures, summarise_day
 from app.jobs.library.listing import Library, LibraryFilter
 from app.jobs.recordings import RecordingStore
@@ -18,8 +18,6 @@ from app.storage.store import ResultFile
 from app.web.library_views import draw_spark
 from tests.app.conftest import AddJob
 
-ME = Claimer("here", 1, "")
-
 
 @pytest.fixture
 def library(store: JobStore) -> Library:
@@ -30,7 +28,7 @@ def finish(
     store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00", above_60: float | None = 7.0
 ) -> Job:
     """Let the job that waits end well."""
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     files = [ResultFile("results.json", "0" * 64, 2)]
     assert store.finish(job.id, str(job.token), files, HeadlineFigures(verdict, start, 28800.0, above_60))
@@ -121,7 +119,7 @@ def test_behind_a_path_every_address_begins_with_it(settings: Settings) -> None:
 def fail_again(store: JobStore, job: Job, code: str = "E-CALIB") -> Job:
     """Analyse the same recording once more, in vain."""
     again = store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", pose="side-lean"))
-    claimed = store.claim(ME)
+    claimed = store.claim()
     assert claimed is not None
     assert store.fail(again.id, str(claimed.token), code, {})
     return store.get(again.id)
@@ -245,7 +243,7 @@ def test_pages_of_a_reversed_order_follow_one_another(library: Library, add_job:
 
 
 def test_a_day_is_kept_in_60_steps_of_whole_minutes_and_a_gap_stays_a_gap() -> None:
-    nothing = float("nan")
+    nothing = None
 
     assert summarise_day([10.0, nothing, 20.4]) == "10,,20"
     assert summarise_day([10.0, 30.0, nothing] * 40) == ",".join(["20", "10", "30"] * 20)

@@ -33,9 +33,8 @@ def test_a_device_of_a_plug_in_is_called_by_the_name_it_gives(language: Language
 
 def test_a_recording_without_a_pose_is_told_by_the_axis_that_was_given() -> None:
     analysis = make_analysis()
-    settings = replace(analysis.settings, arm_axis="+y")
-    calibration = CalibrationFacts("n-pose", None, state="axis", sigma_deg=8.0, gyro_bias_dps=(0.1, 0.2, 0.3))
-    strapped = replace(analysis, settings=settings, calibration=calibration)
+    calibration = CalibrationFacts(None, "axis", 8.0, None, None, None, (0.1, 0.2, 0.3), axis="y")
+    strapped = replace(analysis, calibration=calibration)
 
     text = write_methods([build_results(strapped, make_subject())], 0, "en").decode()
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.jobs.database.connect import connect, open_database
-from app.jobs.database.migrate import migrate, upgrade
+from app.jobs.database.connect import open_database
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.folder import FolderStorage
@@ -36,18 +35,6 @@ def test_a_new_database_and_its_log_are_made_with_mode_600(settings: Settings) -
     assert found == dict.fromkeys(("acromion.sqlite3", "acromion.sqlite3-wal", "acromion.sqlite3-shm"), 0o600)
 
 
-def test_the_copy_of_the_rows_before_a_migration_has_mode_600(settings: Settings) -> None:
-    engine = connect(settings.database_url)
-    with engine.begin() as connection:
-        upgrade(connection, "0001")
-    engine.dispose()
-
-    copy = migrate(settings)
-
-    assert copy is not None
-    assert (mode_of(copy), mode_of(copy.parent)) == (0o600, 0o700)
-
-
 def test_folders_of_the_store_are_made_with_mode_700(tmp_path: Path) -> None:
     storage = FolderStorage(tmp_path / "above" / "data")
     storage.prepare()
@@ -68,48 +55,52 @@ def test_a_folder_that_is_there_is_left_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def earlier(tmp_path: Path) -> Path:
-    """A data folder of an earlier release, readable to all."""
+def open_folder(tmp_path: Path) -> Path:
+    """A data folder that is readable to all."""
     folder = tmp_path / "data"
-    for name in ("recordings", "backups"):
+    for name in ("recordings", "copies"):
         (folder / name).mkdir(parents=True)
-    for name in ("acromion.sqlite3", "acromion.sqlite3-wal", "backups/rows-before-0004-x.zip"):
+    for name in ("acromion.sqlite3", "acromion.sqlite3-wal"):
         (folder / name).touch()
     return folder
 
 
-def test_what_an_earlier_release_left_open_is_closed(earlier: Path) -> None:
-    restrict_permissions(earlier)
+def test_what_was_left_open_is_closed(open_folder: Path) -> None:
+    restrict_permissions(open_folder)
 
-    assert {mode_of(path) for path in (earlier, earlier / "recordings", earlier / "backups")} == {0o700}
-    files = [path for path in earlier.rglob("*") if path.is_file()]
-    assert [mode_of(path) for path in files] == [0o600] * 3
-
-
-def test_a_folder_that_holds_anything_else_keeps_its_mode(earlier: Path) -> None:
-    (earlier / "thesis.docx").touch()
-
-    restrict_permissions(earlier)
-
-    assert (mode_of(earlier), mode_of(earlier / "thesis.docx")) == (0o777, 0o666)
-    assert (mode_of(earlier / "recordings"), mode_of(earlier / "acromion.sqlite3")) == (0o700, 0o600)
+    assert {mode_of(path) for path in (open_folder, open_folder / "recordings", open_folder / "copies")} == {
+        0o700
+    }
+    files = [path for path in open_folder.rglob("*") if path.is_file()]
+    assert [mode_of(path) for path in files] == [0o600] * 2
 
 
-def test_what_a_link_leads_to_is_not_ours_to_close(earlier: Path, tmp_path: Path) -> None:
+def test_a_folder_that_holds_anything_else_keeps_its_mode(open_folder: Path) -> None:
+    (open_folder / "thesis.docx").touch()
+
+    restrict_permissions(open_folder)
+
+    assert (mode_of(open_folder), mode_of(open_folder / "thesis.docx")) == (0o777, 0o666)
+    assert (mode_of(open_folder / "recordings"), mode_of(open_folder / "acromion.sqlite3")) == (0o700, 0o600)
+
+
+def test_what_a_link_leads_to_is_not_ours_to_close(open_folder: Path, tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
-    (earlier / "cache").symlink_to(tmp_path / "elsewhere")
+    (open_folder / "cache").symlink_to(tmp_path / "elsewhere")
 
-    restrict_permissions(earlier)
+    restrict_permissions(open_folder)
 
     assert mode_of(tmp_path / "elsewhere") == 0o777
 
 
-def test_a_database_in_another_folder_is_closed_and_the_folder_is_not(earlier: Path, tmp_path: Path) -> None:
+def test_a_database_in_another_folder_is_closed_and_the_folder_is_not(
+    open_folder: Path, tmp_path: Path
+) -> None:
     database = tmp_path / "elsewhere" / "rows.sqlite3"
     database.parent.mkdir()
     open_database(f"sqlite:///{database}").dispose()
     database.chmod(0o644)
 
-    restrict_permissions(earlier, database)
+    restrict_permissions(open_folder, database)
 
     assert (mode_of(database), mode_of(database.parent)) == (0o600, 0o777)

@@ -60,12 +60,6 @@ def test_a_recording_that_was_moved_keeps_its_folder(logs: tuple[Path, Path], tm
     assert names(logs, tmp_path / "out") == ["arm-2", "arm"]
 
 
-def test_a_folder_of_an_earlier_release_is_taken_as_before(logs: tuple[Path, Path], tmp_path: Path) -> None:
-    finish(tmp_path / "out" / "arm", logs[1], place="")
-
-    assert names(logs[:1], tmp_path / "out") == ["arm"]
-
-
 def test_no_recording_is_named_as_a_table(tmp_path: Path) -> None:
     assert names((tmp_path / "Summary.csv.gt3x",), tmp_path / "out") == ["Summary.csv-2"]
 

@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 
-from app.jobs.job import Claimer, Job
+import pytest
+
+from app.errors import StaleVersion
+from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
 from app.request import ReportRequest
 from app.storage.store import ResultFile
 from tests.app.conftest import AddJob
 
-ME = Claimer("here", 1, "")
 MOVED = ReportRequest("shift.gt3x", calibration_windows_s=((3.0, 9.0),))
 
 
@@ -19,13 +21,13 @@ def again(store: JobStore, job: Job, request: ReportRequest) -> ReportRequest:
 
 
 def fail_next(store: JobStore) -> None:
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     assert store.fail(job.id, str(job.token), "E-CALIB", {})
 
 
 def finish_next(store: JobStore) -> None:
-    job = store.claim(ME)
+    job = store.claim()
     assert job is not None
     assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)])
 
@@ -100,7 +102,7 @@ def test_what_failed_in_between_leaves_no_gap_and_is_compared_with_by_nobody(
     again(store, first, replace(MOVED, side="left", pose="side-lean"))
 
     fail_next(store)
-    begun = store.claim(ME)
+    begun = store.claim()
 
     assert begun is not None
     assert begun.request.version == 2
@@ -112,6 +114,39 @@ def test_two_of_one_recording_are_made_one_after_the_other(store: JobStore, add_
     again(store, first, MOVED)
     other = add_job(b"another recording")
 
-    begun = [store.claim(ME) for _ in range(3)]
+    begun = [store.claim() for _ in range(3)]
 
     assert [job.id if job else None for job in begun] == [first.id, other.id, None]
+
+
+def test_the_same_correction_again_is_made_once(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    finish_next(store)
+
+    corrected = [store.correct(first, MOVED) for _ in range(2)]
+
+    assert corrected[0].id == corrected[1].id
+    assert len(store.find_newest()) == 2
+
+
+def test_a_correction_of_a_version_that_is_not_the_current_one_is_refused(
+    store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job()
+    finish_next(store)
+    store.correct(first, MOVED)
+
+    with pytest.raises(StaleVersion):
+        store.correct(first, replace(MOVED, side="left"))
+    assert len(store.find_newest()) == 2
+
+
+def test_a_correction_back_to_an_earlier_version_is_the_current_one(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    finish_next(store)
+    second = store.correct(first, MOVED)
+    finish_next(store)
+
+    back = store.correct(second, first.request)
+
+    assert (back.request.version, back.id != first.id) == (1, True)

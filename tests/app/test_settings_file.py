@@ -84,7 +84,7 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
         ("method: kalman", "smoothed|published|live"),
         ("pose: t-pose", "n-pose|side-lean|two-point"),
         ("side: up", "left|right"),
-        ("lang: it", "en|fr|fr-CA|de"),
+        ("lang: it", "en|fr|fr-CA"),
         ("report: [docx]", "[html, pdf]"),
         ("report: []", "[html, pdf]"),
         ("rate_hz: 0", "1 to 10000"),

@@ -16,7 +16,6 @@ from app.storage.store import FolderLock, describe_files
 
 @pytest.fixture
 def storage(settings: Settings) -> FolderStorage:
-    """The folder alone: the bytes that it gets are sealed already."""
     folder = FolderStorage(settings.data_dir)
     folder.prepare()
     return folder
@@ -24,36 +23,6 @@ def storage(settings: Settings) -> FolderStorage:
 
 def list_files(storage: FolderStorage) -> list[Path]:
     return [path for path in storage.root.rglob("*") if path.is_file()]
-
-
-def test_kept_bytes_are_one_file_as_they_came(storage: FolderStorage) -> None:
-    writer = storage.open_writer("rec_1")
-
-    writer.write(b"abc")
-    writer.write(b"def")
-    writer.keep()
-
-    assert list_files(storage) == [storage.recording("rec_1")]
-    assert storage.recording("rec_1").read_bytes() == b"abcdef"
-
-
-def test_discarded_bytes_leave_nothing(storage: FolderStorage) -> None:
-    writer = storage.open_writer("rec_1")
-    writer.write(b"abc")
-
-    writer.discard()
-
-    assert list_files(storage) == []
-
-
-def test_discarding_after_keeping_does_no_harm(storage: FolderStorage) -> None:
-    writer = storage.open_writer("rec_1")
-    writer.write(b"abc")
-    writer.keep()
-
-    writer.discard()
-
-    assert storage.recording("rec_1").read_bytes() == b"abc"
 
 
 def test_a_disk_that_is_too_full_is_refused_before_the_first_byte(storage: FolderStorage) -> None:

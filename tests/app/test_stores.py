@@ -4,19 +4,12 @@ import hashlib
 
 import pytest
 
-from app.errors import DiskFull, FileTooLarge, KeyGone, StoreAway
-from app.settings import Settings
-from app.storage import opened
+from app.errors import DiskFull, FileTooLarge, StoreAway
 from app.storage.incoming import Incoming
-from app.storage.open import open_storage
-from app.storage.sealing import SealedStorage
 from app.storage.store import Storage
 from tests.swift import SwiftServer
 
 pytestmark = pytest.mark.parametrize("objects", ["folder", "s3"], indirect=True)
-
-
-OWNER = "rec_0123456789abcdef"
 
 
 def keep(storage: Storage, content: bytes) -> str:
@@ -28,7 +21,7 @@ def keep(storage: Storage, content: bytes) -> str:
 def keep_attempt(storage: Storage, token: str, content: bytes) -> None:
     folder = storage.open_attempt("an_1", token)
     (folder / "results.json").write_bytes(content)
-    storage.keep_attempt("an_1", token, OWNER)
+    storage.keep_attempt("an_1", token)
 
 
 def test_what_is_fetched_is_what_was_kept(storage: Storage) -> None:
@@ -62,9 +55,8 @@ def test_an_upload_that_is_discarded_cannot_be_fetched(storage: Storage) -> None
 
 
 def list_files(storage: Storage) -> list[str]:
-    """Give every file of this machine, but for the organisation's key."""
-    names = (path.relative_to(storage.root).as_posix() for path in storage.root.rglob("*") if path.is_file())
-    return sorted(set(names) - {"organisation.key", "keys/organisation"})
+    """Give every file of this machine."""
+    return sorted(path.name for path in storage.root.rglob("*") if path.is_file())
 
 
 def test_the_last_byte_allowed_is_taken_and_the_next_refused(storage: Storage) -> None:
@@ -77,76 +69,33 @@ def test_the_last_byte_allowed_is_taken_and_the_next_refused(storage: Storage) -
     upload.discard()
 
 
-def test_an_upload_of_this_machine_becomes_a_recording(storage: SealedStorage) -> None:
-    incoming = Incoming(storage.root / "incoming", storage.keys)
+def test_an_upload_of_this_machine_becomes_a_recording(storage: Storage) -> None:
+    incoming = Incoming(storage.root / "incoming")
     incoming.prepare()
-    file = incoming.open("up_1", 0, 3)
+    file = incoming.open("up_1", 0)
     file.write(b"abc")
     file.flush()
     file.close()
 
-    twice = [storage.adopt(incoming.path("up_1"), "5a", 3) for _ in range(2)]
+    for _ in range(2):
+        storage.adopt(incoming.path("up_1"), "rec_1")
     incoming.forget("up_1")
 
-    assert twice[0] == twice[1]
-    assert storage.fetch(f"recordings/{twice[0].id}").path.read_bytes() == b"abc"
+    assert storage.fetch("recordings/rec_1").path.read_bytes() == b"abc"
 
 
-def test_nothing_is_stored_in_clear(storage: SealedStorage) -> None:
-    canary = b"a canary of thirty-two bytes, so"
-    recording_id = keep(storage, canary)
-    keep_attempt(storage, "t", canary)
-    storage.write_small(f"recordings/{recording_id}.json", canary)
-    storage.write_small("views.json", canary)
-
-    names = (f"recordings/{recording_id}", "analyses/an_1/t/results.json")
-    stored = [storage.fetch_sealed(name).read_bytes() for name in names]
-    small = [storage.inner.read_small(name) or b"" for name in (f"{names[0]}.json", "views.json")]
-    assert [content.count(canary) for content in (*stored, *small)] == [0, 0, 0, 0]
-    assert storage.read_small(f"recordings/{recording_id}.json") == canary
-
-
-def test_a_part_of_a_recording_is_read_alone(storage: SealedStorage) -> None:
+def test_a_part_of_a_recording_is_read_alone(storage: Storage) -> None:
     name = f"recordings/{keep(storage, bytes(3 << 20) + b'end')}"
 
     assert storage.read_part(name, 3 << 20, 10) == b"end"
     assert storage.read_part(name, 0, 2) == b"\0\0"
 
 
-def test_the_size_of_what_is_sealed_is_that_of_its_content(storage: SealedStorage) -> None:
+def test_the_mark_of_a_file_begins_with_its_size(storage: Storage) -> None:
     mark = storage.find_mark(f"recordings/{keep(storage, b'abc')}")
 
     assert mark is not None
     assert mark[0] == 3
-
-
-def test_bytes_without_their_key_open_no_more(storage: SealedStorage) -> None:
-    name = f"recordings/{keep(storage, b'abc')}"
-    storage.keys.destroy(name.removeprefix("recordings/"))
-
-    with pytest.raises(KeyGone):
-        storage.fetch(name)
-    with pytest.raises(KeyGone):  # and no new key takes its place
-        storage.find_key(name.removeprefix("recordings/"))
-
-
-def test_what_was_stored_in_clear_is_read_and_then_sealed(storage: SealedStorage) -> None:
-    clear = storage.root / "clear"
-    clear.write_bytes(b"abc")
-    name = f"recordings/{OWNER}"
-    storage.put(clear, name)
-    sha256 = hashlib.sha256(b"abc").hexdigest()
-    assert storage.fetch(name).path.read_bytes() == b"abc"
-    in_use = storage.fetch(name).path
-
-    assert not storage.seal(name, OWNER, sha256="ab" * 32)
-    assert not storage.is_sealed(name)
-    assert storage.seal(name, OWNER, sha256)
-    assert storage.is_sealed(name)
-    assert not storage.seal(name, OWNER, sha256)
-
-    assert in_use.read_bytes() == b"abc"
-    assert storage.fetch(name).path.read_bytes() == b"abc"
 
 
 def test_a_recording_that_was_dropped_is_gone(storage: Storage) -> None:
@@ -171,7 +120,7 @@ def test_a_kept_result_can_be_fetched_again_and_again(storage: Storage) -> None:
 def test_keeping_an_attempt_twice_does_no_harm(storage: Storage) -> None:
     keep_attempt(storage, "t", b"{}")
 
-    storage.keep_attempt("an_1", "t", OWNER)
+    storage.keep_attempt("an_1", "t")
 
     assert storage.fetch("analyses/an_1/t/results.json").path.read_bytes() == b"{}"
 
@@ -205,22 +154,6 @@ def test_a_full_disk_is_refused_before_the_first_byte(storage: Storage) -> None:
         storage.check_space(expected_bytes=0, min_free_bytes=1 << 60)
 
 
-def test_copies_of_a_killed_process_are_swept_and_those_in_use_stay(
-    storage: SealedStorage, settings: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(opened, "UNHELD_S", 0.0)
-    keep_attempt(storage, "t", b"{}")
-    in_use = storage.fetch("analyses/an_1/t/results.json").path
-    left = storage.root / "opened" / "0123456789abcdef"
-    left.write_bytes(b"{}")
-
-    assert open_storage(settings).drop_temporary(min_age_s=0) == 1
-
-    assert list((storage.root / "opened").iterdir()) == [in_use]
-    storage.release(in_use)
-    assert list((storage.root / "opened").iterdir()) == []
-
-
 def test_a_bucket_that_does_not_answer_is_named_as_that(
     storage: Storage, objects: str, request: pytest.FixtureRequest
 ) -> None:
@@ -235,3 +168,18 @@ def test_a_bucket_that_does_not_answer_is_named_as_that(
             upload.keep()
     finally:
         server.resume()
+
+
+def test_what_was_entered_in_the_ledger_of_erasures_stays_in_it(storage: Storage) -> None:
+    storage.ledger.add(["rec_1", "rec_2"])
+    storage.ledger.add(["rec_2", "rec_3"])
+
+    assert storage.ledger.find() == {"rec_1", "rec_2", "rec_3"}
+
+
+def test_a_recording_is_stored_as_it_came(storage: Storage, objects: str) -> None:
+    recording_id = keep(storage, b"abc")
+
+    assert storage.read_small(f"recordings/{recording_id}") == b"abc"
+    if not objects:
+        assert (storage.root / "recordings" / recording_id).stat().st_mode & 0o777 == 0o600

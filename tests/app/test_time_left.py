@@ -68,7 +68,7 @@ def test_the_list_tells_about_how_long_it_still_takes(
     client: TestClient, store: JobStore, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     add_job(b"123")
-    store.claim(stand_ins.NOBODY)
+    store.claim()
     monkeypatch.setattr(Library, "find_took", lambda _: (Took("a.gt3x", 3, 3600.0),))
 
     assert re.search(r"about (1\s+h|59\s+min.{0,8}) left", client.get("/").text)

@@ -260,13 +260,6 @@ def with_info(info: str | bytes, log: bytes = LOG) -> Callable[[], bytes]:
     return lambda: pack(log, info)
 
 
-def utc_log(first_unix_s: int, name: str) -> bytes:
-    """A CentrePoint log of an hour in minutes: counts UTC and names its zone."""
-    metadata = f'{{"MetadataType":"Device","UsedUtc":true,"UtcOffset":"-04:00:00","Name":"{name}"}}'
-    stamped = b"".join(second(k, stamp=first_unix_s - T0 + k) for k in range(3660))
-    return SCHEMA + record(6, first_unix_s, metadata.encode()) + stamped
-
-
 def scale_zero() -> bytes:
     return pack(record(24, T0, schema(acc_divisor=0.0)) + seconds())
 

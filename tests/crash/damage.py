@@ -10,17 +10,14 @@ import re
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import httpx2
 
-from app.errors import KeyGone
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import BrokenSeal
 from tests.crash.stores import CODE, TUS, Ended, Server, Store, build_stores, run_command
 
 Part = Literal[
@@ -61,7 +58,7 @@ LIMITS: Mapping[tuple[Part, Damage], str] = {
     ("inspection", "foreign"): "it is a value of a row, and rows have no digest",
 }
 """Damage that nothing can tell, and why."""
-VANISHING = ("cache", "server.lock", "server.id", "inspections", "opened", "acromion.sqlite3", "backups")
+VANISHING = ("cache", "server.lock", "inspections", "acromion.sqlite3", "copies")
 _STRANGERS = (
     "recordings/notes.txt",
     "recordings/holiday/photo.jpg",
@@ -262,7 +259,7 @@ def _damage_file(cell: Cell, path: Path, older: Path, foreign: Path) -> None:
 
 
 def _find_byte(part: Part, path: Path, size_bytes: int) -> int:
-    """Choose the byte that is hardest to miss wrongly; what is sealed has none that matters more."""
+    """Choose the byte that is hardest to miss wrongly."""
     if part == "database":
         with sqlite3.connect(path) as connection:
             size, root = (connection.execute(question).fetchone()[0] for question in (PAGE_SIZE, ROOT_PAGE))
@@ -443,16 +440,13 @@ def _verify(scene: Scene) -> None:
 
 def _restore(scene: Scene) -> None:
     """Restore the damaged store's own backup elsewhere; over a lost database, the last good backup."""
-    into, source, keys = scene.folder / "restored", scene.folder / "backup.zip", scene.folder / "keys.jsonl"
-    given: tuple[object, ...] = ("--keys", keys)
+    into, source = scene.folder / "restored", scene.folder / "backup.zip"
     if scene.cell.part == "database":
-        into, source, given = scene.store.folder, scene.stock.backup, ()
-    elif run_command("backup-keys", keys, "--data", scene.store.folder).exit_code or run_command(
-        "backup", source, "--data", scene.store.folder
-    ).exit_code not in (0, 1):
+        into, source = scene.store.folder, scene.stock.backup
+    elif run_command("backup", source, "--data", scene.store.folder).exit_code not in (0, 1):
         scene.seen.word = "no backup to restore"
         return
-    restored = scene.run("restore", source, *given, "--data", into)
+    restored = scene.run("restore", source, "--data", into)
     words = {0: "whole", 1: "restored, names the damage"}
     scene.seen.word, scene.seen.detail = words.get(restored.exit_code, "refused"), _tell(restored)
     if restored.exit_code not in (0, 1):
@@ -555,12 +549,9 @@ def _list_digests(folder: Path, *, with_side_files: bool) -> dict[str, str]:
 
 
 def _hash_recordings(folder: Path) -> set[str]:
-    """Hash the content of every recording that opens."""
-    storage, found = open_storage(Settings(data_dir=folder)), set()
-    for name in storage.find_recordings():
-        with suppress(BrokenSeal, KeyGone):
-            found.add(storage.hash(f"recordings/{name}")[0])
-    return found
+    """Hash every recording."""
+    storage = open_storage(Settings(data_dir=folder))
+    return {storage.hash(f"recordings/{name}")[0] for name in storage.find_recordings()}
 
 
 def _read_lines(doctor: Ended) -> frozenset[str]:

@@ -13,7 +13,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from sqlalchemy import select
+
+from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
+from app.jobs.queue import DatabaseClock
 from app.jobs.store import JobStore
 from app.settings import Settings
 from tests.crash.harness import (
@@ -100,13 +104,21 @@ def _kill_all_at_work(site: Site, journal: Journal, dice: random.Random) -> None
 
 def _is_at_work(site: Site, store: JobStore) -> bool:
     site.check_lives()
-    return store.count_states()[JobState.RUNNING] > 0
+    return bool(_find_held(store))
+
+
+def _find_held(store: JobStore) -> list[str]:
+    """Return the analyses whose worker gave a sign of life in the last seconds."""
+    is_fresh = analyses.c.lease_until_s > DatabaseClock() + Settings().lease_s - 2.5
+    query = select(analyses.c.id).where(analyses.c.state == JobState.RUNNING, is_fresh)
+    with store.reader.connect() as connection:
+        return list(connection.execute(query).scalars())
 
 
 def _count_cut(settings: Settings, journal: Journal) -> int:
     """Write down which analyses have just lost their worker."""
     store = JobStore(settings)
-    cut = [claim.analysis_id for claim in store.find_claims()]
+    cut = _find_held(store)
     store.close()
     journal.cuts.update(cut)
     return len(cut)

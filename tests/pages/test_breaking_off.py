@@ -239,6 +239,7 @@ def test_a_known_file_is_analysed_again_at_the_second_try(
     row = find_upload(page, "known.gt3x")
     again = row.get_by_role("button", name="Analyse again")
     page.route(ANALYSES, lose_wishes)
+    expect(row.get_by_role("link", name="Open the analysis")).to_have_attribute("href", re.compile("/an_"))
 
     again.click()
     expect(row.locator(".row-note")).to_contain_text("The connection was lost")

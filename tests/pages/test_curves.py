@@ -1,10 +1,9 @@
 """Several curves above one another: both arms of a shift, two visits; they move together."""
 
-import re
 from math import sin
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page
 
 from tests.pages.steps import see_end
 from tests.ways_in.servers import RunningServer
@@ -84,25 +83,3 @@ def test_a_comparison_with_a_reference_draws_both_angles(
     page.locator("#curves .curve .main-svg").first.wait_for()
 
     assert page.evaluate("acromionCurves.curves[0].lines().map(({x}) => x.length > 100)") == [True, True]
-
-
-def test_a_comparison_of_a_study_stands_there_with_its_plot(
-    page: Page, server: RunningServer, compared: str
-) -> None:
-    page.goto(f"{server.address}batches?lang=en")
-
-    page.get_by_role("link", name="Against the laboratory").click()
-
-    item = page.locator("figure", has_text="S088")
-    expect(item).to_contain_text("reference.csv")
-    expect(item.locator("img")).to_be_visible()
-    assert item.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 0
-
-
-def test_the_report_of_a_comparison_leads_back(page: Page, server: RunningServer, compared: str) -> None:
-    page.goto(f"{server.address}validations/{compared}?lang=en")
-
-    page.get_by_role("link", name="Read in English").click()
-    page.get_by_role("link", name="Back to the page").click()
-
-    expect(page).to_have_url(re.compile(f"/validations/{compared}$"))

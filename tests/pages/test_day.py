@@ -186,19 +186,6 @@ def test_a_drawn_task_has_the_figure_of_the_report(day: Page) -> None:
     expect(day.locator("#tasks-now li", has_text="stacking")).to_contain_text(f"({reported})")
 
 
-def test_each_figure_of_the_tiles_stands_before_and_now(day: Page) -> None:
-    set_window(day, "07:00:04", "07:00:09")
-    day.get_by_role("button", name="Analyse again").click()
-    expect(day.get_by_role("heading", name="What the correction changed")).to_be_visible(timeout=END_MS)
-
-    for figure in ("Time with the arm above 30°", "Time with the arm above 90°", "Rises above 60° an hour"):
-        expect(day.get_by_role("row", name=figure)).to_be_visible(timeout=END_MS)
-
-
-def test_what_is_added_to_the_day_is_a_task_unless_said_otherwise(day: Page) -> None:
-    expect(day.get_by_label("Kind of period to add")).to_have_value("task")
-
-
 @pytest.mark.parametrize(("language", "score"), [("en", r"0\.\d\d"), ("fr", r"0,\d\d")])
 def test_proposals_are_written_in_the_numbers_of_the_language(
     page: Page, server: RunningServer, right: str, language: str, score: str
@@ -234,20 +221,10 @@ def test_of_a_window_whose_one_end_is_typed_the_other_stays_as_shown(day: Page) 
     assert (windows["window_start"], windows["window_end"]) == (["07:00:01"], [shown])
 
 
-def test_a_time_that_cannot_be_is_marked_where_it_was_typed(day: Page) -> None:
-    field = day.locator(".window").first.locator("input").first
-
-    field.fill("25:99")
-    field.press("Tab")
-
-    expect(field).to_have_attribute("aria-invalid", "true")
-
-
-@pytest.mark.parametrize("text", ["07.01", "07,01", "0701", "7h01", "7 h 01"])
-def test_a_time_is_shown_as_it_was_read(day: Page, text: str) -> None:
+def test_a_time_is_shown_as_it_was_read(day: Page) -> None:
     add_period(day, "break", "tea")
     row = day.locator("#periods tr").last
-    row.locator("[name=start]").fill(text)
+    row.locator("[name=start]").fill("7h01")
     row.locator("[name=end]").fill("07.01.30")
     row.locator("[name=end]").press("Tab")
 
@@ -257,16 +234,15 @@ def test_a_time_is_shown_as_it_was_read(day: Page, text: str) -> None:
     assert (round(band["startS"]), round(band["endS"])) == (60, 90)
 
 
-@pytest.mark.parametrize("text", ["60", "1075", "0.4306", "10.75"])
-def test_a_number_that_is_no_clock_time_is_marked_and_not_sent(day: Page, text: str) -> None:
+def test_a_number_that_is_no_clock_time_is_marked_and_not_sent(day: Page) -> None:
     add_period(day, "break", "tea")
     field = day.locator("#periods tr").last.locator("[name=start]")
 
-    field.fill(text)
+    field.fill("1075")
     field.press("Tab")
 
     expect(field).to_have_attribute("aria-invalid", "true")
-    expect(field).to_have_value(text)
+    expect(field).to_have_value("1075")
     expect(day.get_by_role("button", name="Analyse again")).to_be_disabled()
 
 
@@ -368,9 +344,3 @@ def test_a_hole_in_the_file_is_told_and_not_drawn(page: Page, server: RunningSer
     assert page.evaluate("acromionDay.curve.values.y.slice(0, -1).includes(null)")
     expect(page.locator(".verdict")).not_to_have_class(re.compile("is-good"))
     expect(page.locator(".head")).to_contain_text("2 min 40 s of 3 min recorded")
-
-
-def test_the_day_stands_behind_the_curve_as_a_table(day: Page) -> None:
-    day.get_by_text("The day hour by hour, as a table").click()
-
-    expect(day.get_by_role("row", name=re.compile("2026-03-02 07:00"))).to_be_visible()

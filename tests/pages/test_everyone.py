@@ -1,6 +1,5 @@
 """For everyone: keyboard, screen reader, both languages, light and dark, 360 px wide, behind a proxy."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -60,13 +59,6 @@ PAGES = {
 SANDBOXED = ("report", "report of two")
 """Pages in which no script runs, nor that of axe: it looks at them without their policy."""
 SHOWN = ("right", "left", "corrected", "unknown", "offered", "repeated", "batch", "trunk")
-
-
-FIND_SMALL = """
-[...document.querySelectorAll("main button, main summary, main select, main input")]
-  .filter((e) => !e.matches("[type=radio], [aria-hidden]"))
-  .filter((e) => e.offsetParent && (e.offsetHeight < 24 || e.offsetWidth < 24))
-  .map((e) => e.outerHTML)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,15 +153,15 @@ def find_fact(page: Page, name: str) -> Locator:
     return page.locator(".facts div", has_text=name).locator("dd").first
 
 
-def list_barriers(page: Page, look: Look) -> list[str]:
-    """Give what axe finds, each by its rule and the first element.
+def list_barriers(page: Page, look: Look, part: str | None = None) -> list[str]:
+    """Return what axe finds on the page, or in a part of it: each by its rule and the first element.
 
     Every rule is asked of one look; of the others what differs: colours where it is dark, sizes on a phone.
     """
     if look.language == "fr":
         return []
     rules = RULES if look.scheme == "light" else LOOKS_RULES
-    violations = Axe().run(page, options={"runOnly": rules}).response["violations"]
+    violations = Axe().run(page, context=part, options={"runOnly": rules}).response["violations"]
     return [f"{found['id']}: {found['nodes'][0]['html'][:120]}" for found in violations]
 
 
@@ -201,56 +193,3 @@ def test_the_skip_link_is_the_first_stop(page: Page, server: RunningServer) -> N
     page.keyboard.press("Enter")
 
     assert page.evaluate("document.activeElement.id") == "content"
-
-
-def test_every_target_is_large_enough(page: Page, server: RunningServer, right: str) -> None:
-    open_analysis(page, server, right)
-    wait_for_curve(page)
-
-    assert page.evaluate(FIND_SMALL) == []
-
-
-def test_the_language_is_chosen_and_kept(page: Page, server: RunningServer, right: str) -> None:
-    open_analysis(page, server, right)
-
-    page.get_by_role("link", name="Français", exact=True).click()
-    expect(page.get_by_role("heading", name="La réponse en bref")).to_be_visible()
-    page.goto(server.address)
-
-    expect(page.locator("html")).to_have_attribute("lang", "fr")
-
-
-def test_french_numbers_have_commas_and_dates_cannot_be_misread(
-    page: Page, server: RunningServer, right: str
-) -> None:
-    open_analysis(page, server, right, "fr")
-
-    expect(page.locator(".figures dd").first).to_have_text(re.compile(r"^\d+,\d\u00a0%$"))
-    expect(page.locator(".tile .value").first).to_have_text(re.compile(r"^\d+,\d\u00a0%$"))
-    expect(page.locator(".head")).to_contain_text("2 mars 2026, de 7")
-    expect(page.locator(".facts")).to_contain_text(re.compile(r"\d{4}-\d{2}-\d{2} \d{2}:\d{2}"))
-
-
-def test_a_decimal_comma_is_understood_as_is_a_point(page: Page, server: RunningServer, right: str) -> None:
-    open_analysis(page, server, right, "fr")
-    wait_for_curve(page)
-
-    typed = ["2,5", "2.5", "07:00:02.5", "07:00:02,5"]
-    moments = [page.evaluate("text => acromionDay.clock.read(text)", text) for text in typed]
-
-    assert moments == [2.5, 2.5, 2.5, 2.5]
-
-
-@pytest.mark.parametrize("key", ["Enter", "Space"])
-@pytest.mark.parametrize("name", ["Choose a folder", "Choose recordings"])
-def test_a_button_opens_the_chooser_by_either_key(
-    page: Page, server: RunningServer, name: str, key: str
-) -> None:
-    await_choosers(page)
-    open_home(page, server)
-    page.get_by_role("button", name=name).focus()
-
-    with page.expect_file_chooser() as chooser:
-        page.keyboard.press(key)
-
-    assert chooser.value.is_multiple()

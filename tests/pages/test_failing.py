@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import write_recordings
 from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
@@ -105,44 +104,3 @@ def test_a_server_that_is_gone_is_told_and_the_list_stays(
     expect(page.get_by_text("The server does not answer.")).to_be_visible(timeout=END_MS)
 
     assert page.locator("#rows .row").count() > 0
-
-
-def test_an_address_that_is_not_there_says_so_and_leads_back(page: Page, server: RunningServer) -> None:
-    page.goto(f"{server.address}analyses/an_none?lang=en")
-
-    expect(page.get_by_role("heading", level=1)).to_be_visible()
-    expect(page.get_by_role("link", name="Back to all recordings")).to_be_visible()
-
-
-def test_two_that_are_no_pair_are_refused_by_what_is_wrong(
-    page: Page, server: RunningServer, right: str
-) -> None:
-    answer = page.goto(f"{server.address}beside/pair?first={right}&second={right}&lang=en")
-
-    assert answer is not None
-    assert answer.status == 422
-    expect(page.get_by_role("heading", level=1)).to_have_text("The two recordings cannot be paired")
-
-
-def test_a_person_says_what_the_columns_of_an_unknown_table_are(
-    page: Page, server: RunningServer, tmp_path: Path
-) -> None:
-    table = write_recordings(tmp_path, "lsm9ds1", 0.03, 41, 100.0)[0]
-    lines = table.read_text().splitlines()
-    first = next(number for number, line in enumerate(lines) if line[:1].isdigit())
-    strange = tmp_path / "strange.csv"
-    names = ";".join(f"c{number}" for number in range(lines[first].count(",") + 1))
-    strange.write_text("\n".join([names, *(line.replace(",", ";") for line in lines[first:])]))
-    job = server.send(strange)
-    assert see_end(server, job["id"])["state"] == "failed"
-    page.goto(f"{server.address}analyses/{job['id']}?lang=en")
-
-    page.get_by_role("link", name="Say what the columns are").click()
-    expect(page.get_by_role("cell").first).to_be_visible()
-    for number, name in enumerate(("acceleration", "angular_rate")):
-        for axis, letter in enumerate("xyz"):
-            page.locator(f"[name={name}_{letter}]").select_option(str(2 + 3 * number + axis))
-    page.locator("[name=time]").select_option("1")
-    page.get_by_role("button", name="Analyse with these columns").click()
-
-    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)

@@ -35,14 +35,6 @@ def read_elapsed_s(page: Page) -> int:
     return 3600 * int(hours) + 60 * int(minutes) + int(seconds)
 
 
-def test_home_leads_to_it(page: Page, server: RunningServer) -> None:
-    page.goto(f"{server.address}?lang=en")
-
-    page.click("text=Live: the angle as it happens")
-
-    expect(page.locator("h1")).to_have_text("Live")
-
-
 def test_a_replay_shows_the_angle_and_what_was_lost(playing: Page) -> None:
     expect(playing.locator("#angle")).to_have_text(re.compile(r"^\d+°$"))
     expect(playing.locator("#lost")).to_have_text("0")

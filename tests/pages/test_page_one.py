@@ -137,15 +137,6 @@ def test_corrections_stand_beside_the_curve_where_there_is_room(
     assert panel["x"] >= curve["x"] + curve["width"]
 
 
-def test_on_a_telephone_nothing_runs_over_the_edge(page: Page, server: RunningServer, right: str) -> None:
-    page.set_viewport_size({"width": 360, "height": 740})
-    open_analysis(page, server, right, "fr")
-    wait_for_curve(page)
-
-    assert page.evaluate("document.documentElement.scrollWidth") <= 360
-    expect(page.locator(".page-one .on-narrow svg").first).to_be_visible()
-
-
 def test_two_fingers_zoom_the_curve(day: Page) -> None:
     before = read_view(day)
     day.evaluate(

@@ -26,16 +26,6 @@ def test_every_tile_leads_to_how_to_read_it_and_back(shown: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "heading"), [("Elevation through the day", "The day"), ("How sure", "How sure")]
-)
-def test_a_drawing_leads_to_how_to_read_it(shown: Page, part: str, heading: str) -> None:
-    shown.get_by_role("link", name=re.compile(f"^How to read this: {part}")).press("Enter")
-
-    expect(shown.get_by_role("heading", name=heading, exact=True)).to_be_in_viewport()
-    shown.go_back()
-
-
-@pytest.mark.parametrize(
     ("language", "headings"),
     [
         ("en", ["What these figures cannot say", "Method", "Glossary"]),
@@ -67,21 +57,3 @@ def test_where_a_pose_is_chosen_the_reason_to_lean_stands_beside_it(
     open_analysis(page, server, right, language)
 
     expect(page.locator(".field", has=page.locator("#pose"))).to_contain_text(reason)
-
-
-def test_the_ready_shift_opens_by_one_click_without_an_analysis(page: Page, server: RunningServer) -> None:
-    page.goto(f"{server.address}help?lang=en")
-
-    page.get_by_role("link", name="A whole shift, ready to read").click()
-
-    expect(page.locator(".tile .value").first).to_have_text(re.compile(r"\d+\.\d\s%"))
-    expect(page.get_by_text("No person was measured")).to_be_visible()
-
-
-def test_help_begins_with_what_happened_and_leads_to_the_code(page: Page, server: RunningServer) -> None:
-    page.goto(f"{server.address}help?lang=en")
-    expect(page.locator(".happened a").first).to_be_hidden()
-
-    page.get_by_text("A file is not taken for a recording").click()
-
-    expect(page.locator(".happened a").first).to_be_visible()

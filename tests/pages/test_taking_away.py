@@ -2,7 +2,6 @@
 
 import io
 from pathlib import Path
-from zipfile import ZipFile
 
 import pypdf
 import pytest
@@ -14,26 +13,6 @@ from tests.ways_in.servers import RunningServer
 from tests.ways_in.test_three_ways import run_command
 
 pytestmark = pytest.mark.browser
-
-FILES = (
-    "Everything (ZIP)",
-    "Answer in six lines",
-    "Main figures (Excel)",
-    "Main figures (CSV)",
-    "for a French Excel",
-    "Every figure (JSON)",
-    "Angle over time (Parquet)",
-    "PDF in English",
-    "PDF in French",
-)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_every_file_is_one_click_away(shown: Page, name: str) -> None:
-    with shown.expect_download() as download:
-        shown.get_by_role("link", name=name).first.click()
-
-    assert download.value.path().stat().st_size > 100
 
 
 def test_the_original_is_downloaded_under_its_name(shown: Page, shifts: tuple[Path, Path]) -> None:
@@ -47,31 +26,6 @@ def test_the_original_is_downloaded_under_its_name(shown: Page, shifts: tuple[Pa
     assert download.value.path().read_bytes() == shifts[0].read_bytes()
 
 
-def test_the_original_of_a_failed_analysis_is_downloaded_in_french(
-    page: Page, server: RunningServer, unknown: str
-) -> None:
-    page.goto(f"{server.address}analyses/{unknown}?lang=fr")
-    keep_picture(page, "original-fr")
-
-    with page.expect_download() as download:
-        page.get_by_role("link", name="Télécharger l’enregistrement d’origine").click()
-
-    assert download.value.suggested_filename == "unknown.csv"
-
-
-def test_the_originals_of_a_study_are_downloaded_in_one_zip(
-    page: Page, server: RunningServer, batch: str, shifts: tuple[Path, Path]
-) -> None:
-    page.goto(f"{server.address}batches/{batch}?lang=en")
-    keep_picture(page, "original-study")
-
-    with page.expect_download() as download:
-        page.get_by_role("link", name="All original recordings (ZIP)").click()
-
-    with ZipFile(download.value.path()) as packed:
-        assert sorted(packed.namelist()) == sorted([shifts[0].name, "unknown.csv"])
-
-
 def test_the_page_gives_the_same_results_as_the_command_line(
     shown: Page, shifts: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -80,35 +34,6 @@ def test_the_page_gives_the_same_results_as_the_command_line(
 
     by_command = run_command(shifts[0], tmp_path / "out") / "results.json"
     assert download.value.path().read_bytes() == by_command.read_bytes()
-
-
-def test_the_report_opens_in_either_language_without_a_new_analysis(
-    page: Page, server: RunningServer, right: str
-) -> None:
-    open_analysis(page, server, right)
-
-    page.get_by_role("link", name="Read in French").click()
-    expect(page.locator("html")).to_have_attribute("lang", "fr")
-    keep_picture(page, "report")
-    page.go_back()
-    page.get_by_role("link", name="Read in English").click()
-
-    expect(page.locator("html")).to_have_attribute("lang", "en")
-    assert "S012" in page.content()
-
-
-def test_the_pdf_says_what_the_page_says(shown: Page) -> None:
-    sentence = shown.locator(".sentences p").first.inner_text()
-    open_figures(shown)
-
-    with shown.expect_download() as download:
-        shown.get_by_role("link", name="PDF in English").click()
-
-    pages = pypdf.PdfReader(io.BytesIO(download.value.path().read_bytes())).pages
-    first, *appendix = (page.extract_text().replace("\u202f", " ").replace("\u00a0", " ") for page in pages)
-    figures = shown.locator(".figures dd").first.inner_text()
-    assert figures.replace("\u202f", " ") in first
-    assert " ".join(sentence.split()[:4]) in " ".join("".join(appendix).split())
 
 
 def test_the_answer_is_copied_in_six_lines(page: Page, server: RunningServer, right: str) -> None:
@@ -146,16 +71,6 @@ def test_the_poses_are_printed_on_one_sheet_in_dark_ink(browser: Browser, server
 
     assert len(pypdf.PdfReader(io.BytesIO(printed)).pages) == 1
     assert ink == "rgb(29, 42, 46)"
-
-
-def test_the_page_prints_without_its_forms(page: Page, server: RunningServer, right: str) -> None:
-    open_analysis(page, server, right)
-
-    page.emulate_media(media="print")
-
-    expect(page.locator("#correction")).to_be_hidden()
-    expect(page.get_by_role("navigation").first).to_be_hidden()
-    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible()
 
 
 def test_a_report_leads_back_to_its_page_to_its_pdf_and_to_the_other_language(

@@ -1,12 +1,10 @@
 """Getting data in: chosen, dropped, broken off and gone on with, known already, understood at once."""
 
-import gzip
 import re
-import shutil
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Page, Route, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home, wait_for_end
@@ -26,19 +24,6 @@ XMLHttpRequest.prototype.setRequestHeader = function (name, value) {
   if (name === "Upload-Offset") window.patches.push(Number(value));
   return set.call(this, name, value);
 };"""
-
-
-def test_all_of_many_chosen_files_appear_at_once_and_are_taken(
-    page: Page, server: RunningServer, tmp_path: Path
-) -> None:
-    files = [make_file(tmp_path, f"many_{number}.csv") for number in range(7)]
-    open_home(page, server)
-
-    page.set_input_files("#files", files)
-
-    assert page.locator(".row", has_text="many_").count() >= len(files)
-    for file in files:
-        expect(find_row(page, file.name)).to_be_visible(timeout=END_MS)
 
 
 def test_many_files_on_their_way_take_a_line_each_and_leave_the_list_in_sight(
@@ -87,17 +72,6 @@ def test_of_a_folder_only_recordings_are_taken(page: Page, server: RunningServer
 
     expect(find_row(page, "in_folder.csv")).to_be_visible(timeout=END_MS)
     expect(page.locator(".row", has_text="notes.docx")).to_have_count(0)
-
-
-def test_a_packed_table_is_taken(page: Page, server: RunningServer, tmp_path: Path) -> None:
-    table = write_recordings(tmp_path, "lsm9ds1", 0.02, 3, 100.0)[0]
-    packed = tmp_path / "packed.csv.gz"
-    packed.write_bytes(gzip.compress(table.read_bytes()))
-    open_home(page, server)
-
-    page.set_input_files("#files", packed)
-
-    wait_for_end(page, "packed.csv.gz")
 
 
 def test_a_lost_network_costs_one_piece_and_no_more(
@@ -172,21 +146,6 @@ def test_a_proxy_that_refuses_large_pieces_gets_smaller_ones(
     expect(find_row(page, "proxy.csv")).to_be_visible(timeout=END_MS)
 
 
-def test_one_upload_is_cancelled_and_the_others_go_on(
-    page: Page, server: RunningServer, tmp_path: Path
-) -> None:
-    open_home(page, server)
-    page.route("**/api/v1/uploads/*", stop_second)
-    page.set_input_files(
-        "#files", [make_file(tmp_path, "unwanted.csv", 3), make_file(tmp_path, "wanted.csv")]
-    )
-
-    find_upload(page, "unwanted.csv").get_by_role("button", name="Cancel").click()
-
-    expect(page.locator(".row", has_text="unwanted.csv")).to_have_count(0)
-    expect(find_row(page, "wanted.csv")).to_be_visible(timeout=END_MS)
-
-
 def test_all_that_failed_are_tried_again_by_one_click(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
@@ -204,22 +163,6 @@ def test_all_that_failed_are_tried_again_by_one_click(
 
     for number in range(3):
         expect(find_row(page, f"again_{number}.csv")).to_be_visible(timeout=END_MS)
-
-
-def test_a_file_that_is_known_is_linked_to_its_earlier_analysis(
-    page: Page, server: RunningServer, right: str, shifts: tuple[Path, Path], tmp_path: Path
-) -> None:
-    same = tmp_path / "same.gt3x"
-    shutil.copy(shifts[0], same)
-    open_home(page, server)
-
-    page.set_input_files("#files", same)
-
-    row = find_upload(page, "same.gt3x")
-    expect(row).to_contain_text("Already here")
-    expect(row.get_by_role("link", name="Open the analysis")).to_have_attribute("href", re.compile("/an_"))
-    row.get_by_role("button", name="Analyse again").click()
-    expect(row).to_have_count(0)
 
 
 def test_the_first_bytes_say_what_the_file_is(
@@ -246,21 +189,6 @@ def test_the_wrong_kind_of_file_is_named_while_it_is_on_its_way(
     page.set_input_files("#files", make_file(tmp_path, "letter.csv", 3))
 
     expect(find_upload(page, "letter.csv").locator(".row-note")).to_contain_text("Not a sensor recording")
-
-
-def test_arm_and_subject_can_be_said_while_the_file_is_on_its_way(
-    page: Page, server: RunningServer, tmp_path: Path
-) -> None:
-    open_home(page, server)
-    page.route("**/api/v1/uploads/*", stop_second)
-    page.set_input_files("#files", make_file(tmp_path, "said.csv", 2))
-    row = find_upload(page, "said.csv")
-
-    row.get_by_label("Subject code").fill("S077")
-    row.get_by_label("Arm").select_option("left")
-    page.unroute("**/api/v1/uploads/*")
-
-    expect(find_row(page, "said.csv")).to_contain_text(re.compile(r"S077.*left", re.DOTALL), timeout=END_MS)
 
 
 def test_the_pose_held_at_the_start_is_stated_once_for_all_files(
@@ -309,22 +237,6 @@ def test_each_file_counts_once_in_the_title(page: Page, server: RunningServer, t
     titles = page.evaluate("titles")
     assert titles[0] == "(0/3) Acromion"
     assert all("/3)" in title for title in titles[:-1])
-
-
-def test_another_tab_shows_the_same_and_the_page_may_be_closed(
-    page: Page, browser: Browser, server: RunningServer, tmp_path: Path
-) -> None:
-    file = write_recordings(tmp_path, "gt9x", 0.03, 12)[0].rename(tmp_path / "closed.gt3x")
-    open_home(page, server)
-    page.set_input_files("#files", file)
-    expect(find_row(page, "closed.gt3x")).to_be_visible(timeout=END_MS)
-    page.goto("about:blank")
-
-    other = browser.new_page()
-    open_home(other, server)
-    wait_for_end(other, "closed.gt3x")
-
-    other.close()
 
 
 def test_the_page_of_an_analysis_follows_it_without_events(

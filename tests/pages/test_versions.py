@@ -196,23 +196,6 @@ def test_a_draft_is_confirmed_by_one_click(page: Page, server: RunningServer, co
     assert "Overhead work is the load." in read_pdf(server, page)
 
 
-def test_a_draft_in_french_says_that_it_is_one(page: Page, server: RunningServer, corrected_id: str) -> None:
-    open_analysis(page, server, corrected_id, "fr")
-
-    expect(find_conclusion(page)).to_contain_text("Brouillon, absent du rapport. Conclusion de la version 2")
-    expect(page.get_by_role("button", name="Confirmer pour cette version")).to_be_visible()
-
-
-def test_a_dismissed_draft_is_gone(page: Page, server: RunningServer, corrected_id: str) -> None:
-    open_analysis(page, server, corrected_id)
-
-    page.get_by_role("button", name="Dismiss the draft").click()
-
-    expect(page.get_by_role("button", name="Add to the report")).to_be_visible()
-    expect(page.get_by_label("What you conclude")).to_have_value("")
-    expect(page.get_by_text("Draft, not in the report")).to_have_count(0)
-
-
 def test_without_scripts_a_draft_is_confirmed_too(
     browser: Browser, server: RunningServer, corrected_id: str
 ) -> None:
@@ -226,18 +209,6 @@ def test_without_scripts_a_draft_is_confirmed_too(
     analysis_id = plain.url.split("/analyses/")[1]
     context.close()
     assert see_end(server, analysis_id)["conclusion"]["text"] == SAID["text"]
-
-
-def test_a_conclusion_is_taken_off_the_report(page: Page, server: RunningServer, corrected_id: str) -> None:
-    concluded = repeat(server, corrected_id, "succeeded", side="left", conclusion=SAID)
-    open_analysis(page, server, concluded)
-    page.get_by_text("Change the conclusion").click()
-
-    page.get_by_role("button", name="Remove from the report").click()
-
-    expect(page).not_to_have_url(re.compile(concluded))
-    expect(page.get_by_role("button", name="Add to the report")).to_be_visible(timeout=END_MS)
-    assert "Overhead work is the load." not in read_pdf(server, page)
 
 
 # The banner of an old version.
@@ -273,14 +244,6 @@ def test_the_report_of_an_old_version_leads_to_the_current_one(
     page.get_by_role("link", name="See the current version (version 2)").click()
 
     expect(page).to_have_url(re.compile(current))
-
-
-def test_a_downloaded_report_holds_no_banner(server: RunningServer, two_versions: tuple[str, str]) -> None:
-    old, _ = two_versions
-
-    stored = server.client.get(f"/api/v1/analyses/{old}/report.html", params={"lang": "en"}).text
-
-    assert "This is version 1 of 2." not in stored
 
 
 @pytest.fixture(scope="module")

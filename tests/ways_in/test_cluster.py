@@ -1,7 +1,6 @@
 """Workers on many machines: PostgreSQL, a bucket and Procrastinate, each real."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -16,7 +15,6 @@ from app.jobs.processes.cluster import install
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.keys import KEY_FILE
 from app.storage.open import open_storage
 from app.storage.store import Storage
 from tests.postgres import PostgresServer
@@ -40,7 +38,6 @@ def settings(
         object_store=swift.make_bucket(),
         engine="procrastinate",
         lease_s=2.0,
-        heartbeat_s=0.5,
     )
 
 
@@ -67,7 +64,6 @@ def start_worker(settings: Settings, tmp_path: Path) -> Iterator[StartWorker]:
     def start(stand_in: str) -> subprocess.Popen[bytes]:
         folder = tmp_path / f"worker{len(started)}"
         folder.mkdir()
-        shutil.copy(settings.data_dir / KEY_FILE, folder)
         command = [sys.executable, "-m", "tests.ways_in.cluster_worker", str(folder), stand_in]
         environment = os.environ | settings.as_environment()
         started.append(subprocess.Popen(command, cwd=ROOT, env=environment))

@@ -1,7 +1,6 @@
 """A diary beside the recording: what it does to the report, and what a slip in it brings."""
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
@@ -36,24 +35,6 @@ def test_each_row_of_the_diary_is_a_row_of_the_tables(tmp_path: Path) -> None:
     ]
 
 
-def test_the_parts_of_the_time_stand_in_the_results(tmp_path: Path) -> None:
-    expose(tmp_path, DIARY)
-
-    time = json.loads((tmp_path / "out" / "angles" / "results.json").read_text("utf-8"))["time"]
-    assert time["excluded_s"] == 30.0
-    assert sum(part["duration_s"] for part in time["parts"]) == time["recorded_s"] == 120.0
-
-
-def test_the_report_names_periods_and_hatches_the_break(tmp_path: Path) -> None:
-    expose(tmp_path, DIARY)
-
-    page = (tmp_path / "out" / "angles" / "report.html").read_text("utf-8")
-    assert "Boxes" in page
-    assert "Coffee" in page
-    assert "30\u00a0s, left out" in page or "30\u202fs, left out" in page
-    assert "What the recorded time consists of" in page
-
-
 def test_a_slip_in_the_diary_is_told_before_anything_is_read(tmp_path: Path) -> None:
     result = expose(tmp_path, "start_s,end_s,kind\n0,60,brake\n")
 
@@ -74,24 +55,6 @@ def test_rows_for_another_file_are_not_for_this_one() -> None:
     mine, other = DiaryEntry(0.0, None, "task", file="a.csv"), DiaryEntry(0.0, None, "task", file="b.csv")
 
     assert ReportRequest("a.csv", diary=(mine, other)).select_diary() == (mine,)
-
-
-def test_every_line_with_a_slip_is_told_with_its_text_and_its_cure(tmp_path: Path) -> None:
-    result = expose(tmp_path, "start_s,end_s,kind\n0,60,brake\n60,90,break\n90,nine,task\n")
-
-    told = " ".join(result.output.split())
-    assert 'Line 2: the kind of period is not known ("brake"). The line reads: 0, 60, brake.' in told
-    assert 'Line 4: the value is not a number of seconds ("nine"). The line reads: 90, nine, task.' in told
-    assert told.count("Write one of: shift") == told.count("Write seconds from the first sample") == 1
-
-
-def test_a_break_over_a_task_is_warned_of(tmp_path: Path) -> None:
-    expose(tmp_path, "start_s,end_s,kind\n0,60,task\n50,90,break\n")
-
-    quality = json.loads((tmp_path / "out" / "angles" / "results.json").read_text("utf-8"))["quality"]
-    (flag,) = [flag for flag in quality["warnings"] if flag["code"] == "W-OVERLAP"]
-    assert (flag["count"], flag["seconds"]) == (1, 10.0)
-    assert "Break laid over a task" in (tmp_path / "out" / "angles" / "report.html").read_text("utf-8")
 
 
 def test_a_row_may_name_its_recording_by_stem_or_subject() -> None:

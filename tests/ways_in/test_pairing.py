@@ -38,12 +38,6 @@ def test_that_the_pose_was_held_at_the_start_is_said_of_both(paired: Path) -> No
     assert [results["calibration"]["state"] for results in read] == ["held_at_start", "held_at_start"]
 
 
-def test_the_offset_given_is_told_as_given(paired: Path) -> None:
-    page = (paired / "both-arms" / "report.html").read_text("utf-8")
-
-    assert "This was given by the person who asked for the report." in page
-
-
 def test_finished_folders_are_compared_without_a_new_analysis(paired: Path) -> None:
     before, after = (next((paired / side).iterdir()) for side in ("left", "right"))
 
@@ -98,13 +92,3 @@ def test_a_missing_code_is_refused_before_any_recording_is_analysed(tmp_path: Pa
 
     assert (result.exit_code, "say --same-subject" in result.stderr) == (3, True)
     assert not (tmp_path / "out").exists()
-
-
-def test_one_recording_twice_is_refused_with_its_reason(paired: Path) -> None:
-    left = next((paired / "left").iterdir())
-
-    result = run("pair", left, left, "-o", paired)
-
-    assert result.exit_code == 3
-    assert "E-PAIR" in result.output
-    assert "they are the same recording" in result.output

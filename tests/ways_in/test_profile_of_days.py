@@ -130,7 +130,7 @@ def test_a_day_without_a_clock_is_in_the_means_and_not_in_the_overlay(week: Path
     assert (arm["figures"]["time_above_60_percent"]["days"], arm["overlay"][0]["days"]) == (6, 5)
 
 
-def test_results_without_findings_are_refused(week: Path, tmp_path: Path) -> None:
+def test_other_results_are_refused(week: Path, tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "results.json").write_text("{}")
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from app.batch.settings_file import read_settings
 from app.cli import app
 from tests.ways_in.typed import read_table, run
 
@@ -57,22 +56,10 @@ def test_the_settings_file_chooses_language_and_reports(studied: tuple[Result, P
     assert not (made / "report.pdf").exists()
 
 
-def test_the_settings_written_out_say_what_was_used(studied: tuple[Result, Path]) -> None:
-    settings = read_settings((studied[1] / "settings.yaml").read_bytes())
-
-    assert (settings["languages"], settings["kinds"], settings["side"]) == (("fr",), ("html",), "right")
-
-
 def test_what_is_typed_goes_before_the_settings_file(study: Path, tmp_path: Path) -> None:
     run("run", study / "p1.gt3x", "-o", tmp_path, "--config", study / "study.yaml", "--side", "left")
 
     assert read_table(tmp_path / "summary.csv")[0]["side"] == "left"
-
-
-def test_the_methods_count_what_was_done(studied: tuple[Result, Path]) -> None:
-    text = (studied[1] / "methods.md").read_text("utf-8")
-
-    assert "Enregistrements analysés\u00a0: 2" in text
 
 
 def test_a_row_that_fits_no_recording_is_told(studied: tuple[Result, Path]) -> None:
@@ -132,24 +119,3 @@ def test_a_file_that_steers_the_run_is_checked_before_any_recording(
     result = run("run", shift_gt3x, "-o", tmp_path / "out", option, tmp_path / "steering")
 
     assert (result.exit_code, code in result.stderr) == (2, True)
-
-
-def test_a_row_that_fits_two_recordings_is_refused_before_any_is_analysed(tmp_path: Path) -> None:
-    for folder in ("p1", "p2"):
-        (tmp_path / "in" / folder).mkdir(parents=True)
-        (tmp_path / "in" / folder / "arm.csv").write_text("not looked at")
-    (tmp_path / "p.csv").write_text("file,subject\narm.csv,S01\n")
-
-    result = run("run", tmp_path / "in", "-o", tmp_path / "out", "--participants", tmp_path / "p.csv")
-
-    told = 'Line 2: the row fits several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv.'
-    assert (result.exit_code, told in result.stderr) == (2, True)
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_pose_of_the_list_that_lacks_its_windows_is_a_usage_error(shift_gt3x: Path, tmp_path: Path) -> None:
-    (tmp_path / "p.csv").write_text(f"file,pose\n{shift_gt3x.name},two-point\n")
-
-    result = run("run", shift_gt3x, "-o", tmp_path / "out", "--participants", tmp_path / "p.csv")
-
-    assert result.exit_code == 2

@@ -178,18 +178,3 @@ def test_two_runs_never_mix_one_report(shift_gt3x: Path, tmp_path: Path) -> None
 
     assert (other.code, other.facts["why"]) == ("E-FILE", "another run makes the same report just now")
     assert kept
-
-
-def test_a_recording_that_joins_later_takes_nobody_s_folder(shift_gt3x: Path, tmp_path: Path) -> None:
-    for place in ("p1", "p2"):
-        (tmp_path / place).mkdir()
-    shutil.copy(shift_gt3x, tmp_path / "p2" / "arm.gt3x")
-    command = ["run", str(tmp_path), "-o", str(tmp_path / "out"), "--report", "html"]
-    CliRunner().invoke(app, command)
-    shutil.copy(shift_gt3x, tmp_path / "p1" / "arm.gt3x")
-
-    told = CliRunner().invoke(app, command).stdout
-
-    rows = [(row["path"], row["folder"]) for row in read_table(tmp_path / "out" / "summary.csv")]
-    assert rows == [("p1/arm.gt3x", "arm-2"), ("p2/arm.gt3x", "arm")]
-    assert ("already done" in told, "version 2" in told) == (True, False)

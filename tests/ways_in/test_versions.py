@@ -141,15 +141,6 @@ def test_a_pdf_in_another_language_keeps_its_own_paper_until_asked_for(
     assert tell_size(folder / "report.fr.pdf") == (612, 792)
 
 
-def test_the_same_paper_again_writes_nothing_anew(shift_gt3x: Path, tmp_path: Path) -> None:
-    run(shift_gt3x, tmp_path, "--report", "pdf", "--paper", "letter")
-    made = (tmp_path / shift_gt3x.stem / "report.pdf").stat().st_mtime_ns
-
-    run(shift_gt3x, tmp_path, "--report", "pdf", "--paper", "letter")
-
-    assert (tmp_path / shift_gt3x.stem / "report.pdf").stat().st_mtime_ns == made
-
-
 def test_a_run_cut_between_two_versions_gives_the_earlier_one_back(tmp_path: Path) -> None:
     folder = tmp_path / "S012"
     find_earlier(folder).mkdir()

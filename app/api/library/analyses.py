@@ -1,7 +1,6 @@
 """Analyses under ``/api/v1``: asking for them, following them, reading their files."""
 
 import asyncio
-import json
 import re
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -44,6 +43,7 @@ from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
+from app.report.figures import load_results
 from app.report.words.wording import Language, find_nearest
 from app.request import Conclusion, Paper, ReportRequest, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
@@ -409,7 +409,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
     files = {name: services.results.read(job, name) for name in names}
-    made = Made(_measure(files), json.loads(files.get("results.json", b"null")))
+    made = Made(_measure(files), load_results(files.get("results.json", b"null")))
     body = pack_files({**files, CRATE: encode_crate([made], {})})
     return serve_bytes(request, services, job, "bundle.zip", body)
 
@@ -422,7 +422,7 @@ def _measure(files: Mapping[str, bytes]) -> dict[str, int]:
 def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """The main figures by clock hour and by period of the diary."""
     job = services.store.get(analysis_id)
-    rows = describe_periods(json.loads(services.results.read(job, "results.json")))
+    rows = describe_periods(load_results(services.results.read(job, "results.json")))
     return serve_bytes(request, services, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
 
 

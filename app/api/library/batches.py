@@ -1,6 +1,5 @@
 """Batches: many recordings, one set of settings, one table."""
 
-import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Response
@@ -16,6 +15,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.regeneration import can_regenerate
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
+from app.report.figures import load_results
 from app.report.words.wording import Language
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import is_result_whole
@@ -153,7 +153,7 @@ def _summarise(services: Services, job: Job) -> Row:
     if job.state is not JobState.SUCCEEDED:
         return summarise_failure(_build_origin(job), job.problem_code or CANCELLED)
     try:
-        results = json.loads(services.results.read(job, RESULTS))
+        results = load_results(services.results.read(job, RESULTS))
     except ResultDamaged as damaged:
         return summarise_failure(_build_origin(job), damaged.code)
     return summarise_results(add_origin(results, _build_origin(job)))

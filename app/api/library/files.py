@@ -102,7 +102,7 @@ def serve_recording(request: Request, services: Services, row: StoredRow) -> Res
 
     Raises
     ------
-    NoSuchRange, StoreDamaged, KeyGone
+    NoSuchRange, StoreDamaged
     """
     headers = build_file_headers("", row.sha256) | {
         "Content-Type": "application/octet-stream",

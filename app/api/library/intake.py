@@ -33,7 +33,9 @@ async def receive_recording(
     ------
     FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, WrongDigest
     """
-    refuse_form(request)
+    kind = request.headers.get("content-type", "")
+    if kind.startswith("multipart/"):  # the body is the recording itself
+        raise BadParameter(name="Content-Type", value=kind[:60], allowed="application/octet-stream")
     digest = read_digest(request.headers)
 
     def check_and_commit(stored: StoredRecording) -> T:
@@ -41,7 +43,9 @@ async def receive_recording(
             raise WrongDigest
         return commit(stored)
 
-    return await store_recording(request, services, copy_body, check_and_commit)
+    return await store_recording(
+        request, services, lambda sent, write: copy_chunks(sent.stream(), write), check_and_commit
+    )
 
 
 async def store_recording(
@@ -53,7 +57,8 @@ async def store_recording(
     ------
     FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, TooMany
     """
-    check_announcement(request, services)
+    announced = request.headers.get("content-length", "")
+    check_room(services, int(announced) if announced.isdecimal() else 0)
     with services.upload_slots.take():
         upload = await run_in_threadpool(services.storage.open_upload, services.settings.max_upload_bytes)
         try:
@@ -61,13 +66,6 @@ async def store_recording(
             return await run_in_threadpool(_acknowledge, upload, services, commit)
         finally:
             await run_in_threadpool(upload.discard)
-
-
-def refuse_form(request: Request) -> None:
-    """Refuse a form where the body is the recording itself."""
-    kind = request.headers.get("content-type", "")
-    if kind.startswith("multipart/"):
-        raise BadParameter(name="Content-Type", value=kind[:60], allowed="application/octet-stream")
 
 
 def read_digest(headers: Mapping[str, str]) -> str:
@@ -90,12 +88,6 @@ def read_digest(headers: Mapping[str, str]) -> str:
     return digest.hex()
 
 
-def check_announcement(request: Request, services: Services) -> None:
-    """Refuse by the announced length, before the first byte."""
-    announced = request.headers.get("content-length", "")
-    check_room(services, int(announced) if announced.isdecimal() else 0)
-
-
 def check_room(services: Services, expected_bytes: int) -> None:
     """Refuse what is too large, or would fill the disk.
 
@@ -107,16 +99,6 @@ def check_room(services: Services, expected_bytes: int) -> None:
     if expected_bytes > limit_bytes:
         raise too_large(expected_bytes, limit_bytes)
     services.storage.check_space(expected_bytes, services.settings.min_free_bytes)
-
-
-async def copy_body(request: Request, write: Callable[[bytes], None]) -> None:
-    """Write the body as it comes.
-
-    Raises
-    ------
-    BrokenUpload
-    """
-    await copy_chunks(request.stream(), write)
 
 
 async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], None]) -> None:
@@ -174,41 +156,38 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
         raise
 
 
-# A recording in a form, as browsers and ``curl -F`` send it: python-multipart parses it as it streams in.
-# Reading the whole form first would write every byte twice, the first time to the folder for temporary files,
-# which is small in a container.
+# A recording in a form, as browsers and ``curl -F`` send it. python-multipart parses it as it streams in; its
+# own files would write every byte twice, first to the folder for temporary files, small in a container.
 
 
 MOST_FIELDS, MOST_FIELD_BYTES = 20, 4096
 
 
 class RecordingForm:
-    """Parses a form of one file and a few short fields, in any order.
+    """Takes one file and a few short fields, in any order, from a form.
 
     ``digest`` is the SHA-256 that the client has stated of the whole form, in hex, or "".
     """
 
     def __init__(self, content_type: str, digest: str = "") -> None:
         _, options = parse_options_header(content_type)
-        boundary = options.get(b"boundary", b"")
-        if not boundary:
+        if not options.get(b"boundary"):
             raise BadParameter(name="Content-Type", value=content_type[:60], allowed="boundary=…")
         self._digest, self._sha256 = digest, hashlib.sha256()
         self.words: dict[str, str] = {}
         self.file_name: str | None = None
-        self._piece, self._word = bytearray(), bytearray()
+        self._piece, self._word, self._header, self._value = (bytearray() for _ in range(4))
         self._name, self._in_file, self._ended = "", False, False
-        self._header, self._value = bytearray(), bytearray()
         self._parser = MultipartParser(
-            boundary,
+            options[b"boundary"],
             {
-                "on_part_begin": self._begin,
+                "on_part_begin": self._begin_part,
                 "on_header_field": lambda octets, start, end: self._header.extend(octets[start:end]),
                 "on_header_value": lambda octets, start, end: self._value.extend(octets[start:end]),
                 "on_header_end": self._end_header,
                 "on_part_data": self._take,
                 "on_part_end": self._end_part,
-                "on_end": self._end,
+                "on_end": lambda: setattr(self, "_ended", True),
             },
         )
 
@@ -220,20 +199,6 @@ class RecordingForm:
         BadParameter, BrokenUpload, WrongDigest
         """
         await copy_chunks(self._read_file(request), write)
-        self._check_whole()
-
-    async def _read_file(self, request: Request) -> AsyncIterator[bytes]:
-        """Give what each chunk of the form holds of the file."""
-        async for chunk in request.stream():
-            if self._digest:
-                self._sha256.update(chunk)
-            try:
-                self._parser.write(chunk)
-            except FormParserError:
-                raise BadParameter(name="form", value="", allowed="multipart/form-data") from None
-            yield self._take_piece()
-
-    def _check_whole(self) -> None:
         if not self._ended:
             raise BrokenUpload
         if self._digest not in ("", self._sha256.hexdigest()):
@@ -241,27 +206,31 @@ class RecordingForm:
         if self.file_name is None:
             raise BadParameter(name="form", value=", ".join(self.words)[:60], allowed="file")
 
-    def _take_piece(self) -> bytes:
-        piece, self._piece = bytes(self._piece), bytearray()
-        return piece
+    async def _read_file(self, request: Request) -> AsyncIterator[bytes]:
+        """Return what each chunk of the form holds of the file."""
+        async for chunk in request.stream():
+            self._sha256.update(chunk if self._digest else b"")
+            try:
+                self._parser.write(chunk)
+            except FormParserError:
+                raise BadParameter(name="form", value="", allowed="multipart/form-data") from None
+            piece, self._piece = bytes(self._piece), bytearray()
+            yield piece
 
-    def _begin(self) -> None:
-        self._name, self._in_file = "", False
-        self._word.clear()
+    def _begin_part(self) -> None:
+        self._name, self._in_file, self._word = "", False, bytearray()
 
     def _end_header(self) -> None:
         if bytes(self._header).lower() == b"content-disposition":
             _, options = parse_options_header(bytes(self._value))
             self._name = options.get(b"name", b"").decode("utf-8", "replace")
             if b"filename" in options:
-                self._open_file(options[b"filename"].decode("utf-8", "replace"))
+                file_name = options[b"filename"].decode("utf-8", "replace")
+                if self.file_name is not None:
+                    raise BadParameter(name=self._name[:60], value=file_name[:60], allowed="1")
+                self.file_name, self._in_file = file_name, True
         self._header.clear()
         self._value.clear()
-
-    def _open_file(self, file_name: str) -> None:
-        if self.file_name is not None:
-            raise BadParameter(name=self._name[:60], value=file_name[:60], allowed="1")
-        self.file_name, self._in_file = file_name, True
 
     def _take(self, octets: bytes, start_byte: int, end_byte: int) -> None:
         if self._in_file:
@@ -274,6 +243,3 @@ class RecordingForm:
     def _end_part(self) -> None:
         if not self._in_file:
             self.words[self._name] = self._word.decode("utf-8", "replace").strip()
-
-    def _end(self) -> None:
-        self._ended = True

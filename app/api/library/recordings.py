@@ -1,10 +1,12 @@
 """Recordings: stored, described, looked at, divided into periods, thrown away."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse
+from pydantic import BaseModel
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.api.library.analysis_models import (
     PeriodList,
@@ -35,11 +37,21 @@ from app.api.library.recording_models import (
 from app.api.library.uploads import finish_upload, get_upload_row
 from app.api.middleware.access import check_confirmed, check_may, find_subject
 from app.api.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
-from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion, StoreDamaged
-from app.jobs.recordings import StoredRow
+from app.errors import (
+    AppError,
+    Crashed,
+    NotFinished,
+    PurgeUnfinished,
+    RecordedProblem,
+    StaleVersion,
+    StoreDamaged,
+)
+from app.jobs.recordings import Description, Purged, StoredRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices
 from app.storage.store import StoredRecording, borrow_recording, seems_whole
+from app.upkeep.backup_term import find_backup_term
+from app.upkeep.copies import renew_copies
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
@@ -73,25 +85,35 @@ class UploadedRecording(RecordingWords):
     upload_id: str
 
 
-@router.post("", status_code=201, openapi_extra={"requestBody": RAW})
+REPEATED: dict[int | str, dict[str, Any]] = {
+    200: {"model": RecordingView, "description": "The same upload within 24 h: the recording that there is."}
+}
+
+
+@router.post("", status_code=201, openapi_extra={"requestBody": RAW}, responses=REPEATED)
 async def create_recording(
     request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
 ) -> RecordingView:
     """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of one that came before."""
     kind = request.headers.get("content-type", "")
     if kind.startswith("multipart/form-data"):
-        row = await _receive_form(request, services, words)
+        row, is_new = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
-        row = await run_in_threadpool(
-            _adopt_upload, services, await read_small_body(request, MOST_DIARY_BYTES)
-        )
+        body = await read_small_body(request, MOST_DIARY_BYTES)
+        row, is_new = await run_in_threadpool(_adopt_upload, services, body), True
     else:
         about = words.describe()
-        row = await receive_recording(
-            request, services, lambda stored: services.recordings.add(stored, about)
-        )
+        row, is_new = await receive_recording(request, services, lambda stored: _add(services, stored, about))
     location = {"Location": f"/api/v1/recordings/{row.id}"}
-    return _answer(row, 201, location)  # type: ignore[return-value]
+    return _answer(row, 201 if is_new else 200, location)  # type: ignore[return-value]
+
+
+def _add(services: Services, stored: StoredRecording, about: Description) -> tuple[StoredRow, bool]:
+    """Return the recording, and whether it is new; the bytes of a repeated upload are removed."""
+    row = services.recordings.add(stored, about)
+    if row.id != stored.id:
+        services.storage.drop_recording(stored.id)
+    return row, row.id == stored.id
 
 
 @router.get("")
@@ -133,7 +155,22 @@ def change_recording(
     return _answer(services.recordings.describe(row, patch.merge(row.about)))  # type: ignore[return-value]
 
 
-@router.delete("/{recording_id}", status_code=204)
+class ErasureView(BaseModel):
+    """What an erasure leaves in backups: ``backups`` tells if any is known that can contain the recording.
+
+    ``backups_until``: the date by which ``acromion backup --keep`` has deleted the last of them.
+    """
+
+    recording_id: str
+    backups: Literal["none", "until", "unlimited"]
+    backups_until: str | None = None
+
+
+@router.delete(
+    "/{recording_id}",
+    status_code=204,
+    responses={200: {"model": ErasureView, "description": "Deleted for good."}},
+)
 def delete_recording(
     recording_id: str,
     request: Request,
@@ -143,16 +180,19 @@ def delete_recording(
     """Put a recording and all that was made of it into the trash; one that is there stays as it is.
 
     With ``purge``, or where the trash keeps nothing, it is deleted for good, which needs the permission to
-    erase; else when its time in the trash is over.
+    erase; else when its time in the trash is over. The answer then says until when backups can contain it.
     """
     is_for_good = purge or not has_trash(services)
     if is_for_good:
         check_may_erase(request)
         services.recordings.check_hold(recording_id)
     services.recordings.trash(recording_id)
-    if is_for_good:
-        purge_recording(services, recording_id)
-    return Response(status_code=204)
+    if not is_for_good:
+        return Response(status_code=204)
+    purge_recording(services, recording_id)
+    term = find_backup_term(services.storage)
+    view = ErasureView(recording_id=recording_id, backups=term.kind, backups_until=term.until or None)
+    return JSONResponse(view.model_dump())
 
 
 @router.post("/{recording_id}/restore")
@@ -252,18 +292,43 @@ def check_may_erase(request: Request) -> None:
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
-    """Destroy the key of a recording, then delete it and every file made of it.
+    """Delete a recording for good, with every file made of it.
 
-    The rows go last, so that a start goes on with an interrupted purge.
+    Raises
+    ------
+    OnHold, PurgeUnfinished
     """
-    purged = services.recordings.begin_purge(recording_id)
-    services.storage.keys.erase(*purged.recordings)  # the ledger goes on with it if the database is lost, too
-    for analysis_id in purged.analyses:
-        services.storage.drop_analysis(analysis_id)
-    for stored_id in purged.recordings:
-        services.storage.drop_recording(stored_id)
+    finish_purge(services, services.recordings.begin_purge(recording_id))
+
+
+def finish_purge(services: Services, *begun: Purged) -> None:
+    """Delete files, then rows: recordings that are hidden already.
+
+    They are in the ledger of erasures before the first file is deleted. The rows go last, once the daily
+    copies hold them no more, so that housekeeping or the next start can go on with an interrupted purge.
+
+    Raises
+    ------
+    PurgeUnfinished
+    """
+    if not begun:
+        return
+    services.storage.ledger.add([one for purged in begun for one in purged.recordings])
+    for purged in begun:
+        for analysis_id in purged.analyses:
+            services.storage.drop_analysis(analysis_id)
+        for stored_id in purged.recordings:
+            services.storage.drop_recording(stored_id)
+        services.cache.forget(purged.recordings)
     services.pairs.forget_all()
-    services.recordings.end_purge(recording_id)
+    ids = [purged.recordings[0] for purged in begun]
+    try:
+        renew_copies(services.settings, services.store.engine, ids)
+    except (AppError, OSError, SQLAlchemyError) as error:
+        why = error.code if isinstance(error, AppError) else str(getattr(error, "strerror", "") or error)
+        raise PurgeUnfinished(id=ids[0], why=why[:200]) from error
+    for recording_id in ids:
+        services.recordings.end_purge(recording_id)
     forget_samples(services)
 
 
@@ -273,14 +338,16 @@ def forget_samples(services: Services) -> None:
     services.cache.forget(held - services.recordings.find_known(held))
 
 
-async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
+async def _receive_form(
+    request: Request, services: Services, words: RecordingWords
+) -> tuple[StoredRow, bool]:
     """Take the one file of a form; its other fields say what the query may say, and go before it."""
     form = RecordingForm(request.headers["content-type"], read_digest(request.headers))
 
-    def commit(stored: StoredRecording) -> StoredRow:
+    def commit(stored: StoredRecording) -> tuple[StoredRow, bool]:
         stated = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
         stated |= {name: word for name, word in form.words.items() if word}
-        return services.recordings.add(stored, validate_model(RecordingWords, stated).describe())
+        return _add(services, stored, validate_model(RecordingWords, stated).describe())
 
     return await store_recording(request, services, form.copy_file, commit)
 

@@ -11,7 +11,7 @@ import hashlib
 import time
 import zlib
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
 from typing import Annotated
@@ -22,33 +22,33 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
 from app.api.library.analysis_models import DeclaredOptions
-from app.api.library.intake import PIECE_BYTES, check_room, copy_body, read_small_body
+from app.api.library.intake import PIECE_BYTES, check_room, copy_chunks
 from app.api.library.recording_models import RecordingWords
 from app.api.middleware.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
 from app.errors import (
     BadChecksum,
     BadParameter,
     LockedUpload,
-    NotHere,
+    PurgedSince,
     UnknownProtocol,
     WrongDigest,
     WrongLength,
     WrongMediaType,
     WrongOffset,
-    WrongVerb,
 )
 from app.jobs.queue import WayIn
-from app.jobs.recordings import UploadRow
+from app.jobs.recordings import PURGED, UploadRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices, find_way_in
-from app.storage.incoming import GrowingFile
-from app.storage.store import read_recording
+from app.storage.incoming import GrowingFile, name_recording
+from app.storage.store import StoredRecording, read_recording
 from fusion.errors import EmptyFile
 
 # The bytes of a tus upload: written as they come, counted when they are on the disk.
 
 
 OFFSET_BODY = "application/offset+octet-stream"
+PREVIEW_BYTES = 2 << 20
 CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
 SYNC_S = 0.5
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
@@ -80,7 +80,7 @@ async def _append_alone(
         body = await run_in_threadpool(_open_body, services, row, checksum)
         body.unpacker = unpacker
         try:
-            await copy_body(request, body.take)
+            await copy_chunks(request.stream(), body.take)
             await run_in_threadpool(body.check)
         finally:
             await run_in_threadpool(body.end)
@@ -102,8 +102,14 @@ def get_upload_row(services: Services, upload_id: str) -> UploadRow:
     """Give the row of an upload; what counted and is not on the disk any more has to be sent again.
 
     Otherwise zeros would take the place of the bytes that are lost.
+
+    Raises
+    ------
+    NotHere, PurgedSince
     """
     row = services.uploads.get(upload_id)
+    if row.recording_id == PURGED:
+        raise PurgedSince
     found_bytes = services.incoming.measure(upload_id)
     if row.recording_id is None and found_bytes < row.offset_bytes:
         return services.uploads.step_back(row, found_bytes)
@@ -119,18 +125,20 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     if not row.is_whole or row.recording_id is not None:
         return row
     try:
-        services.incoming.complete(row.id, row.length_bytes)
         sha256 = services.incoming.hash(row.id, row.length_bytes)
-        stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
+        stored = StoredRecording(name_recording(row.id), sha256, row.length_bytes)
+        services.storage.adopt(services.incoming.path(row.id), stored.id)
     except FileNotFoundError:  # a peer was quicker
         return services.uploads.get(row.id)
     declared = read_declared(row.metadata)
     study, asked = (
         ("", None) if declared is None else (declared.study, _build_declared(services, row, declared))
     )
-    counts = services.uploads.finish(row, stored, asked, way_in, study)  # its bytes say which id it gets
+    counts = services.uploads.finish(row, stored, asked, way_in, study)
+    if counts != stored.id and not services.store.may_hold(stored.id):
+        services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
-    return replace(row, recording_id=counts)
+    return services.uploads.get(row.id)
 
 
 def _build_declared(services: Services, row: UploadRow, settings: DeclaredOptions) -> ReportRequest | None:
@@ -152,20 +160,10 @@ def drop_upload(services: Services, row: UploadRow) -> None:
     if not services.incoming.acquire(row.id):
         raise LockedUpload
     try:
-        recording_id = services.incoming.find_recording_id(row.id)
         services.uploads.drop(row.id)
         services.incoming.forget(row.id)
-        forget_unfinished(services, recording_id)
     finally:
         services.incoming.release(row.id)
-
-
-def forget_unfinished(services: Services, recording_id: str | None) -> None:
-    """Destroy the key of an upload that has ended, unless its bytes are, or may be, a recording."""
-    if recording_id is None or services.store.may_hold(recording_id):
-        return
-    if not services.storage.holds(recording_id):
-        services.storage.keys.destroy(recording_id)
 
 
 def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
@@ -178,7 +176,7 @@ def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
 
 def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
     digest, expected = _read_checksum(checksum) if checksum else (None, b"")
-    file = services.incoming.open(row.id, row.offset_bytes, row.length_bytes)
+    file = services.incoming.open(row.id, row.offset_bytes)
     return _Body(services, row, file, digest, expected)
 
 
@@ -289,49 +287,6 @@ class _Body:
             self.count()
 
 
-# The preview of an upload: its first and last bytes show what the file is while the rest comes.
-
-
-TAIL_BODY = "application/octet-stream"
-TAIL_BYTES = 64 << 10
-PREVIEW_BYTES = 2 << 20
-
-
-def store_tail(services: Services, upload_id: str, tail: bytes) -> None:
-    """Keep the last bytes of an upload that is under way; of any other nothing is left behind.
-
-    Raises
-    ------
-    NotHere, DiskFull
-    """
-    services.incoming.keep_tail(upload_id, tail)
-    try:
-        is_over = services.uploads.get(upload_id).recording_id is not None
-    except NotHere:
-        services.incoming.forget_tail(upload_id)
-        raise
-    if is_over:  # it ended while the tail was written
-        services.incoming.forget_tail(upload_id)
-
-
-def read_preview_bytes(services: Services, row: UploadRow) -> tuple[bytes, bytes | None]:
-    """Give the first bytes that count, and the last ones behind them: None where they are not known yet.
-
-    Where the two meet, all is the head, and the tail is empty.
-    """
-    if row.recording_id is None:
-        head = services.incoming.read_first(row.id, min(row.offset_bytes, PREVIEW_BYTES))
-        tail = services.incoming.read_tail(row.id)
-    else:
-        head = read_recording(services.storage, row.recording_id, 0, min(row.offset_bytes, PREVIEW_BYTES))
-        first_byte = max(0, row.length_bytes - TAIL_BYTES)
-        tail = read_recording(services.storage, row.recording_id, first_byte, TAIL_BYTES)
-    unseen_bytes = row.length_bytes - len(head)
-    if unseen_bytes and (tail is None or unseen_bytes > len(tail)):
-        return head, tail
-    return head + (tail or b"")[-unseen_bytes:] if unseen_bytes else head, b""
-
-
 # Metadata of the file, in ``Upload-Metadata``.
 
 
@@ -413,6 +368,9 @@ class UploadView(BaseModel):
     length_bytes: int
     file_name: str
     recording_id: str | None
+    is_repeated: Annotated[
+        bool, Field(description="The recording was there: the same bytes and words within 24 h.")
+    ]
     created_at: str
     links: dict[str, str]
 
@@ -426,13 +384,12 @@ class UploadWords(RecordingWords):
 
 
 class HeadView(BaseModel):
-    """What the first and the last bytes of a file show; null: not yet, or not in them."""
+    """What the first bytes of a file show; null: not yet, or not in them."""
 
     file: str
     device: str | None
     rate_hz: float | None
     start: str | None
-    end: Annotated[str | None, Field(description="Told by the last bytes, sent ahead or come.")]
     time_zone: str | None
     serial_hash: str | None
 
@@ -505,19 +462,6 @@ def terminate_upload(upload_id: str, services: UsedServices, tus: TusRequest) ->
     return Response(status_code=204, headers=dict(TUS_HEADERS))
 
 
-@router.post("/{upload_id}", include_in_schema=False)
-async def override_method(
-    upload_id: str, request: Request, services: UsedServices, tus: TusRequest
-) -> Response:
-    """Do what ``X-HTTP-Method-Override`` says, for networks that let only GET and POST pass."""
-    method = request.headers.get("x-http-method-override", "").upper()
-    if method == "PATCH":
-        return await append_to_upload(upload_id, request, services, tus)
-    if method == "DELETE":
-        return await run_in_threadpool(terminate_upload, upload_id, services, tus)
-    raise WrongVerb(allowed="HEAD, GET, PATCH, DELETE")
-
-
 @router.put("/{upload_id}/words")
 def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> UploadView:
     """Change what is said of a file while it comes, and the analysis that begins with its last byte.
@@ -529,40 +473,27 @@ def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> 
     return view_upload(services.uploads.describe(upload_id, words.describe(), metadata))
 
 
-@router.put("/{upload_id}/tail", status_code=204, openapi_extra={"requestBody": {"content": {TAIL_BODY: {}}}})
-async def send_tail_ahead(upload_id: str, request: Request, services: UsedServices) -> Response:
-    """Take the last bytes of a file, 64 KiB at most, ahead of the rest: they tell when the recording ends.
-
-    They never become part of the recording, and are kept only while the upload is under way.
-    """
-    if request.headers.get("content-type") != TAIL_BODY:
-        raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=TAIL_BODY)
-    await run_in_threadpool(services.uploads.get, upload_id)
-    tail = await read_small_body(request, TAIL_BYTES)
-    await run_in_threadpool(store_tail, services, upload_id, tail)
-    return Response(status_code=204)
-
-
 @router.get("/{upload_id}/inspection")
 def inspect_upload(
     upload_id: str,
     services: UsedServices,
     rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None,
 ) -> HeadView:
-    """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet.
-
-    The end is told once the last bytes are here: sent ahead (``PUT .../tail``), or with all the others.
-    """
-    row = services.uploads.get(upload_id)
-    head, tail = read_preview_bytes(services, row)
+    """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet."""
+    row = get_upload_row(services, upload_id)
+    size_bytes = min(row.offset_bytes, PREVIEW_BYTES)
+    if row.recording_id is None:
+        head = services.incoming.read_first(row.id, size_bytes)
+    else:
+        head = read_recording(services.storage, row.recording_id, 0, size_bytes)
     request = ReportRequest(row.about.file_name, rate_hz=rate_hz)
-    return HeadView(**services.inspector.preview(head, tail, request))
+    return HeadView(**services.inspector.preview(head, request))
 
 
 def view_upload(row: UploadRow) -> UploadView:
     """Show an upload."""
     own = f"/api/v1/uploads/{row.id}"
-    links = {"self": own, "inspection": f"{own}/inspection", "tail": f"{own}/tail", "words": f"{own}/words"}
+    links = {"self": own, "inspection": f"{own}/inspection", "words": f"{own}/words"}
     if row.recording_id:
         links["recording"] = f"/api/v1/recordings/{row.recording_id}"
     return UploadView(
@@ -571,6 +502,7 @@ def view_upload(row: UploadRow) -> UploadView:
         length_bytes=row.length_bytes,
         file_name=row.about.file_name,
         recording_id=row.recording_id,
+        is_repeated=bool(row.is_repeated),
         created_at=row.created_at,
         links=links,
     )
@@ -583,4 +515,5 @@ def _build_headers(row: UploadRow, services: Services) -> dict[str, str]:
     headers = dict(TUS_HEADERS) | {"Upload-Offset": str(row.offset_bytes)}
     if row.recording_id is None:
         return headers | {"Upload-Expires": expires}
-    return headers | {"Acromion-Recording": row.recording_id}
+    repeated = {"Acromion-Repeated": "true"} if row.is_repeated else {}
+    return headers | repeated | {"Acromion-Recording": row.recording_id}

@@ -11,12 +11,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as wait_for_futures
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 from app.errors import (
     AppError,
@@ -44,6 +46,7 @@ if sys.platform != "win32":
 
 MakeReport = Callable[[Path, ReportRequest, Path, OnStage], object]
 OnProgress = Callable[[str | None, float], bool]
+T = TypeVar("T")
 
 TICK_S = 0.2
 NICENESS = 5
@@ -54,7 +57,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The resources that one attempt may use."""
+    """The resources that one attempt may use; one without progress is ended after half of ``wall_s``."""
 
     memory_bytes: int
     wall_s: float
@@ -150,7 +153,7 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     level = logging.getLogger().level  # a server logs more than a command on a terminal
     child = context.Process(target=_run_child, args=(attempt, theirs, level), daemon=True)
     try:
-        start_child(child)
+        run_beside(partial(start_child, child), lambda: on_progress(None, 0.0))
     except NotStarted:
         ours.close()
         return Unstarted()
@@ -161,6 +164,15 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     finally:
         end_child(child)
         ours.close()
+
+
+def run_beside(act: Callable[[], T], on_wait: Callable[[], object]) -> T:
+    """Run what may block in a thread; ``on_wait`` is called several times a second until it ends."""
+    with ThreadPoolExecutor(1, "beside") as pool:
+        work = pool.submit(act)
+        while wait_for_futures([work], TICK_S).not_done:
+            on_wait()
+        return work.result()
 
 
 def make_now(attempt: Attempt) -> tuple[ResultFile, ...]:
@@ -182,28 +194,26 @@ def make_now(attempt: Attempt) -> tuple[ResultFile, ...]:
 
 
 def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: OnProgress) -> Outcome:
-    stage: str | None = None
-    fraction, end_s = 0.0, time.monotonic() + limits.wall_s
-    while time.monotonic() < end_s:
+    """Read what the child says. It is JSON: a child that has read hostile bytes is not trusted."""
+    progress: tuple[str | None, float] = (None, 0.0)
+    now_s = time.monotonic()
+    end_s, still_end_s = now_s + limits.wall_s, now_s + limits.wall_s / 2.0
+    while time.monotonic() < min(end_s, still_end_s):
         try:
             message = json.loads(pipe.recv_bytes(MESSAGE_BYTES)) if pipe.poll(TICK_S) else {}
         except (EOFError, OSError):
             child.join(5)
             return Died(child.exitcode)
-        if "stage" in message:
-            stage, fraction = message["stage"], message["fraction"]
-        elif message:
-            return _read_outcome(message)
-        if not on_progress(stage, fraction):
+        if "files" in message:
+            return Finished(tuple(ResultFile(*file) for file in message["files"]))
+        if "code" in message:
+            return Refused(message["code"], message["facts"])
+        told = (message["stage"], message["fraction"]) if message else progress
+        if told != progress:
+            progress, still_end_s = told, time.monotonic() + limits.wall_s / 2.0
+        if not on_progress(*progress):
             return Stopped()
-    return _refuse(OutOfTime(s=round(limits.wall_s)))
-
-
-def _read_outcome(message: dict[str, Any]) -> Outcome:
-    """Read the child's last message. It is JSON: a child that has read hostile bytes is not trusted."""
-    if "files" in message:
-        return Finished(tuple(ResultFile(*file) for file in message["files"]))
-    return Refused(message["code"], message["facts"])
+    return _refuse(OutOfTime(s=round(limits.wall_s if end_s <= still_end_s else limits.wall_s / 2.0)))
 
 
 def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:

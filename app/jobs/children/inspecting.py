@@ -6,6 +6,7 @@ import shutil
 import tempfile
 import threading
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,35 +14,22 @@ from app.jobs.children.attempt import Attempt, MakeReport, choose_limits, make_n
 from app.jobs.children.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
-from app.storage.incoming import TAIL_SUFFIX
 
 MOST_CONCURRENT = 2
 PREFIX = "look_"
 
 
-def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect a whole file; the science is loaded in the child process only."""
-    importlib.import_module("app.roads.inspect").write_inspection(log, request, out, on_stage)
+def load_and_call(
+    module: str, function: str, log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    """Call a function of a module that is loaded only here, in the child process."""
+    getattr(importlib.import_module(module), function)(log, request, out, on_stage)
 
 
-def load_and_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Inspect the first bytes of a file."""
-    importlib.import_module("app.roads.inspect").write_preview(log, request, out, on_stage)
-
-
-def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Compare two results."""
-    importlib.import_module("app.roads.pair").write_comparison(log, request, out, on_stage)
-
-
-def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write angles as text."""
-    importlib.import_module("app.roads.analyse").write_elevation_csv(log, request, out, on_stage)
-
-
-def load_and_propose_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Propose what the columns of a table are, from its first rows."""
-    importlib.import_module("app.roads.inspect").write_column_proposal(log, request, out, on_stage)
+INSPECT = partial(load_and_call, "app.roads.inspect", "write_inspection")
+PREVIEW = partial(load_and_call, "app.roads.inspect", "write_preview")
+PROPOSE_COLUMNS = partial(load_and_call, "app.roads.inspect", "write_column_proposal")
+WRITE_ANGLES = partial(load_and_call, "app.roads.analyse", "write_elevation_csv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +38,8 @@ class Inspector:
 
     settings: Settings
     folder: Path
-    inspect: MakeReport = load_and_inspect
-    make_preview: MakeReport = load_and_preview
+    inspect: MakeReport = INSPECT
+    make_preview: MakeReport = PREVIEW
     _turns: threading.BoundedSemaphore = field(
         default_factory=lambda: threading.BoundedSemaphore(MOST_CONCURRENT)
     )
@@ -84,19 +72,17 @@ class Inspector:
         """
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
-    def preview(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
-        """Inspect the first bytes of a recording and, where they are known, its last.
+    def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
+        """Inspect the first bytes of a recording.
 
         Raises
         ------
         RecordedProblem
         """
-        with tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
-            log = Path(folder) / "head"
-            log.write_bytes(head)
-            if tail is not None:
-                log.with_suffix(TAIL_SUFFIX).write_bytes(tail)
-            return _read(self._run(log, request, self.make_preview, "inspection.json"))
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(head)
+            file.flush()
+            return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
         """Give the names of a table's columns, and what they may be.
@@ -105,22 +91,11 @@ class Inspector:
         ------
         RecordedProblem
         """
-        return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
-
-    def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
-        """Compare the results of two analyses."""
-        both = b"[" + before + b"," + after + b"]"
-        return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
+        return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
 
     def write_angles(self, parquet: Path) -> bytes:
         """Write the angles as CSV in gzip."""
-        return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
-
-    def _run_on(self, content: bytes, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
-            file.write(content)
-            file.flush()
-            return self._run(Path(file.name), request, make, name)
+        return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
         """Give the content of the file of this name that the child has written."""

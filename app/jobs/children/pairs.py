@@ -1,11 +1,10 @@
 """Reports of several finished analyses: made in a child process when first asked for, then kept as a cache.
 
-    folder/<key>/             the files of one report, sealed with a key of their own; seal.json names them
+    folder/<key>/             the files of one report; digests.json holds the SHA-256 of each
     folder/<key>.<hex>.part/  what is being made, with copies of the files that it is made from
 
 Page and API ask here, so that both give the same bytes. A damaged or missing entry is made again. The entries
-hold subject codes: a purge destroys their key and removes them all, and a start removes what a crash left
-half made.
+hold subject codes: a purge removes them all, and a start removes what a crash left half made.
 """
 
 import hashlib
@@ -26,17 +25,16 @@ from app.jobs.results import ResultReader
 from app.report.words.wording import find_nearest
 from app.request import Language, OnStage, PairRequest, ProfileRequest, ReportRequest
 from app.settings import Settings
-from app.storage.keys import KeyStore, RecordingKey
+from app.storage.permissions import make_folder
+from app.storage.store import hash_file
 from app.version import software_revision
 
 AT_ONCE = 2
 """Reports of two made at the same time; each child may use the memory of an analysis."""
 MOST_KEPT = 200
 """Entries in the cache, of about 1 MB each; the oldest go first."""
-NEEDED = ("results.json", "findings.json", "elevation.parquet")
-SEAL = "seal.json"
-KEY_ID = "pairs"
-"""The name of the key that seals all of these reports, and that a purge destroys."""
+NEEDED = ("results.json", "elevation.parquet")
+DIGESTS = "digests.json"
 
 
 def load_and_make_pair(
@@ -105,12 +103,11 @@ class PairReport:
     """The files of a report of several analyses, in their folder."""
 
     folder: Path
-    key: RecordingKey
     request: PairRequest | ProfileRequest
 
     def read(self, name: str) -> bytes:
         """Read a file."""
-        return self.key.open((self.folder / name).read_bytes(), _name_about(self.folder, name))
+        return (self.folder / name).read_bytes()
 
     def find(self, stem: str, kind: str, language: Language) -> str:
         """Give the name of the report or the answer: ``report.en.pdf``; in the nearest language made."""
@@ -131,10 +128,6 @@ class PairReport:
         return self.read(self.find("answer", "txt", language)).decode("utf-8").splitlines()
 
 
-def _name_about(folder: Path, name: str) -> str:
-    return f"{folder.name}/{name}"
-
-
 @dataclass(frozen=True, slots=True)
 class PairReports:
     """Makes reports of two, a few at once, and keeps them in a folder; whoever comes later waits."""
@@ -142,25 +135,17 @@ class PairReports:
     settings: Settings
     results: ResultReader
     folder: Path
-    keys: KeyStore
     _turns: threading.BoundedSemaphore = field(default_factory=lambda: threading.BoundedSemaphore(AT_ONCE))
     _publishing: threading.Lock = field(default_factory=threading.Lock)
 
     def sweep(self) -> None:
-        """Remove what a crash left half made; only for the one server of this folder, before it serves.
-
-        Earlier versions kept these reports in ``beside``, and copies of results in folders named ``tmp*``;
-        those before sealing kept them in clear.
-        """
-        clear = [path.parent for path in self.folder.glob(f"*/{SEAL}") if path.read_bytes().startswith(b"{")]
-        for left in (*clear, *self.folder.glob("*.part"), *self.folder.parent.glob("tmp*/")):
+        """Remove what a crash left half made; only for the one server of this folder, before it serves."""
+        for left in self.folder.glob("*.part"):
             shutil.rmtree(left, ignore_errors=True)
-        shutil.rmtree(self.folder.with_name("beside"), ignore_errors=True)
 
     def forget_all(self) -> None:
-        """Remove every report of two, and first their key; they are made again when asked for."""
+        """Remove every report of two; they are made again when asked for."""
         with self._publishing:
-            self.keys.destroy(KEY_ID)
             shutil.rmtree(self.folder, ignore_errors=True)
 
     def make(self, asked: AskedJobs) -> PairReport:
@@ -174,7 +159,7 @@ class PairReports:
         NotHere, NotFinished, NoSuchFile, ResultDamaged
             One of the analyses cannot be read.
         """
-        report = PairReport(self.folder / asked.identify(), self.keys.create(KEY_ID), asked.request)
+        report = PairReport(self.folder / asked.identify(), asked.request)
         if not _is_whole(report):
             with self._turns:
                 if not _is_whole(report):  # another request may have made it meanwhile
@@ -185,12 +170,14 @@ class PairReports:
         kept = report.folder
         staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
         out = staging / "out"
-        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        out.mkdir(parents=True)
+        make_folder(self.folder)
+        make_folder(staging)
+        make_folder(out)
         try:
             sources = tuple(self._copy(job, staging / str(n)) for n, job in enumerate(asked.jobs))
             self._run(asked, sources, out)
-            self._seal(out, report)
+            digests = {path.name: hash_file(path) for path in out.iterdir()}
+            (out / DIGESTS).write_text(json.dumps(digests))
             self._publish(asked, out, kept)
         except (FileNotFoundError, RecordedProblem):  # a purge may have taken the folder away
             self._check_there(asked)
@@ -210,13 +197,6 @@ class PairReports:
         make = partial(load_and_make_pair, sources, asked.request)
         limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
         make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
-
-    def _seal(self, out: Path, report: PairReport) -> None:
-        names = sorted(path.name for path in out.iterdir())
-        for name in names:
-            about = _name_about(report.folder, name)
-            (out / name).write_bytes(report.key.seal((out / name).read_bytes(), about))
-        (out / SEAL).write_text(json.dumps(names))
 
     def _publish(self, asked: AskedJobs, out: Path, kept: Path) -> None:
         """Keep what was made, unless one of the analyses was deleted meanwhile."""
@@ -241,8 +221,7 @@ class PairReports:
 def _is_whole(report: PairReport) -> bool:
     """Tell whether every file of an entry is there and has the bytes that were made."""
     try:
-        for name in json.loads((report.folder / SEAL).read_bytes()):
-            report.read(name)
-    except (OSError, ValueError, TypeError):
+        digests = json.loads((report.folder / DIGESTS).read_bytes())
+        return all(hash_file(report.folder / name) == sha256 for name, sha256 in digests.items())
+    except (OSError, ValueError, AttributeError):
         return False
-    return True

@@ -1,7 +1,6 @@
-"""Connect to the database, SQLite or PostgreSQL; refuse it when its tables are of another release.
+"""Connect to the database, SQLite or PostgreSQL; refuse it if its tables are of another revision.
 
-A new database gets its tables here. One of an earlier release is migrated by
-:mod:`app.jobs.database.migrate`, which only the server and ``acromion restore`` call.
+A new database gets its tables here. The server alone migrates (:mod:`app.jobs.database.migrate`).
 """
 
 import importlib
@@ -15,24 +14,21 @@ from typing import Any
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspect, select, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
-from sqlalchemy.schema import CreateSchema
 
 from app.errors import (
     AppError,
     DatabaseAway,
     DatabaseDamaged,
     DatabaseLocked,
-    DatabaseTooNew,
-    DatabaseTooOld,
     DiskFull,
+    WrongSchema,
 )
+from app.jobs.audit_log import keep_audit_log
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
-from app.jobs.trail import keep_trail, record
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import check_folder, translate_folder_errors
 
-_SEARCH_PATH = "-csearch_path="
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
 _CONNECT_TIMEOUT_S = 10
@@ -50,7 +46,7 @@ def open_database(url: str) -> Engine:
 
     Raises
     ------
-    DatabaseTooOld, DatabaseTooNew
+    WrongSchema
     """
     engine = connect(url)
     try:
@@ -63,38 +59,33 @@ def open_database(url: str) -> Engine:
     return engine
 
 
-def make_schema(url: str) -> None:
-    """Make the schema that the address of a PostgreSQL database chooses, where there is none."""
-    parts = make_url(url)
-    chosen = str(parts.query.get("options", ""))
-    if parts.get_backend_name() == "sqlite" or not chosen.startswith(_SEARCH_PATH):
-        return
-    engine = connect(url)
-    with engine.begin() as connection:
-        lock_tables(connection)
-        connection.execute(CreateSchema(chosen.removeprefix(_SEARCH_PATH), if_not_exists=True))
-    engine.dispose()
-
-
-def bring_up_to_date(settings: Settings) -> Path | None:
-    """Migrate the tables of an earlier release; gives the copy of the rows that was made before.
+def bring_up_to_date(settings: Settings) -> None:
+    """Migrate the tables if they are of an earlier revision of ours.
 
     Only for the server and the recovery, before they open the database.
+
+    Raises
+    ------
+    WrongSchema
     """
     engine = connect(settings.database_url)
-    with engine.connect() as connection:
-        older = is_older(connection)
-    engine.dispose()
-    return importlib.import_module("app.jobs.database.migrate").migrate(settings) if older else None
+    try:
+        with engine.begin() as connection:
+            lock_tables(connection)
+            found = read_revision(connection)
+            if found not in (None, REVISION):
+                importlib.import_module("app.jobs.database.migrate").upgrade(connection, found)
+    finally:
+        engine.dispose()
 
 
 def connect(url: str) -> Engine:
-    """Give an engine whose commits outlast a power cut and take their lines of the trail with them.
+    """Give an engine whose commits outlast a power cut and take their lines of the audit log with them.
 
     Its errors hold no subject code.
     """
     engine = _connect(url)
-    keep_trail(engine)
+    keep_audit_log(engine)
     return engine
 
 
@@ -202,14 +193,6 @@ def read_revision(connection: Connection) -> str | None:
     return connection.execute(select(schema_revision.c.version_num)).scalar()
 
 
-def is_older(connection: Connection) -> bool:
-    """Tell whether there are tables of an earlier revision than ours."""
-    found = read_revision(connection)
-    if found is None:
-        return inspect(connection).has_table(analyses.name)
-    return found < REVISION
-
-
 def create_tables(connection: Connection) -> None:
     """Create every table, and record the revision."""
     metadata.create_all(connection)
@@ -220,13 +203,10 @@ def create_tables(connection: Connection) -> None:
 
 def _check_revision(connection: Connection) -> None:
     found = read_revision(connection)
-    if is_older(connection):
-        raise DatabaseTooOld(found=found or "0000", needed=REVISION)
-    if found is None:
+    if found is None and not inspect(connection).has_table(analyses.name):
         create_tables(connection)
-        record(connection, "trail.began")
-    elif found > REVISION:
-        raise DatabaseTooNew(found=found, needed=REVISION)
+    elif found != REVISION:
+        raise WrongSchema(found=found or "-", needed=REVISION)
 
 
 def _create_private(path: Path) -> None:
@@ -279,11 +259,16 @@ def _prepare_sqlite(connection: Any, _record: Any) -> None:
     The time-out is set first: turning on WAL takes a lock that a peer that starts now may hold.
     """
     connection.isolation_level = None  # _begin_sqlite begins the transactions
+    connection.create_function("lower", 1, _lower, deterministic=True)  # SQLite's own knows ASCII only
     cursor = connection.cursor()
     settings = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
     for pragma in (f"busy_timeout={1000 * BUSY_TIMEOUT_S}", *settings):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
+
+
+def _lower(text: str | None) -> str | None:
+    return None if text is None else text.lower()
 
 
 def _begin_sqlite(connection: Connection) -> None:

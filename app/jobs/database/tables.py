@@ -14,12 +14,8 @@ from sqlalchemy import (
     Text,
 )
 
-from app.jobs.database.sealed_text import KeyedDigest, SealedText
+REVISION = "b1"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
-REVISION = "0012"  # of these tables; a change of them comes with a migration in app/jobs/migrations
-
-GONE_REQUEST = '{"file_name": ""}'
-"""What is read of a request or a description whose key was destroyed."""
 metadata = MetaData()
 
 # Written by Alembic, whose name it bears; not one of our tables.
@@ -31,21 +27,22 @@ recordings = Table(
     Column("id", String(32), primary_key=True),
     Column("sha256", String(64), nullable=False, index=True),
     Column("size_bytes", BigInteger, nullable=False),
-    Column("file_name", SealedText(), nullable=False),
+    Column("file_name", Text, nullable=False),
     Column("state", String(16), nullable=False),
     Column("created_at", String(32), nullable=False),
-    Column("subject", SealedText(), nullable=False, server_default=""),
+    Column("subject", Text, nullable=False, server_default=""),
     Column("side", String(8)),
-    Column("external_id", SealedText(), nullable=False, server_default=""),
-    Column("note", SealedText(), nullable=False, server_default=""),
+    Column("external_id", Text, nullable=False, server_default=""),
+    Column("note", Text, nullable=False, server_default=""),
     Column("duplicate_of", String(32)),
     Column("version", Integer, nullable=False, server_default="1"),
     Column("start", String(40)),
-    Column("inspection", SealedText("null")),
-    Column("diary", SealedText("[]"), nullable=False, server_default="[]"),
-    Column("tags", SealedText("[]"), nullable=False, server_default="[]"),
+    Column("inspection", Text),
+    Column("diary", Text, nullable=False, server_default="[]"),
+    Column("tags", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Column("since_s", Float, nullable=False, server_default="0"),
+    Column("stored_by", String(40), nullable=False, server_default=""),
     Column("hold", String(32)),
     Column("hold_by", String(40)),
     Column("revision", Integer, nullable=False, server_default="1"),
@@ -60,24 +57,22 @@ analyses = Table(
     metadata,
     Column("id", String(32), primary_key=True),
     Column("recording_id", ForeignKey("recordings.id"), nullable=False),
-    Column("request", SealedText(GONE_REQUEST), nullable=False),
+    Column("request", Text, nullable=False),
     Column("way_in", String(8), nullable=False),
     Column("state", String(16), nullable=False),
     Column("stage", String(16)),
     Column("progress", Float, nullable=False),
     Column("attempts", Integer, nullable=False),
     Column("token", String(32)),
-    Column("beats", BigInteger, nullable=False),
-    Column("claimer_place", Text),
-    Column("claimer_pid", BigInteger),
-    Column("claimer_started", Text),
+    Column("lease_until_s", Float),  # by the clock of the database
+    Column("is_lease_missed", Integer, nullable=False, server_default="0"),
     Column("created_at", String(32), nullable=False),
     Column("started_at", String(32)),
     Column("ended_at", String(32)),
     Column("problem_code", String(32)),
-    Column("problem_facts", SealedText("{}")),
-    Column("awaits", KeyedDigest()),
-    Column("key", KeyedDigest()),
+    Column("problem_facts", Text),
+    Column("awaits", String(64)),
+    Column("key", String(64)),
     Column("priority", Integer, nullable=False, server_default="1"),
     Column("turn", Integer, nullable=False, server_default="0"),
     Column("batch_id", String(32)),
@@ -99,10 +94,11 @@ batches = Table(
     "batches",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("name", SealedText(), nullable=False),
+    Column("name", Text, nullable=False),
     Column("item_count", Integer, nullable=False),  # as it was asked for; those in it now are counted
     Column("created_at", String(32), nullable=False),
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
+    Column("key", String(64), unique=True),
 )
 
 # The analyses of each batch, in order; an analysis may belong to several batches.
@@ -114,25 +110,21 @@ batch_items = Table(
     Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), nullable=False, index=True),
 )
 
-kept_answers = Table(
-    "kept_answers",
+# Hashes of what was uploaded and then deleted for good, for a day: a repeated request stores it not again.
+purged_uploads = Table(
+    "purged_uploads",
     metadata,
-    Column("key", KeyedDigest(), primary_key=True),
-    Column("fingerprint", KeyedDigest(), nullable=False),
-    Column("status", Integer),
-    Column("headers", SealedText("[]")),
-    Column("body", LargeBinary),
-    Column("age_s", Float, nullable=False),
-    Column("server", String(40), nullable=False, server_default=""),
+    Column("key", String(64), primary_key=True),
+    Column("since_s", Float, nullable=False),
 )
 
 webhooks = Table(
     "webhooks",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("url", SealedText(), nullable=False),
+    Column("url", Text, nullable=False),
     Column("events", Text, nullable=False),
-    Column("secret", SealedText(), nullable=False),
+    Column("secret", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
 )
 
@@ -153,10 +145,11 @@ uploads = Table(
     Column("id", String(32), primary_key=True),
     Column("length_bytes", BigInteger, nullable=False),
     Column("offset_bytes", BigInteger, nullable=False),
-    Column("metadata", SealedText(), nullable=False),
-    Column("description", SealedText(GONE_REQUEST), nullable=False),
+    Column("metadata", Text, nullable=False),
+    Column("description", Text, nullable=False),
     Column("idle_s", Float, nullable=False),
     Column("recording_id", String(32)),
+    Column("is_repeated", Integer, nullable=False, server_default="0"),
     Column("created_at", String(32), nullable=False),
 )
 
@@ -164,9 +157,9 @@ uploads = Table(
 column_mappings = Table(
     "column_mappings",
     metadata,
-    Column("header", KeyedDigest(), primary_key=True),
-    Column("name", SealedText(), nullable=False),
-    Column("profile", SealedText(), nullable=False),
+    Column("header", String(64), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("profile", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
     Column("is_confirmed", Integer, nullable=False, server_default="0"),
 )
@@ -199,34 +192,28 @@ saved_views = Table(
     "saved_views",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("name", SealedText(), nullable=False),
-    Column("query", SealedText(), nullable=False),
+    Column("name", Text, nullable=False),
+    Column("query", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
 )
 
-# Every act of an organisation, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
-trail = Table(
-    "trail",
+# Every act (app/jobs/audit_log.py). No key leads to other tables: its lines stay. ``since_s``: the running
+# time of the server at that moment, by which retention counts.
+audit_log = Table(
+    "audit_log",
     metadata,
-    Column("seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("seq", BigInteger().with_variant(Integer, "sqlite"), primary_key=True),
     Column("at", String(32), nullable=False),
-    Column("who", String(40), nullable=False),
+    Column("who", String(80), nullable=False),
     Column("act", String(32), nullable=False),
     Column("recording_id", String(32), nullable=False),
     Column("analysis_id", String(32), nullable=False),
     Column("other", Text, nullable=False),
-    Column("prev", String(64), nullable=False),
-    Column("hash", String(64), nullable=False),
-    Index("trail_by_recording", "recording_id", "seq"),
-    Index("trail_by_who", "who", "seq"),
-)
-
-# Heads of the trail with the running time of the server then: how old a part of it is, by no clock.
-trail_marks = Table(
-    "trail_marks",
-    metadata,
-    Column("seq", BigInteger, primary_key=True, autoincrement=False),
     Column("since_s", Float, nullable=False),
+    Index("audit_log_by_recording", "recording_id", "seq"),
+    Index("audit_log_by_who", "who", "seq"),
+    Index("audit_log_by_age", "since_s"),
+    sqlite_autoincrement=True,
 )
 
 # How long the server of this database has run in all; one row.
@@ -268,12 +255,103 @@ aggregate_blocks = Table(
     Column("figures", Text, nullable=False),
 )
 
-# The recordings of the people in each block: a person counts in one block of the organisation.
+# The recordings of the people in each block: a person counts in one block.
 aggregate_members = Table(
     "aggregate_members",
     metadata,
     Column("recording_id", ForeignKey("recordings.id", ondelete="CASCADE"), primary_key=True),
     Column("block_id", ForeignKey("aggregate_blocks.id"), nullable=False, index=True),
+)
+
+# Who may sign in (app/access), and with what.
+people = Table(
+    "people",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("login", Text, nullable=False, unique=True),
+    Column("name", Text, nullable=False),
+    Column("roles", Text, nullable=False),
+    Column("password_hash", Text),
+    Column("totp_secret", LargeBinary),
+    Column("totp_step", Integer, nullable=False, server_default="0"),
+    Column("issuer", Text),
+    Column("issuer_subject", Text),
+    Column("created_at", String(32), nullable=False),
+    Column("ended_at", String(32)),
+    Index("people_by_issuer", "issuer", "issuer_subject", unique=True),
+)
+
+recovery_codes = Table(
+    "recovery_codes",
+    metadata,
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
+    Column("hash", String(64), primary_key=True),
+)
+
+# A session is known by the SHA-256 of its cookie. Ages are kept by the clock of the server, in seconds.
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("hash", String(64), primary_key=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False, index=True),
+    Column("began_s", Float, nullable=False),
+    Column("used_s", Float, nullable=False),
+    Column("confirmed_s", Float, nullable=False),
+)
+
+tokens = Table(
+    "tokens",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("hash", String(64), nullable=False, unique=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False, index=True),
+    Column("name", Text, nullable=False),
+    Column("permissions", Text, nullable=False),
+    Column("created_at", String(32), nullable=False),
+    Column("expires_s", Float, nullable=False),
+    Column("used_at", String(32)),
+    Column("ended_at", String(32)),
+)
+
+# Failed logins by what was tried: an account (a keyed digest of what was typed), an address, or a browser
+# that logged in before.
+tries = Table(
+    "tries",
+    metadata,
+    Column("key", String(80), primary_key=True),
+    Column("failures", Integer, nullable=False),
+    Column("blocked_until_s", Float, nullable=False),
+)
+
+# A browser in which a person logged in before; several people may share one.
+known_browsers = Table(
+    "known_browsers",
+    metadata,
+    Column("hash", String(64), primary_key=True),
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
+    Column("used_s", Float, nullable=False),
+)
+
+# What works once and for a while: an invitation, a forgotten password, the second step of a login.
+tickets = Table(
+    "tickets",
+    metadata,
+    Column("hash", String(64), primary_key=True),
+    Column("purpose", String(16), nullable=False),
+    Column("person_id", ForeignKey("people.id"), index=True),
+    Column("told", Text, nullable=False),
+    Column("expires_s", Float, nullable=False),
+)
+
+# By which link a person's password was last set, and whether the person was told.
+link_uses = Table(
+    "link_uses",
+    metadata,
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
+    Column("made_by", String(80), nullable=False),
+    Column("used_at", String(32), nullable=False),
+    Column("address", String(60), nullable=False),
+    Column("told_at", String(32)),
 )
 
 facts = Table(

@@ -1,4 +1,4 @@
-"""Group figures of a study for an employer: of five people or more, never of one.
+"""Published group figures of a study for an employer, by the rule of the group profile: five people or more.
 
 What is published is a block: the means over at least five people of a study who are in no block yet, rounded,
 computed once and never again. A person counts in one block of the whole organisation. So the blocks are
@@ -16,6 +16,7 @@ from typing import Any
 from sqlalchemy import Connection, insert, select, text
 
 from app.errors import NotHere
+from app.jobs.audit_log import record
 from app.jobs.database.tables import (
     aggregate_blocks,
     aggregate_members,
@@ -27,11 +28,9 @@ from app.jobs.database.tables import (
 )
 from app.jobs.job import JobState
 from app.jobs.queries import STORED, RowStore, format_now
-from app.jobs.trail import record
 from app.request import find_code
+from fusion.conventions import FEWEST_PEOPLE
 
-FEWEST = 5
-"""People in a block, and the step to which counts are rounded down."""
 STEP_PERCENT = 1
 STEP_H = 0.5
 _LOCK = 0x616767
@@ -77,7 +76,7 @@ class AggregateStore(RowStore):
         row = self._read_one(select(batches).where(batches.c.id == study_id))
         if row is None:
             raise NotHere(id=study_id)
-        if self._count_new(study_id) >= FEWEST:
+        if self._count_new(study_id) >= FEWEST_PEOPLE:
             self._add_block(study_id)
         mine = select(aggregate_blocks).where(aggregate_blocks.c.study_id == study_id)
         rows = self._read_all(mine.order_by(aggregate_blocks.c.published_at, aggregate_blocks.c.id))
@@ -94,7 +93,7 @@ class AggregateStore(RowStore):
                 locked = text("SELECT pg_advisory_xact_lock(:key, hashtext(current_schema()))")
                 connection.execute(locked, {"key": _LOCK})
             people = _read_new_people(connection, study_id)
-            if len(people) < FEWEST:
+            if len(people) < FEWEST_PEOPLE:
                 return
             row = {"id": f"agg_{secrets.token_hex(8)}", "study_id": study_id, "published_at": format_now()}
             figures = json.dumps(_average(people.values()))
@@ -140,8 +139,8 @@ def _average(people: Iterable[Sequence[Any]]) -> dict[str, float]:
     hours = fmean(fmean(row.recorded_s / 3600.0 for row in rows) for rows in of_each)
     number = sum(len(rows) for rows in of_each)
     return {
-        "people": len(of_each) // FEWEST * FEWEST,
-        "recordings": number // FEWEST * FEWEST,
+        "people": len(of_each) // FEWEST_PEOPLE * FEWEST_PEOPLE,
+        "recordings": number // FEWEST_PEOPLE * FEWEST_PEOPLE,
         "time_above_60_percent": float(round(above / STEP_PERCENT) * STEP_PERCENT),
         "recorded_h": round(hours / STEP_H) * STEP_H,
     }

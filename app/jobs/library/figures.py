@@ -3,19 +3,19 @@
 The headline figures serve search and lists; the result files remain the source of every figure.
 """
 
-import json
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Row, insert, select, update
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings
-from app.jobs.queries import format_diary, label_row, read_diary
-from app.jobs.trail import record
+from app.jobs.queries import format_diary, read_diary
+from app.report.figures import load_results
 from app.request import ReportRequest
 
 DAY_STEPS = 60
@@ -42,8 +42,7 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
     changed = _find_changed(connection, row, asked)
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-        sealed = label_row(row.id, changed)
-        connection.execute(update(recordings).where(recordings.c.id == row.id).values(sealed | grown))
+        connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
         names = dict.fromkeys(changed, "adopted")
         record(connection, "recording.changed", row.id, analysis_id, other=names)
 
@@ -82,13 +81,10 @@ class HeadlineFigures:
     calibration_state: str = ""
 
 
-def read_headline(results: Path, findings: Path | None = None) -> HeadlineFigures | None:
-    """Read the headline figures from ``results.json``; None where they are not there.
-
-    The day in short is read from ``findings.json``, where it is given.
-    """
+def read_headline(results: Path) -> HeadlineFigures | None:
+    """Read the headline figures from ``results.json``; None where they are not there."""
     try:
-        found: Mapping[str, Any] = json.loads(results.read_bytes())
+        found = load_results(results.read_bytes())
         above = {row["threshold_deg"]: row["percent"] for row in found["exposure"]["time_above"]}
         method = found.get("method") or {"name": "", "version": 0}
         return HeadlineFigures(
@@ -98,36 +94,22 @@ def read_headline(results: Path, findings: Path | None = None) -> HeadlineFigure
             above_60_percent=above.get(60),
             method=method["name"],
             method_version=int(method["version"]),
-            day=_read_day(findings) if findings else "",
+            day=summarise_day(found["exposure"]["minutes"]["p50_deg"]),
             calibration_state=(found.get("calibration") or {}).get("state") or "",
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def _read_day(findings: Path) -> str:
-    try:
-        found: Mapping[str, Any] = json.loads(findings.read_bytes())
-        return summarise_day(found["findings"]["exposure"]["minutes"]["p50_deg"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
-
-
-def summarise_day(medians_deg: Sequence[float]) -> str:
+def summarise_day(medians_deg: Sequence[float | None]) -> str:
     """Give the day in at most 60 steps of whole minutes: each the median of its minutes' medians.
 
     Whole degrees with commas between; nothing stands where no minute of a step was analysed.
     """
     width = max(1, math.ceil(len(medians_deg) / DAY_STEPS))
     steps = (medians_deg[first : first + width] for first in range(0, len(medians_deg), width))
-    known = ([angle for angle in step if math.isfinite(angle)] for step in steps)
+    known = ([angle for angle in step if angle is not None] for step in steps)
     return ",".join(f"{statistics.median(step):.0f}" if step else "" for step in known)
-
-
-def update_headline(connection: Connection, analysis_id: str, headline: HeadlineFigures | None) -> None:
-    """Complete the row of an analysis that an earlier release finished; None: its files cannot be read."""
-    values = asdict(headline) if headline else {"method": "", "method_version": 0, "day": ""}
-    connection.execute(update(answers).where(answers.c.analysis_id == analysis_id).values(values))
 
 
 def insert_headline(connection: Connection, analysis_id: str, headline: HeadlineFigures) -> None:

@@ -1,23 +1,19 @@
 """The library: every recording with its current report, filtered, counted and paged in SQL.
 
-Words are searched and sorted by in memory (:mod:`app.jobs.library.words`).
-
 The current report is that of the newest analysis; where that has none, the newest earlier report remains. A
 batch shows each analysis that it asked for.
 """
 
 import json
 import secrets
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
 from typing import Any, Literal, get_args
 
 from sqlalchemy import (
     ColumnElement,
     Engine,
     Select,
-    Text,
     and_,
     case,
     delete,
@@ -25,13 +21,12 @@ from sqlalchemy import (
     insert,
     or_,
     select,
-    type_coerce,
 )
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings, saved_views
 from app.jobs.job import Job, JobState
 from app.jobs.library.figures import HeadlineFigures
-from app.jobs.library.words import Words, build_places, find_index, sort_key
 from app.jobs.queries import (
     STORED,
     RowStore,
@@ -42,9 +37,7 @@ from app.jobs.queries import (
     select_jobs,
     sort_tags,
 )
-from app.jobs.trail import record
 from app.request import find_code
-from app.storage.labels import LABELS, Label
 from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION
 
@@ -109,13 +102,13 @@ class Library:
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
-        query = self._order(self._select(wanted, is_walked=wanted == LibraryFilter()), wanted)
+        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
         return self._read(query.limit(limit).offset(skip))
 
     def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
         """Give some recordings, the newest first; those in the trash are left out."""
         chosen = recordings.c.id.in_(recording_ids)
-        query = self._select(LibraryFilter(batch=batch)).where(chosen)
+        query = _select(LibraryFilter(batch=batch)).where(chosen)
         return self._read(query.order_by(*_newest_first()))
 
     def find_took(self) -> tuple[Took, ...]:
@@ -131,15 +124,14 @@ class Library:
 
     def find_tags(self) -> tuple[str, ...]:
         """Give every tag, by the alphabet."""
-        has_tags = type_coerce(recordings.c.tags, Text) != "[]"
-        query = select(recordings.c.tags).where(recordings.c.state == STORED, has_tags)
+        query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
         with self._reader.connect() as connection:
             found = connection.execute(query).scalars()
             return sort_tags(tag for text in found for tag in read_tags(text))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
         """Count the recordings of each group, among those that text and days let through."""
-        parts = self._select(replace(wanted, group="all")).subquery()
+        parts = _select(replace(wanted, group="all")).subquery()
         older = _is_older(parts.c.method_version)
         columns = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None), case((older, 1), else_=0))
         kinds = select(*columns, func.count()).group_by(*columns)
@@ -158,9 +150,9 @@ class Library:
         """
         if not find_code(job.request.subject):
             return ()
-        same = self._is_among(lambda words: words.subject == job.request.subject)
+        same = recordings.c.subject == job.request.subject
         other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))
-        query = self._select(LibraryFilter()).where(same, *other)
+        query = _select(LibraryFilter()).where(same, *other)
         return self._read(query.order_by(*_newest_first()).limit(limit))
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
@@ -171,15 +163,15 @@ class Library:
         moment, own_id = self._find_place(job, wanted)
         newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > own_id))
         older = or_(place[0] < moment, and_(place[0] == moment, place[1] < own_id))
-        before = self._select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
-        after = self._select(wanted).where(older).order_by(*_newest_first()).limit(1)
+        before = _select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
+        after = _select(wanted).where(older).order_by(*_newest_first()).limit(1)
         with self._reader.connect() as connection:
             first, second = (connection.execute(query).first() for query in (before, after))
         return _read_shown_id(first), _read_shown_id(second)
 
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         with self._reader.connect() as connection:
-            rows = connection.execute(self._order(self._select(wanted), wanted)).all()
+            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted))).all()
         shown = [_read_shown_id(row) for row in rows]
         here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
         if here is None:
@@ -196,35 +188,6 @@ class Library:
         with self._reader.connect() as connection:
             row = connection.execute(newest.order_by(*_newest_first()).limit(1)).one()
         return row.created_at, row.id
-
-    def _select(self, wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
-        """Select what the filter lets through; words are searched in the index."""
-        query = _select(wanted, is_walked=is_walked)
-        if not wanted.text and not wanted.tag:
-            return query
-        text = wanted.text.lower()
-        return query.where(self._is_among(lambda words: _matches(words, text, wanted.tag)))
-
-    def _is_among(self, matches: Callable[[Words], bool]) -> ColumnElement[bool]:
-        places = build_places(self._reader, find_index(self._reader).find(matches))
-        return recordings.c.id.in_(select(places.c.id))
-
-    def _order(self, query: Select[Any], wanted: LibraryFilter) -> Select[Any]:
-        """Order the rows; by words in the order of the index."""
-        names = _WORD_ORDERS.get(wanted.order)
-        if names is None:
-            return query.order_by(*_choose_order(wanted))
-        index = find_index(self._reader)
-        by_words = partial(sort_key, names=names)
-        ids = index.sort(by_words, is_reversed=wanted.is_reversed)
-        if wanted.order == "subject":
-            unnamed = frozenset(index.find(lambda words: not words.subject))
-            ids = (*(name for name in ids if name not in unnamed), *(name for name in ids if name in unnamed))
-        places = build_places(self._reader, ids)
-        ordered = query.join(places, places.c.id == recordings.c.id)
-        side = recordings.c.side.desc() if wanted.is_reversed else recordings.c.side.asc()
-        first = (side.nulls_last(),) if wanted.order == "side" else ()
-        return ordered.order_by(*first, places.c.place, *_newest_first())
 
     def _read(self, query: Select[Any]) -> tuple[Entry, ...]:
         with self._reader.connect() as connection:
@@ -248,16 +211,11 @@ FALLING: Mapping[Order, ColumnElement[Any]] = {
 _RANKS = {"poor": 0, "caution": 1, "good": 2}
 
 
-_WORD_ORDERS: Mapping[str, tuple[str, ...]] = {
-    "name": ("file_name",),
-    "subject": ("subject", "file_name"),
-    "side": ("subject",),
+_WORD_ORDERS: Mapping[str, tuple[ColumnElement[Any], ...]] = {
+    "name": (func.lower(recordings.c.file_name),),
+    "subject": (func.lower(recordings.c.subject), func.lower(recordings.c.file_name)),
+    "side": (recordings.c.side, func.lower(recordings.c.subject)),
 }
-
-
-def _matches(words: Words, text: str, tag: str) -> bool:
-    is_named = text in words.subject.lower() or text in words.file_name.lower()
-    return is_named and (not tag or tag in words.tags)
 
 
 def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
@@ -265,6 +223,11 @@ def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
     if wanted.order == "newest":
         oldest_first = (analyses.c.created_at.asc(), analyses.c.id.asc())
         return oldest_first if wanted.is_reversed else _newest_first()
+    words = _WORD_ORDERS.get(wanted.order)
+    if words is not None:
+        unnamed = (case((recordings.c.subject == "", 1), else_=0),) if wanted.order == "subject" else ()
+        turned_words = [(word.desc() if wanted.is_reversed else word.asc()).nulls_last() for word in words]
+        return (*unnamed, *turned_words, *_newest_first())
     is_quality = wanted.order == "quality"
     column = case(_RANKS, value=answers.c.verdict) if is_quality else FALLING[wanted.order]
     is_falling = (wanted.order in FALLING) != wanted.is_reversed
@@ -321,6 +284,11 @@ def _select_report() -> ColumnElement[Any]:
 def _build_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
     report_id = _select_own_report() if wanted.batch else _select_report()
     conditions = [_is_in_group(wanted.group, report_id)] if wanted.group != "all" else []
+    if wanted.text:
+        named = (func.lower(recordings.c[name]) for name in ("subject", "file_name"))
+        conditions.append(or_(*(name.contains(wanted.text.lower(), autoescape=True) for name in named)))
+    if wanted.tag:  # the tags are JSON: a tag in quotes is found whole, and in its own case
+        conditions.append(func.replace(recordings.c.tags, json.dumps(wanted.tag), "") != recordings.c.tags)
     day = func.coalesce(answers.c.start, analyses.c.created_at)
     if wanted.first_day:
         conditions.append(day >= wanted.first_day)
@@ -398,9 +366,8 @@ class SavedViews(RowStore):
 
     def add(self, name: str, query: str) -> None:
         """Save a view; one of the same name is replaced."""
-        words = {"name": Label(LABELS, name), "query": Label(LABELS, query)}
         view_id = f"view_{secrets.token_hex(8)}"
-        row = {"id": view_id, "created_at": format_now(), **words}
+        row = {"id": view_id, "name": name, "query": query, "created_at": format_now()}
         same = [view.id for view in self.find_all() if view.name == name]
         with self._engine.begin() as connection:
             connection.execute(delete(saved_views).where(saved_views.c.id.in_(same)))
@@ -430,11 +397,7 @@ class SavedViews(RowStore):
         except (ValueError, TypeError):
             return 0
         known = {view.id for view in self.find_all()}
-        rows = [
-            asdict(view) | {"name": Label(LABELS, view.name), "query": Label(LABELS, view.query)}
-            for view in found
-            if view.id not in known
-        ]
+        rows = [asdict(view) for view in found if view.id not in known]
         if rows:
             with self._engine.begin() as connection:
                 connection.execute(insert(saved_views), rows)

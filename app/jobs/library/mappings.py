@@ -1,8 +1,7 @@
 """Column mappings: the columns of a table, named once by a person, for every file with the same header.
 
-A mapping is kept under the identity of the header (:func:`fusion.readers.identify_header`), keyed, so that no
-guessed name of a column can be tried on it; it is found by the identity, keyed or not. It is offered for the
-next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
+A mapping is kept under the identity of the header (:func:`fusion.readers.identify_header`). It is offered for
+the next file with that header. Once a person has confirmed it, files with that header are read by it unasked.
 """
 
 from dataclasses import dataclass, replace
@@ -10,15 +9,13 @@ from dataclasses import dataclass, replace
 from sqlalchemy import ColumnElement, Connection, Row, delete, exists, insert, select, update
 
 from app.errors import NotHere
-from app.jobs.database.sealed_text import find_sealer
+from app.jobs.audit_log import Act, record
 from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.trail import Act, record
 from app.jobs.versions import identify_work, renumber, settle_conclusion
 from app.request import ReportRequest
-from app.storage.labels import LABELS, Label
 
 UNNAMED = "-"
 """A header's identity begins so where no line names the columns: many devices may write such a table."""
@@ -28,7 +25,7 @@ UNNAMED = "-"
 class ColumnMapping:
     """The columns of every file with one header.
 
-    ``header`` is its identity, keyed; ``profile`` is the JSON of a column profile, as a request holds it;
+    ``header`` is its identity; ``profile`` is the JSON of a column profile, as a request holds it;
     ``created_at`` is when a person named the columns. ``is_confirmed``: further files are read by it unasked.
     """
 
@@ -51,8 +48,7 @@ class MappingStore(RowStore):
             mine = column_mappings.c.header == header
             known = connection.execute(select(column_mappings.c.name).where(mine)).scalar()
             connection.execute(delete(column_mappings).where(mine))
-            named = {"name": Label(LABELS, known or name), "profile": Label(LABELS, profile)}
-            row = {"header": header, "created_at": format_now(), **named}
+            row = {"header": header, "created_at": format_now(), "name": known or name, "profile": profile}
             confirmed = int(is_confirmed and not header.startswith(UNNAMED))
             connection.execute(insert(column_mappings).values(row | {"is_confirmed": confirmed}))
             self._record(connection, "columns.named", header)
@@ -92,8 +88,7 @@ class MappingStore(RowStore):
         if values:
             with self._engine.begin() as connection:
                 mine = update(column_mappings).where(column_mappings.c.header == header)
-                sealed = {name: Label(LABELS, v) if isinstance(v, str) else v for name, v in values.items()}
-                if connection.execute(mine.values(sealed)).rowcount == 1:
+                if connection.execute(mine.values(values)).rowcount == 1:
                     self._record(connection, "columns.changed", header)
         return self.get(header)
 
@@ -154,15 +149,14 @@ class MappingStore(RowStore):
                 return None
             job = read_job(row)
             request = replace(job.request, profile=mapping.profile)
-            label = Label(job.recording_id, request.to_json())
-            values = {"request": label, "key": identify_work(job.sha256, request)}
+            values = {"request": request.to_json(), "key": identify_work(job.sha256, request)}
             connection.execute(update(analyses).where(*mine).values(values))
             renumber(connection, analysis_id)
             numbered = connection.execute(select(analyses.c.request).where(*mine)).scalar_one()
         return ReportRequest.from_json(numbered)
 
     def _record(self, connection: Connection, act: Act, header: str) -> None:
-        record(connection, act, other={"header": find_sealer(self._engine).key_digest(header)})
+        record(connection, act, other={"header": header})
 
 
 def _waits(header: str) -> ColumnElement[bool]:

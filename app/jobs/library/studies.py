@@ -1,8 +1,5 @@
 """Studies: batches that go by their name, and hold each recording once, by its latest analysis.
 
-The id of a study is made from its name with the organisation's key: it confirms no guess. One that an earlier
-release began goes on under the id that it had, a plain digest of the name.
-
 A batch that a script asks for as a whole keeps the analyses it asked for. A study grows with each recording
 that is added under its name, and follows a recording that is corrected.
 """
@@ -12,27 +9,20 @@ import hashlib
 from sqlalchemy import Connection, Select, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
-from app.jobs.database.sealed_text import find_sealer
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, batch_items, batches
 from app.jobs.queries import format_now
 from app.jobs.side_files import increment_revision_of
-from app.jobs.trail import record
-from app.storage.labels import Label, LabelSealer
 
 
-def identify_study(sealer: LabelSealer, name: str) -> str:
+def identify_study(name: str) -> str:
     """Give the id of the batch that is the study of this name: two that begin it at once begin the same."""
-    return "ba_" + sealer.sign("study", name).hex()[:16]
-
-
-def identify_earlier_study(name: str) -> str:
-    """Give the id that an earlier release gave to the study of this name."""
     return "ba_" + hashlib.sha256(f"study\n{name}".encode()).hexdigest()[:16]
 
 
 def join_study(connection: Connection, name: str, analysis_id: str) -> str:
     """Add an analysis to the study of a name, which begins with its first; gives the study's id."""
-    study_id = _lock(connection, identify_earlier_study(name)) or _begin(connection, name)
+    study_id = _begin(connection, name)
     if not _replace_recording(connection, study_id, analysis_id):
         mine = batch_items.c.batch_id == study_id
         place = select(func.coalesce(func.max(batch_items.c.place) + 1, 0)).where(mine).scalar_subquery()
@@ -52,32 +42,25 @@ def follow_recording(connection: Connection, analysis_id: str) -> None:
         .where(batch_items.c.analysis_id.in_(same))
         .distinct()
     )
-    sealer = find_sealer(connection.engine)
     for batch in connection.execute(holding).all():
-        if batch.id in (identify_study(sealer, batch.name), identify_earlier_study(batch.name)):
+        if batch.id == identify_study(batch.name):
             _replace_recording(connection, batch.id, analysis_id)
             increment_revision_of(connection, analysis_id)
 
 
-def _lock(connection: Connection, study_id: str) -> str | None:
-    """Lock the row of a study until the commit; gives its id, None where there is no row."""
-    mine = select(batches.c.id).where(batches.c.id == study_id)
-    return connection.execute(mine.with_for_update()).scalar()
-
-
 def _begin(connection: Connection, name: str) -> str:
     """Write the row of the study unless it is there, and lock it; gives its id."""
-    study_id = identify_study(find_sealer(connection.engine), name)
+    study_id = identify_study(name)
     make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
     row = {
         "id": study_id,
-        "name": Label(study_id, name),
+        "name": name,
         "item_count": 0,
         "created_at": format_now(),
         "duplicate_count": 0,
     }
     connection.execute(make_insert(batches).values(row).on_conflict_do_nothing())
-    _lock(connection, study_id)
+    connection.execute(select(batches.c.id).where(batches.c.id == study_id).with_for_update())
     return study_id
 
 

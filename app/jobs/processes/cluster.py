@@ -3,16 +3,15 @@
 A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the
 transaction that writes the row, whoever writes it. That job is only a wake-up: the worker that receives it
 claims a row as all workers do, and a superfluous wake-up finds no row. One of the living workers, the leader,
-puts back what dead workers held: rows by their lease, Procrastinate's own jobs by its heartbeats. The others
-ask only whether it still leads.
+puts back rows whose lease ran out, and wakes a worker for lost wake-ups. The others ask only whether it still
+leads.
 """
 
 import asyncio
 import logging
 import os
 import signal
-import threading
-from dataclasses import replace
+from functools import partial
 
 from procrastinate import App, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
@@ -25,12 +24,19 @@ from app.jobs.children.attempt import MakeReport
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
 from app.jobs.processes.leader import REVIVAL, Leader
-from app.jobs.processes.lease import WorkerHeartbeat
-from app.jobs.worker import TROUBLE_S, Bench, Benches, open_bench, reclaim_abandoned, run_next_patiently
+from app.jobs.worker import (
+    TROUBLE_S,
+    Bench,
+    open_bench,
+    return_expired,
+    run_next_patiently,
+)
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
-REVIVE_S = 5.0
+REVIVE_S = 1.0
+STALLED_S, BEAT_S = 30.0, 3.0
+"""When Procrastinate takes a worker for dead, and how often each tells that it lives: for wake-ups only."""
 LEADER_SILENCE_S = 30.0
 
 _TRIGGER = f"""
@@ -69,51 +75,38 @@ def _execute(connection: Connection, script: str) -> None:
 
 
 def run_cluster_worker(
-    settings: Settings,
-    make: MakeReport | None = None,
-    parent_pid: int | None = None,
-    heartbeat: WorkerHeartbeat | None = None,
+    settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None
 ) -> None:
     """Run jobs until SIGTERM or SIGINT, or until the parent is gone.
 
     ``make`` replaces the science where it is given.
     """
-    bench = replace(open_bench(settings, make), revives=False)
-    if heartbeat is not None:
-        bench = replace(bench, heartbeat=heartbeat)
+    bench = open_bench(settings, make)
     warm_up_and_wait()
-    benches = Benches(bench)
     try:
-        asyncio.run(_work(benches, parent_pid))
+        asyncio.run(_work(bench, parent_pid))
     finally:
-        benches.close()
+        bench.store.close()
 
 
-async def _work(benches: Benches, parent_pid: int | None) -> None:
-    """Listen for the jobs of every organisation, also of those that are made meanwhile."""
-    own, turn = benches.own, threading.Lock()
+async def _work(bench: Bench, parent_pid: int | None) -> None:
+    """Listen for jobs until the worker is stopped, or its parent is gone."""
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, own.stopping.set)
-    listeners: dict[str, asyncio.Task[None]] = {}
+        asyncio.get_running_loop().add_signal_handler(number, bench.stopping.set)
+    listener = asyncio.create_task(_listen_on(bench))
     try:
-        while not own.stopping.is_set():
-            for bench in await asyncio.to_thread(benches.find):
-                url = bench.settings.database_url
-                if url not in listeners:
-                    listeners[url] = asyncio.create_task(_listen_on(bench, turn))
+        while not bench.stopping.is_set():
             if parent_pid is not None and os.getppid() != parent_pid:
-                own.stopping.set()
-            own.heartbeat.step()
+                bench.stopping.set()
             await asyncio.sleep(0.2)
     finally:
-        for listener in listeners.values():
-            listener.cancel()
-        await asyncio.gather(*listeners.values(), return_exceptions=True)
+        listener.cancel()
+        await asyncio.gather(listener, return_exceptions=True)
 
 
-async def _listen_on(bench: Bench, turn: threading.Lock) -> None:
-    """Listen for the jobs of one organisation; start again when the database was away."""
-    engine = _make_engine(bench, turn)
+async def _listen_on(bench: Bench) -> None:
+    """Listen for jobs; start again when the database was away."""
+    engine = _make_engine(bench)
     while True:
         try:
             await asyncio.to_thread(install, bench.settings.database_url)
@@ -124,17 +117,12 @@ async def _listen_on(bench: Bench, turn: threading.Lock) -> None:
             await asyncio.sleep(TROUBLE_S)
 
 
-def _make_engine(bench: Bench, turn: threading.Lock) -> App:
-    """Make Procrastinate's application of an organisation; ``turn``: a worker does one job at a time."""
-
-    def run_in_turn() -> None:
-        with turn:
-            run_next_patiently(bench)
-
+def _make_engine(bench: Bench) -> App:
+    """Make Procrastinate's application: it does one job at a time."""
     address = make_url(bench.settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)
-    engine.task(name=TASK, queue=QUEUE)(run_in_turn)
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
     return engine
 
 
@@ -144,8 +132,8 @@ async def _listen(bench: Bench, engine: App) -> None:
             queues=[QUEUE],
             install_signal_handlers=False,
             delete_jobs="always",
-            stalled_worker_timeout=bench.settings.lease_s,
-            update_heartbeat_interval=bench.settings.heartbeat_s,
+            stalled_worker_timeout=STALLED_S,
+            update_heartbeat_interval=BEAT_S,
         )
     )
     leader = Leader(bench.store.engine, REVIVAL, LEADER_SILENCE_S)
@@ -165,7 +153,7 @@ def revive_if_leading(bench: Bench, leader: Leader) -> bool:
     """Where this worker leads, put back the rows of dead workers, and wake a worker for lost wake-ups."""
     if not leader.is_leader():
         return False
-    reclaim_abandoned(bench)
+    return_expired(bench)
     bench.store.run(_TOP_UP)
     return True
 
@@ -175,15 +163,13 @@ async def _revive_for_ever(bench: Bench, engine: App, leader: Leader) -> None:
     while True:
         try:
             if await asyncio.to_thread(revive_if_leading, bench, leader):
-                await _retry_stalled(bench, engine)
+                await _retry_stalled(engine)
         except OperationalError:
             logger.warning("nothing revived: the database does not answer")
         await asyncio.sleep(REVIVE_S)
 
 
-async def _retry_stalled(bench: Bench, engine: App) -> None:
+async def _retry_stalled(engine: App) -> None:
     """Make Procrastinate's jobs of dead workers wait again."""
-    for job in await engine.job_manager.get_stalled_jobs(
-        queue=QUEUE, seconds_since_heartbeat=bench.settings.lease_s
-    ):
+    for job in await engine.job_manager.get_stalled_jobs(queue=QUEUE, seconds_since_heartbeat=STALLED_S):
         await engine.job_manager.retry_job(job)

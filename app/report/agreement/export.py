@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from app.report.export.csv import Row, encode_table
-from app.report.export.results import round_all
+from app.report.figures import round_all
 from app.report.words.subject import Software, clean_text
 
 if TYPE_CHECKING:

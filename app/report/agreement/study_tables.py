@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.report.agreement.export import describe_agreement, describe_limits, encode_validation
 from app.report.export.csv import Row, encode_table
-from app.report.export.results import round_all
+from app.report.figures import round_all
 from app.report.words.subject import Software, clean_text
 from fusion.source_paper import QUASI_STATIC, TABLE_1
 

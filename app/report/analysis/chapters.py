@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import accumulate
 
@@ -11,7 +11,7 @@ from app.report.analysis.charts import build_parts, build_spread, is_drawable
 from app.report.analysis.day import format_reason
 from app.report.analysis.tables import build_measures
 from app.report.bibliography import format_bibliography
-from app.report.export.results import SCHEMA, identify_report
+from app.report.export.results import SCHEMA
 from app.report.findings import CalibrationFacts, Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
 from app.report.words.columns import format_columns
@@ -36,7 +36,6 @@ from fusion.caveats import Caveat
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.conventions import UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, Exposure, Interval, PartExposure
-from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
 
 # ------------------------------------------------------------------ published values
@@ -46,18 +45,15 @@ def build_published(findings: Findings, words: Words, language: Language) -> Sec
     """Give all references as a table, and what studies of groups found in words."""
     entry = words["published"]
     compared = compare_with_references(findings.exposure, findings.quality.verdict)
-    rows = tuple(_build_row(item, words, language) for item in compared)
-    table = Table(
-        entry["caption"], tuple(entry["columns"]), rows, prose=True, note=_format_why(compared, words)
-    )
+    rows = []
+    for item in compared:
+        said, reference = words["reference"][item.reference.key], item.reference
+        measured = NONE if item.reason else _format_value(item.measured or 0.0, reference, language, 1)
+        rows.append((said["name"], said["source"], _format_published(reference, language), measured))
+    note = _format_why(compared, words)
+    table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True, note=note)
     paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
-
-
-def _build_row(item: Compared, words: Words, language: Language) -> tuple[str, ...]:
-    said, reference = words["reference"][item.reference.key], item.reference
-    measured = NONE if item.reason else _format_value(item.measured or 0.0, reference, language, 1)
-    return said["name"], said["source"], _format_published(reference, language), measured
 
 
 def _format_published(reference: Reference, language: Language) -> str:
@@ -82,11 +78,6 @@ def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
         name, why = words["reference"]["velocity"]["name"], told["reason"]["not_computed_velocity"]
         return f"{name} – {fill(told['does_not_apply'], {'reason': why})}"
     return ""
-
-
-def _build_bibliography(words: Words) -> Section:
-    entry = words["bibliography"]
-    return Section("bibliography", entry["title"], sources=format_bibliography())
 
 
 # ------------------------------------------------------------------ what limits the figures
@@ -120,15 +111,15 @@ def build_verdict(findings: Findings, words: Words, language: Language) -> Verdi
 def format_pose_caution(findings: Findings, words: Words) -> str:
     """Give the known one-sided error of the pose that was held; empty where there is none."""
     calibration = findings.calibration
-    if calibration is None or calibration.state in UNHELD:
+    if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return ""
     return str(words["pose_caution"].get(calibration.pose, ""))
 
 
 def format_pose_state(findings: Findings, clock: Clock, words: Words) -> str:
-    """Return how the pose is known, in a line; empty for ready angles, and for what older versions found."""
+    """Return how the pose is known, in a line; empty for ready angles."""
     calibration, entry = findings.calibration, words["pose_state"]
-    if calibration is None or calibration.state is None:
+    if calibration is None:
         return ""
     stills = [still for still in (calibration.still, calibration.second, *calibration.repeats) if still]
     times = [
@@ -142,7 +133,7 @@ def format_pose_state(findings: Findings, clock: Clock, words: Words) -> str:
         "times": join_clauses((fill(entry["still"], time) for time in times), clock.language),
         "n": str(len(stills)),
         "apart": format_angle(math.ceil(calibration.repeat_deg or 0.0), clock.language),
-        "axis": _format_axis(findings),
+        "axis": _format_axis(calibration),
     }
     return fill(entry["line"], {"told": fill(entry[calibration.state], facts)})
 
@@ -155,8 +146,9 @@ def format_needs_pose(findings: Findings, clock: Clock, words: Words) -> str:
     every = [clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
     further = len(every) - MOST_TIMES
     more = [fill(words["calibration"]["more"], {"n": str(further)})] if further > 0 else []
+    told = [*every[:MOST_TIMES], *more]
     facts = {
-        "times": _list_choices([*every[:MOST_TIMES], *more], words),
+        "times": f" {words['calibration']['or']} ".join(filter(None, (", ".join(told[:-1]), told[-1]))),
         "apart": format_angle(calibration.spread_deg, clock.language),
     }
     return fill(words["pose_state"]["needs"], facts)
@@ -165,16 +157,12 @@ def format_needs_pose(findings: Findings, clock: Clock, words: Words) -> str:
 def format_walking_note(findings: Findings, words: Words) -> str:
     """Return how far walking lies from the axis, if that is far; else empty."""
     calibration = findings.calibration
-    if calibration is None or calibration.state in {"none", None}:
+    if calibration is None or calibration.state == "none":
         return ""
-    if calibration.walking_deg is None or calibration.walking_deg <= NOTED_WALKING_DEG:
+    if calibration.walking_apart_deg is None or calibration.walking_apart_deg <= NOTED_WALKING_DEG:
         return ""
     key = "walking_note_axis" if calibration.state == "axis" else "walking_note"
-    return fill(words["calibration"][key], {"deg": f"{calibration.walking_deg:.0f}"})
-
-
-def _list_choices(times: list[str], words: Words) -> str:
-    return f" {words['calibration']['or']} ".join(filter(None, (", ".join(times[:-1]), times[-1])))
+    return fill(words["calibration"][key], {"deg": f"{calibration.walking_apart_deg:.0f}"})
 
 
 def format_accuracy(findings: Findings, words: Words) -> str:
@@ -219,14 +207,10 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
 
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
-    title = _start_small(describe_flag(flag, language).title, language)
+    title = describe_flag(flag, language).title
+    title = title[0].lower() + title[1:]
     lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
     return f"{title} ({lasted})" if lasted and lasted not in title else title
-
-
-def _start_small(text: str, language: Language) -> str:
-    """Write a title within a sentence; German nouns keep their capitals."""
-    return text if language == "de" else text[0].lower() + text[1:]
 
 
 def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
@@ -235,17 +219,13 @@ def _format_not_analysed(findings: Findings, words: Words, language: Language) -
     away_us = time.missing_us + time.excluded_us
     if away_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
         return ""
-    parts = sorted(_find_time_away(findings, words, language), key=lambda part: -part[1])
+    parts = [(format_reason(reason, words), us) for reason, us in _sum_exclusions(findings).items()]
+    if time.missing_us >= MICROSECONDS:
+        missing = words["time"]["missing"]
+        parts.append((missing[0].lower() + missing[1:], time.missing_us))
+    parts.sort(key=lambda part: -part[1])
     told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, language)}" for name, us in parts)
     return fill(words["heading"]["not_analysed"], {"parts": told})
-
-
-def _find_time_away(findings: Findings, words: Words, language: Language) -> Iterator[tuple[str, int]]:
-    """Give the name and the microseconds of each kind of time that was not analysed."""
-    for reason, us in _sum_exclusions(findings).items():
-        yield format_reason(reason, words), us
-    if findings.time.missing_us >= MICROSECONDS:
-        yield _start_small(words["time"]["missing"], language), findings.time.missing_us
 
 
 def _sum_exclusions(findings: Findings) -> dict[str, int]:
@@ -269,6 +249,9 @@ def build_sections(
     findings: Findings, subject: ReportSubject, clock: Clock, words: Words
 ) -> tuple[Section, ...]:
     """Build the chapters in reading order; an empty one is left out."""
+    ranges = [words["ranges"]["every"][choose_ranges(findings)]]
+    if has_pose_ranges(findings.exposure):  # what the ranges with the error of the pose are
+        ranges.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
     sections = (
         _build_parts(findings, clock, words),
         Section(
@@ -279,30 +262,20 @@ def build_sections(
         Section(
             "figures",
             words["section"]["figures"],
-            paragraphs=(
-                words["ranges"]["every"][choose_ranges(findings)],
-                *_list_pose_ranges(findings, words),
-            ),
+            paragraphs=tuple(ranges),
             tables=build_measures(findings.exposure, clock, words),
         ),
         build_published(findings, words, clock.language),
         _build_quality(findings, clock, words),
         _build_method(findings, clock, words),
         _build_provenance(findings, subject, clock, words),
-        _build_bibliography(words),
+        Section("bibliography", words["bibliography"]["title"], sources=format_bibliography()),
     )
     return tuple(
         section
         for section in sections
         if section.pairs or section.tables or section.figures or section.sources
     )
-
-
-def _list_pose_ranges(findings: Findings, words: Words) -> tuple[str, ...]:
-    """Say what the ranges with the error of the pose are, and which there are; nothing in another pose."""
-    if not has_pose_ranges(findings.exposure):
-        return ()
-    return (f"{words['ranges']['pose']} {words['pose_caution']['ranges']}",)
 
 
 def has_pose_ranges(exposure: Exposure) -> bool:
@@ -315,8 +288,15 @@ def has_pose_ranges(exposure: Exposure) -> bool:
 
 def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     exposure = findings.exposure
-    hours = [(_format_hour(part, clock), part) for part in exposure.by_hour if _is_told(part)]
-    periods = [(_format_period(part, clock, words), part) for part in exposure.by_period]
+    hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
+        (_format_hour(part, clock), part)
+        for part in exposure.by_hour
+        if part.end_s - part.start_s >= SHORTEST_HOUR_S
+    ]
+    periods = [
+        (f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {_name_part(part, words)}", part)
+        for part in exposure.by_period
+    ]
     groups = [
         (key, parts, caption)
         for key, parts, caption in (("hours", hours, "by_hour"), ("periods", periods, "by_period"))
@@ -327,7 +307,12 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         _tabulate_parts(parts, words["part"][caption], range_name, clock) for _, parts, caption in groups
     ]
     if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [(_format_task(part, words), _drop_told_ranges(part)) for part in exposure.by_task]
+        tasks = [  # the ranges of a task of one period stand under the period already
+            (f"{_name_part(part, words)} ({part.periods}\u00a0×)", part)
+            if part.periods > 1
+            else (_name_part(part, words), replace(part, intervals={}))
+            for part in exposure.by_task
+        ]
         tables.append(_tabulate_parts(tasks, words["part"]["by_task"], range_name, clock))
     figures = [
         build_parts(key, parts, words, clock.language)
@@ -339,32 +324,14 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     return Section("hours", title, notes, figures=tuple(figures), tables=tuple(tables))
 
 
-def _is_told(hour: PartExposure) -> bool:
-    """Leave out the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"."""
-    return hour.end_s - hour.start_s >= SHORTEST_HOUR_S
-
-
-def _drop_told_ranges(part: PartExposure) -> PartExposure:
-    """Leave out the ranges of a task of one period: they stand under the period already."""
-    return part if part.periods > 1 else replace(part, intervals={})
-
-
 def _format_hour(part: PartExposure, clock: Clock) -> str:
     first, last = clock.format_tick(part.start_s), clock.format_tick(part.end_s)
     return f"{first}–{last if last != first else clock.format(part.end_s, with_seconds=True)}"
 
 
-def _format_period(part: PartExposure, clock: Clock, words: Words) -> str:
-    """Give its times and the diary's label, else what kind of time it is."""
-    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
-    return f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {cut_text(name, LONGEST_NAME)}"
-
-
-def _format_task(part: PartExposure, words: Words) -> str:
-    """Give the diary's label and how many of its rows are pooled."""
-    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
-    told = cut_text(name, LONGEST_NAME)
-    return told if part.periods == 1 else f"{told} ({part.periods}\u00a0×)"
+def _name_part(part: PartExposure, words: Words) -> str:
+    """Give the diary's label, else what kind of time it is."""
+    return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
 
 
 def _tabulate_parts(
@@ -373,23 +340,22 @@ def _tabulate_parts(
     language = clock.language
     rows: list[tuple[str, ...]] = []
     for name, part in parts[:MOST_PARTS]:
-        rows += [
-            _build_part_row(name, part, entry, language),
-            *_build_part_ranges(part, range_name, language),
-        ]
+        analysed = format_duration(part.analysed_s, language)
+        if part.reason:
+            analysed = fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
+        is_rated = part.analysed_s >= SHORTEST_RATED_S
+        rows.append(
+            (
+                name,
+                analysed,
+                *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
+                *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
+                format_rate(part.entries_above_60_per_h, language) if is_rated else NONE,
+            )
+        )
+        rows += _build_part_ranges(part, range_name, language)
     cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=fill(entry["note"], cut))
-
-
-def _build_part_row(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:
-    rated = part.analysed_s >= SHORTEST_RATED_S
-    return (
-        name,
-        _format_analysed(part, entry, language),
-        *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
-        *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
-        format_rate(part.entries_above_60_per_h, language) if rated else NONE,
-    )
 
 
 def _build_part_ranges(part: PartExposure, range_name: str, language: Language) -> list[tuple[str, ...]]:
@@ -414,12 +380,6 @@ def _format_ends(interval: Interval | None, decimals: int, language: Language) -
     return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
 
 
-def _format_analysed(part: PartExposure, entry: Words, language: Language) -> str:
-    if not part.reason:
-        return format_duration(part.analysed_s, language)
-    return fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
-
-
 # ------------------------------------------------------------------ quality and time
 
 
@@ -437,16 +397,14 @@ def _tabulate_flags(flags: Iterable[QualityFlag], clock: Clock, words: Words) ->
     for flag in flags:
         caveat = describe_flag(flag, clock.language)
         told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
-        places = (_format_place(at, clock) for at in (flag.first_s, flag.last_s))
+        places = (
+            NONE if at is None else clock.format(at, with_seconds=True) for at in (flag.first_s, flag.last_s)
+        )
         count = format_number(flag.count, 0, clock.language)
         lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
         rows.append((flag.code, told, count, lasted, *places))
     entry = words["quality"]
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True)
-
-
-def _format_place(elapsed_s: float | None, clock: Clock) -> str:
-    return NONE if elapsed_s is None else clock.format(elapsed_s, with_seconds=True)
 
 
 def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
@@ -459,7 +417,11 @@ def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
     ]
     rows = _build_time_rows(amounts, time.recorded_us, clock.language)
     rows += _build_time_rows([(entry["recorded"], time.recorded_us)], time.recorded_us, clock.language)
-    note = fill(entry["note"], {"reasons": _format_exclusions(findings, clock, words)})
+    reasons = ", ".join(
+        f"{format_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
+        for reason, us in _sum_exclusions(findings).items()
+    )
+    note = fill(entry["note"], {"reasons": reasons})
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
 
 
@@ -485,26 +447,13 @@ def _build_time_rows(
 def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Table:
     """Tabulate each kind of time in the diary; all add up to the recorded time."""
     entry = words["time_parts"]
-    amounts = [
-        (fill(entry[part.account], {"name": _format_time_part(part, words)}), part.duration_us)
-        for part in (findings.time.parts if findings.exposure.by_period else ())
-    ]
+    amounts = []
+    for part in findings.time.parts if findings.exposure.by_period else ():
+        kind = words["part"]["kind"].get(part.name, part.name)
+        name = format_reason(part.name, words) if part.account == "excluded" else str(kind)
+        amounts.append((fill(entry[part.account], {"name": name}), part.duration_us))
     rows = _build_time_rows(amounts, findings.time.recorded_us, clock.language)
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
-
-
-def _format_time_part(part: TimePart, words: Words) -> str:
-    if part.account == "excluded":
-        return format_reason(part.name, words)
-    return str(words["part"]["kind"].get(part.name, part.name))
-
-
-def _format_exclusions(findings: Findings, clock: Clock, words: Words) -> str:
-    """Write each reason for leaving time out and how long its stretches lasted."""
-    return ", ".join(
-        f"{format_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
-        for reason, us in _sum_exclusions(findings).items()
-    )
 
 
 # ------------------------------------------------------------------ method and provenance
@@ -530,66 +479,55 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
     calibration, entry = findings.calibration, words["calibration"]
     if calibration is None:
         return ()
-    settings, bias = findings.settings, _format_vector(calibration.bias_dps, clock.language)
-    repeats = (_format_repeat(still, clock, words) for still in calibration.repeats)
+    language, score = clock.language, calibration.score
+    bias = join_clauses((format_number(value, 3, language) for value in calibration.gyro_bias_dps), language)
+    repeats = (
+        fill(
+            entry["repeated"],
+            {
+                "time": clock.format(still.start_s, with_seconds=True),
+                "apart": _format_angle_of(still.apart_deg, language),
+            },
+        )
+        for still in calibration.repeats
+    )
+    walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg  # gave the axis
     slips, no_slips = (
         ", ".join(clock.format(time_s, with_seconds=True) for time_s in times_s)
-        for times_s in (settings.slip_times_s, settings.no_slip_times_s)
+        for times_s in (calibration.slip_times_s, calibration.no_slip_times_s)
     )
     pairs = (
         (entry["found"], format_found(findings, words)),
-        (entry["sigma"], _format_angle_of(calibration.sigma_deg, clock.language)),
-        (entry["pose"], "" if settings.arm_axis else words["pose"][calibration.pose]),
+        (entry["sigma"], _format_angle_of(calibration.sigma_deg, language)),
+        (entry["pose"], words["pose"][calibration.pose] if calibration.pose else ""),
         (entry["window"], _format_still(calibration.still, clock, words)),
         (entry["second"], _format_still(calibration.second, clock, words)),
-        (entry["repeats"], join_clauses(repeats, clock.language)),
-        (entry["repeat"], _format_angle_of(calibration.repeat_deg, clock.language)),
+        (entry["repeats"], join_clauses(repeats, language)),
+        (entry["repeat"], _format_angle_of(calibration.repeat_deg, language)),
         (entry["slips"], slips),
         (entry["no_slips"], no_slips),
-        (entry["walking"], _format_walking(calibration, clock.language)),
-        (entry["score"], _format_score(calibration.still, clock.language)),
+        (entry["walking"], _format_angle_of(walking_deg, language)),
+        (entry["score"], "" if score is None else format_number(score, 2, language)),
         (entry["bias"], fill(entry["bias_value"], {"values": bias})),
     )
     return tuple(Pair(name, value) for name, value in pairs if value)
 
 
 def format_found(findings: Findings, words: Words) -> str:
-    """Say how the arm's axis was found; findings of earlier versions know only who chose the window."""
-    calibration, settings, entry = findings.calibration, findings.settings, words["calibration"]
+    """Say how the arm's axis was found."""
+    calibration = findings.calibration
     if calibration is None:
         return ""
-    if calibration.state is None:
-        return str(entry["asked" if settings.calibration_windows_s else "proposed"])
-    return fill(entry["found_as"][calibration.state], {"axis": _format_axis(findings)})
+    found = words["calibration"]["found_as"][calibration.state]
+    return fill(found, {"axis": _format_axis(calibration)})
 
 
-def _format_axis(findings: Findings) -> str:
-    return (findings.settings.arm_axis or "").removeprefix("+").replace("-", "\u2212")
+def _format_axis(calibration: CalibrationFacts) -> str:
+    return (calibration.axis or "").replace("-", "\u2212")
 
 
 def _format_angle_of(angle_deg: float | None, language: Language) -> str:
     return "" if angle_deg is None else format_angle(angle_deg, language, 1)
-
-
-def _format_walking(calibration: CalibrationFacts, language: Language) -> str:
-    """Write how far walking lies from the axis, unless it gave the axis."""
-    return "" if calibration.state == "none" else _format_angle_of(calibration.walking_deg, language)
-
-
-def _format_score(still: StillFacts | None, language: Language) -> str:
-    return format_number(still.score, 2, language) if still else ""
-
-
-def _format_vector(values: tuple[float, ...], language: Language) -> str:
-    return join_clauses((format_number(value, 3, language) for value in values), language)
-
-
-def _format_repeat(still: StillFacts, clock: Clock, words: Words) -> str:
-    facts = {
-        "time": clock.format(still.start_s, with_seconds=True),
-        "apart": _format_angle_of(still.apart_deg, clock.language),
-    }
-    return fill(words["calibration"]["repeated"], facts)
 
 
 def _format_still(still: StillFacts | None, clock: Clock, words: Words) -> str:
@@ -603,21 +541,16 @@ def _format_still(still: StillFacts | None, clock: Clock, words: Words) -> str:
     return fill(words["calibration"]["place"], facts)
 
 
-def _build_reading(
-    reader: tuple[str, str] | None, columns: str, language: Language, entry: Words
-) -> Iterator[Pair]:
-    """How the file was read, where it was not by a reader of our own and its header."""
-    if reader:
-        yield Pair(entry["reader"], clean_text(" ".join(reader)))
-    if columns:
-        yield Pair(entry["columns"], format_columns(columns, language))
-
-
 def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, words: Words) -> Section:
     recording, entry = findings.recording, words["provenance"]
     unknown = words["label"]["not_given"]
     start = recording.start.isoformat(sep=" ") if recording.start else unknown
     rate = format_number(findings.recording.rate_hz, 3, clock.language)
+    reading = []  # how the file was read, unless by a reader of our own and its header
+    if recording.reader:
+        reading.append(Pair(entry["reader"], clean_text(" ".join(recording.reader))))
+    if subject.columns:
+        reading.append(Pair(entry["columns"], format_columns(subject.columns, clock.language)))
     pairs = (
         Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
         Pair(entry["file"], clean_text(subject.file_name) or unknown),
@@ -629,8 +562,8 @@ def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, 
         Pair(entry["zone"], clean_text(recording.time_zone or "") or unknown),
         Pair(entry["version"], f"Acromion {subject.software.version}"),
         Pair(entry["revision"], subject.software.revision, code=True),
-        *_build_reading(recording.reader, subject.columns, clock.language, entry),
+        *reading,
         Pair(entry["schema"], SCHEMA, code=True),
-        Pair(entry["report_id"], identify_report(findings, subject), code=True),
+        Pair(entry["report_id"], subject.report_id, code=True),
     )
     return Section("provenance", words["section"]["provenance"], pairs=pairs)

@@ -52,12 +52,16 @@ def build_apdf(exposure: Exposure, words: Words, language: Language) -> Chart:
     told = ", ".join(mark.label for mark in marks)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     shown = Distribution(share_below(exposure), marks, tuple(entry["axes"]))
+    rows = tuple(
+        (f"{degrees}°", format_number(shown.below_percent[degrees], 1, language))
+        for degrees in range(10, 181, 10)
+    )
     return Chart(
         title=entry["title"],
         alternative=title[1],
         wide=draw_apdf(shown, title, WIDE),
         narrow=draw_apdf(shown, title, NARROW),
-        table=_tabulate_curve(shown.below_percent, entry, language),
+        table=Table(entry["title"], tuple(entry["columns"]), rows),
         note=entry["pose_note"] if any(mark.raised_deg is not None for mark in marks) else "",
     )
 
@@ -77,37 +81,13 @@ def _mark(percent: int, exposure: Exposure, entry: Words, language: Language) ->
     return MarkedPercentile(percent, angle_deg, ends, label, interval.high_pose if interval else None)
 
 
-def _tabulate_curve(below_percent: Sequence[float], entry: Words, language: Language) -> Table:
-    rows = tuple(
-        (f"{degrees}°", format_number(below_percent[degrees], 1, language)) for degrees in range(10, 181, 10)
-    )
-    return Table(entry["title"], tuple(entry["columns"]), rows)
-
-
 # ------------------------------------------------------------------ exposure variation
 
 
 def build_eva(eva: Eva, words: Words, language: Language) -> Chart:
     """Build the heat map of elevation by how long the arm stayed in its class."""
     entry = words["eva"]
-    shown = _lay_out(eva, entry, language)
-    told = ", ".join(
-        f"{name}: {', '.join(cells)}" for name, cells in zip(shown.rows, shown.told, strict=True)
-    )
-    facts = {"columns": ", ".join(shown.columns), "list": told}
-    title = (entry["title"], fill(entry["alternative"], facts))
-    return Chart(
-        title=entry["title"],
-        alternative=title[1],
-        wide=draw_eva(shown, title, WIDE),
-        narrow=draw_eva(shown, title, NARROW),
-        table=_tabulate_map(shown, entry),
-        note=entry["note"],
-    )
-
-
-def _lay_out(eva: Eva, entry: Words, language: Language) -> HeatMap:
-    return HeatMap(
+    shown = HeatMap(
         rows=format_classes(eva.angle_edges_deg, "°"),
         columns=format_classes(eva.duration_edges_s, "\u202fs"),
         percent=eva.percent.tolist(),
@@ -116,18 +96,25 @@ def _lay_out(eva: Eva, entry: Words, language: Language) -> HeatMap:
         column_sums=_format_all(eva.percent.sum(axis=0), language),
         axes=tuple(entry["axes"]),
     )
+    told = ", ".join(
+        f"{name}: {', '.join(cells)}" for name, cells in zip(shown.rows, shown.told, strict=True)
+    )
+    facts = {"columns": ", ".join(shown.columns), "list": told}
+    title = (entry["title"], fill(entry["alternative"], facts))
+    rows = zip(shown.rows, shown.told, shown.row_sums, strict=True)
+    columns = (shown.axes[0], *shown.columns, shown.axes[2])
+    return Chart(
+        title=entry["title"],
+        alternative=title[1],
+        wide=draw_eva(shown, title, WIDE),
+        narrow=draw_eva(shown, title, NARROW),
+        table=Table(entry["title"], columns, tuple((name, *cells, total) for name, cells, total in rows)),
+        note=entry["note"],
+    )
 
 
 def _format_all(values: Sequence[float], language: Language) -> tuple[str, ...]:
     return tuple(format_number(float(value), 1, language) for value in values)
-
-
-def _tabulate_map(shown: HeatMap, entry: Words) -> Table:
-    rows = [
-        (name, *cells, total)
-        for name, cells, total in zip(shown.rows, shown.told, shown.row_sums, strict=True)
-    ]
-    return Table(entry["title"], (shown.axes[0], *shown.columns, shown.axes[2]), tuple(rows))
 
 
 def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
@@ -143,8 +130,12 @@ SHOWN_EDGES_DEG = (0, 30, 60, 90, 180)
 
 def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
     """Build the stacked bar of time in the classes of elevation."""
-    slices = _slice_exposure(exposure, language)
-    entry = words["bar"]
+    entry, slices = words["bar"], []
+    for low, high in pairwise(SHOWN_EDGES_DEG):
+        inside = [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
+        percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
+        labels = format_duration(duration_s, language), format_percent(percent, language)
+        slices.append(Slice(percent, f"{low}–{high}°", *labels))
     told = join_clauses(
         (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices), language
     )
@@ -160,26 +151,24 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
     )
 
 
-def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
-    slices = []
-    for low, high in pairwise(SHOWN_EDGES_DEG):
-        inside = [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
-        percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
-        told = format_duration(duration_s, language), format_percent(percent, language)
-        slices.append(Slice(percent, f"{low}–{high}°", *told))
-    return slices
-
-
 def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words: Words) -> Chart:
     """Build the timeline of the day, with the periods under it."""
     day = replace(build_timeline(findings, clock, words), blocks=blocks)
-    labels = _build_labels(findings, day, words)
+    labels, entry, language = _build_labels(findings, day, words), words["day"], clock.language
+    rows = tuple(
+        (
+            clock.format(band.start_s),
+            *(format_angle(deg, language) for deg in (band.low_deg, band.middle_deg, band.high_deg)),
+        )
+        for run in day.runs
+        for band in run
+    )
     return Chart(
         title=labels.title,
         alternative=labels.description,
         wide=draw_day(day, labels, WIDE),
         narrow=draw_day(day, labels, NARROW),
-        table=_tabulate_day(day, words),
+        table=Table(entry["title"], tuple(entry["columns"]), rows, note=entry["table_note"]),
     )
 
 
@@ -218,21 +207,6 @@ def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
     )
 
 
-def _tabulate_day(day: Day, words: Words) -> Table:
-    entry, language = words["day"], day.clock.language
-    rows = tuple(
-        (
-            day.clock.format(band.start_s),
-            format_angle(band.low_deg, language),
-            format_angle(band.middle_deg, language),
-            format_angle(band.high_deg, language),
-        )
-        for run in day.runs
-        for band in run
-    )
-    return Table(entry["title"], tuple(entry["columns"]), rows, note=entry["table_note"])
-
-
 def build_parts(
     key: str, parts: Sequence[tuple[str, PartExposure]], words: Words, language: Language
 ) -> Chart:
@@ -242,20 +216,17 @@ def build_parts(
     told = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     classes, sign = format_classes(SHOWN_EDGES_DEG, "°"), percent_sign(language)
+    told_rows = tuple(
+        (row.name, *(format_percent(row.percent[k] if row.percent else None, language) for k in range(4)))
+        for row in rows
+    )
     labels = PartWords(title, tuple(classes), ("0", f"50{sign}", f"100{sign}"))
     return Chart(
         title=entry["title"],
         alternative=title[1],
         wide=draw_parts(key, rows, labels, WIDE),
         narrow=draw_parts(key, rows, labels, NARROW),
-        table=Table(entry["title"], (entry["column"], *classes), _tabulate_rows(rows, language)),
-    )
-
-
-def _tabulate_rows(rows: Sequence[PartRow], language: Language) -> tuple[tuple[str, ...], ...]:
-    return tuple(
-        (row.name, *(format_percent(row.percent[k] if row.percent else None, language) for k in range(4)))
-        for row in rows
+        table=Table(entry["title"], (entry["column"], *classes), told_rows),
     )
 
 

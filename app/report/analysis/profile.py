@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from app.report.analysis.chapters import choose_ranges, format_pose_caution, format_quality
@@ -10,7 +10,7 @@ from app.report.analysis.charts import build_day
 from app.report.analysis.day import WORST_WINDOW_S, Block
 from app.report.analysis.norms import LIMITS, extend_scale, find_reason
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
-from app.report.findings import Findings, QuestionFacts
+from app.report.findings import Findings
 from app.report.model import Drawing, Profile, Table, Tile
 from app.report.words.numbers import (
     NONE,
@@ -27,7 +27,7 @@ from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.caveats import Caveat
 from fusion.comparison import BETWEEN_DAY_SD, WHOLE_DAY_S, find_detectable_change
 from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
-from fusion.exposure.types import Interval, PartExposure, PeakWindow
+from fusion.exposure.types import Interval, PartExposure
 
 SHOWN_TASKS = 3
 MOST_STEPS = 5
@@ -66,6 +66,7 @@ def build_profile(findings: Findings, subject: ReportSubject, clock: Clock, word
     page = _Page(findings, clock, words)
     tasks = _rank_tasks(findings)
     blocks = _lay_out_blocks(findings, tasks, page)
+    versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
     return Profile(
         quality=format_quality(findings, words, clock.language),
         tiles=(*(_build_share(threshold, page) for threshold in (30, 60, 90)), _build_rises(page)),
@@ -75,16 +76,8 @@ def build_profile(findings: Findings, subject: ReportSubject, clock: Clock, word
         next_title=page.entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), subject, page),
         not_a_diagnosis=page.entry["not_a_diagnosis"],
-        amendment=_format_amendment(subject, words),
+        amendment=fill(words["heading"]["amended_short"], versions) if subject.version > 1 else "",
     )
-
-
-def _format_amendment(subject: ReportSubject, words: Words) -> str:
-    """Write that a report replaces an earlier one; what changed and why need a page of their own."""
-    if subject.version < 2:
-        return ""
-    versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
-    return fill(words["heading"]["amended_short"], versions)
 
 
 # ------------------------------------------------------------------ tiles
@@ -92,7 +85,8 @@ def _format_amendment(subject: ReportSubject, words: Words) -> str:
 
 def _build_share(threshold: int, page: _Page) -> Tile:
     above = next(t for t in page.findings.exposure.time_above if t.threshold_deg == threshold)
-    published = _find_published(threshold, page)
+    reason, reference = find_reason(page.findings), LIMITS[PUBLISHED[threshold]]
+    published = () if reason else tuple(v for v in (reference.low, reference.high) if v is not None)
     pose = _find_pose_part(above.percent, above.interval)
     end = _extend(ENDS[threshold], above.percent, above.interval)
     return _build_tile(
@@ -112,7 +106,7 @@ def _build_share(threshold: int, page: _Page) -> Tile:
             "duration": format_duration(above.duration_s, page.language),
             "range": format_range(above.interval, page.language),
             "pose": format_percent(pose[1], page.language) if pose else "",
-            "published": _name_source(threshold, page),
+            "published": str(page.entry["published"][reason or f"above_{threshold}"]),
         },
         page,
     )
@@ -178,18 +172,6 @@ def _extend(end: float, value: float, interval: Interval | None) -> float:
     return extend_scale(end, max(1.1 * value, *ends, 0.0))
 
 
-def _find_published(threshold: int, page: _Page) -> tuple[float, ...]:
-    if find_reason(page.findings):
-        return ()
-    reference = LIMITS[PUBLISHED[threshold]]
-    return (reference.high,) if reference.low is None else (reference.low, reference.high)
-
-
-def _name_source(threshold: int, page: _Page) -> str:
-    reason = find_reason(page.findings)
-    return str(page.entry["published"][reason or f"above_{threshold}"])
-
-
 def _format_published(values: Sequence[float], language: Language) -> str:
     """Write a published value, or a range of two, with the digits it was published with."""
     told = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
@@ -247,18 +229,13 @@ def _tabulate_tasks(tasks: Sequence[PartExposure], page: _Page) -> Table:
 
 
 def _tabulate_quarter_hours(page: _Page) -> Table | None:
-    windows = page.findings.exposure.quarter_hours
-    rows = tuple(
-        (f"{rank}  {_format_window(w, page)}", format_percent(w.percent_above_60, page.language), "")
-        for rank, w in enumerate(windows, 1)
-    )
+    rows = []
+    for rank, window in enumerate(page.findings.exposure.quarter_hours, 1):
+        start_s = window.start_s or 0.0
+        times = "–".join(page.clock.format(at_s) for at_s in (start_s, start_s + window.length_s))
+        rows.append((f"{rank}  {times}", format_percent(window.percent_above_60, page.language), ""))
     entry = page.entry["quarter_hours"]
-    return Table(entry["title"], tuple(entry["columns"]), rows) if rows else None
-
-
-def _format_window(window: PeakWindow, page: _Page) -> str:
-    start_s = window.start_s or 0.0
-    return "–".join(page.clock.format(at_s) for at_s in (start_s, start_s + window.length_s))
+    return Table(entry["title"], tuple(entry["columns"]), tuple(rows)) if rows else None
 
 
 # ------------------------------------------------------------------ how sure
@@ -268,9 +245,22 @@ def _build_sureness(page: _Page) -> Drawing:
     """Set the doubts about the time above 60 deg side by side; where none is known, say why."""
     findings, entry = page.findings, page.entry["sure"]
     above = next(t for t in findings.exposure.time_above if t.threshold_deg == MAIN_THRESHOLD_DEG)
-    doubts = [_find_sensor_doubt(above.interval, page)]
-    doubts += _find_pose_doubts(above.percent, above.interval, page)
-    doubts.append(_find_day_doubt(above.percent, page))
+    interval = above.interval
+    doubts = [
+        Doubt(
+            entry["sensor" if findings.calibration else "sampling"],
+            format_range(interval, page.language) or entry["unknown"],
+            (interval.low, interval.high) if interval else None,
+        ),
+        *_find_pose_doubts(above.percent, interval, page),
+    ]
+    if _is_whole_day(findings):  # the range of a day about the person's own mean
+        spread = 1.96 * BETWEEN_DAY_SD["time_above_60_percent"]
+        low, high = max(above.percent - spread, 0.0), min(above.percent + spread, 100.0)
+        told = format_range(Interval(low, high), page.language)
+        doubts.append(Doubt(entry["days"], told, (low, high)))
+    else:
+        doubts.append(Doubt(entry["days"], entry["unknown"], None))
     if not any(doubt.span for doubt in doubts):
         pose = [f"{doubt.name.capitalize()}: {doubt.told}." for doubt in doubts if doubt.is_pose]
         return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
@@ -286,17 +276,10 @@ def _build_sureness(page: _Page) -> Drawing:
     return Drawing(entry["title"], alternative, draw_sureness(shown), entry["note"])
 
 
-def _find_sensor_doubt(interval: Interval | None, page: _Page) -> Doubt:
-    entry = page.entry["sure"]
-    name = entry["sensor" if page.findings.calibration else "sampling"]
-    told = format_range(interval, page.language) or entry["unknown"]
-    return Doubt(name, told, (interval.low, interval.high) if interval else None)
-
-
 def _find_pose_doubts(value: float, interval: Interval | None, page: _Page) -> list[Doubt]:
     """Give the doubt of the pose that was held, as a range where the figure carries one."""
     calibration, entry = page.findings.calibration, page.entry["sure"]
-    if calibration is None or calibration.state in UNHELD:
+    if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return []
     part = _find_pose_part(value, interval)
     if part:
@@ -305,16 +288,6 @@ def _find_pose_doubts(value: float, interval: Interval | None, page: _Page) -> l
     told = entry["of_pose"].get(calibration.pose, "")
     is_one_sided = bool(format_pose_caution(page.findings, page.words))
     return [Doubt(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
-
-
-def _find_day_doubt(value: float, page: _Page) -> Doubt:
-    """Give the range of a day about the person's own mean; of a whole day alone."""
-    entry = page.entry["sure"]
-    if not _is_whole_day(page.findings):
-        return Doubt(entry["days"], entry["unknown"], None)
-    spread = 1.96 * BETWEEN_DAY_SD["time_above_60_percent"]
-    low, high = max(value - spread, 0.0), min(value + spread, 100.0)
-    return Doubt(entry["days"], format_range(Interval(low, high), page.language), (low, high))
 
 
 def _is_whole_day(findings: Findings) -> bool:
@@ -328,10 +301,17 @@ def _list_next_steps(blocks: Sequence[Block], subject: ReportSubject, page: _Pag
     """Give what to do next, each by its rule in docs/profile.md; a rule that does not hold gives nothing."""
     findings, entry = page.findings, page.entry["next"]
     is_known = findings.calibration is None or not findings.calibration.needs_pose
+    questions = findings.calibration.questions if findings.calibration else ()
+    after_s = [  # a pose held after each slip that a person stated, if none was named
+        start_s - SAID_S
+        for flag in findings.quality.flags
+        for start_s, end_s in (flag.spans_s if flag.code == Caveat.REMOUNT else ())
+        if awaits_pose(start_s, end_s)
+    ]
     steps = (
         _format_pose_step(page),
-        *(_format_move_step(question, page) for question in _list_questions(findings)),
-        *_list_pose_after_steps(page),
+        *(fill(entry[each.kind], page.clock.format_span(each.start_s, each.end_s)) for each in questions),
+        *(fill(entry["pose_after"], {"time": page.clock.format(at_s)}) for at_s in after_s),
         entry["poor"] if findings.quality.verdict == "poor" and _is_whole_day(findings) else "",
         "" if _is_whole_day(findings) else entry["short"],
         _format_look_at(blocks, page) if is_known else "",
@@ -353,24 +333,6 @@ def _format_pose_step(page: _Page) -> str:
         return str(entry["not_held"])
     time = page.clock.format(calibration.still.start_s, with_seconds=True)
     return str(entry["which_pose"]) if calibration.needs_pose else fill(entry["confirm_pose"], {"time": time})
-
-
-def _list_questions(findings: Findings) -> tuple[QuestionFacts, ...]:
-    return findings.calibration.questions if findings.calibration else ()
-
-
-def _format_move_step(question: QuestionFacts, page: _Page) -> str:
-    times = page.clock.format_span(question.start_s, question.end_s)
-    return fill(page.entry["next"][question.kind], times)
-
-
-def _list_pose_after_steps(page: _Page) -> Iterator[str]:
-    """Ask for a pose held after each slip that a person stated, if none was named."""
-    for flag in page.findings.quality.flags:
-        for start_s, end_s in flag.spans_s if flag.code == Caveat.REMOUNT else ():
-            if awaits_pose(start_s, end_s):
-                time = page.clock.format(start_s - SAID_S)
-                yield fill(page.entry["next"]["pose_after"], {"time": time})
 
 
 def _format_look_at(blocks: Sequence[Block], page: _Page) -> str:

@@ -19,7 +19,6 @@ from app.report.analysis.chapters import (
 from app.report.analysis.charts import build_bar
 from app.report.analysis.day import WORST_WINDOW_S
 from app.report.analysis.profile import build_profile
-from app.report.export.results import identify_report
 from app.report.findings import Findings
 from app.report.model import Note, Pair, Report
 from app.report.words.numbers import (
@@ -38,7 +37,7 @@ from app.report.words.numbers import (
 from app.report.words.subject import ReportSubject, Software, clean_paragraphs, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording, name_ranges
 from fusion.conventions import MAIN_THRESHOLD_DEG
-from fusion.exposure.types import LEAST_RANGED_S, Entries, Episodes, Exposure, Interval
+from fusion.exposure.types import LEAST_RANGED_S, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
 
 # The answer in three plain sentences; a range only where the exposure has one.
@@ -94,11 +93,8 @@ def _format_entries(exposure: Exposure, teller: SentenceContext) -> str:
         "per_hour": format_rate(entries.per_hour, teller.language) if is_rated else "",
         "longest": _format_longest(episodes, exposure.intervals, teller),
     }
-    return fill(teller.words["sentence"][_choose_entries(entries)], facts)
-
-
-def _choose_entries(entries: Entries) -> str:
-    return {0: "entries_none", 1: "entries_one"}.get(entries.count, "entries_many")
+    key = {0: "entries_none", 1: "entries_one"}.get(entries.count, "entries_many")
+    return fill(teller.words["sentence"][key], facts)
 
 
 def _format_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: SentenceContext) -> str:
@@ -145,7 +141,11 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
     words = name_ranges(load_wording(language), choose_ranges(findings))
     clock = Clock(findings.recording.start, language)
     arm = words["arm"][subject.side or "unknown"]
-    header, footer = _build_header(findings, subject, clock, words), _format_footer(findings, subject, words)
+    header, limits = _build_header(findings, subject, clock, words), words["limits"]
+    footer = fill(words["heading"]["footer"], {"version": subject.software.version, "id": subject.report_id})
+    slips = (limits["slips"],) if findings.calibration else ()
+    names = ("subject", "date", "arm", "device")
+    facts = dict(zip(names, (pair.value for pair in header), strict=False)) | {"footer": footer}
     return Report(
         language=language,
         title=words["heading"]["title"],
@@ -156,12 +156,12 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         range_note=words["ranges"][choose_ranges(findings)],
         pose_caution=format_pose_caution(findings, words),
         figures=(build_bar(findings.exposure, words, language),),
-        limits=_build_limits(findings, words),
+        limits=Note(limits["title"], (*limits["paragraphs"], *slips, format_accuracy(findings, words))),
         intended_use=Note(words["intended_use"]["title"], (words["intended_use"]["text"],)),
         sections=build_sections(findings, subject, clock, words),
-        report_id=identify_report(findings, subject),
+        report_id=subject.report_id,
         footer=footer,
-        brief=_format_brief(header, footer, words),
+        brief=fill(words["label"]["brief"], facts),
         made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
         amendment=_format_amendment(subject, words),
         words=words["label"],
@@ -178,31 +178,21 @@ def _build_header(findings: Findings, subject: ReportSubject, clock: Clock, word
     time = findings.time
     analysed = format_duration(time.analysed_us / MICROSECONDS, clock.language)
     recorded = format_duration(time.recorded_us / MICROSECONDS, clock.language)
+    when = str(label["no_clock"])
+    if clock.start is not None:
+        facts = {
+            "date": format_date(clock.start, clock.language),
+            "start": format_clock(clock.start, clock.language),
+            "end": clock.format(findings.recording.duration_us / MICROSECONDS),
+        }
+        when = fill(words["heading"]["from_to"], facts)
     return (
         Pair(label["subject"], cut_text(clean_text(subject.subject), LONGEST_CODE) or label["not_given"]),
-        Pair(label["date"], _format_date(findings, clock, words)),
+        Pair(label["date"], when),
         Pair(label["arm"], words["side"][subject.side or "unknown"]),
         Pair(label["device"], find_device_name(words, findings.recording.device)),
         Pair(label["analysed"], fill(words["heading"]["of"], {"part": analysed, "whole": recorded})),
     )
-
-
-def _format_date(findings: Findings, clock: Clock, words: Words) -> str:
-    if clock.start is None:
-        return str(words["label"]["no_clock"])
-    end = clock.at(findings.recording.duration_us / MICROSECONDS) or clock.start
-    facts = {
-        "date": format_date(clock.start, clock.language),
-        "start": format_clock(clock.start, clock.language),
-        "end": format_clock(end, clock.language),
-    }
-    return fill(words["heading"]["from_to"], facts)
-
-
-def _build_limits(findings: Findings, words: Words) -> Note:
-    entry = words["limits"]
-    slips = (entry["slips"],) if findings.calibration else ()
-    return Note(entry["title"], (*entry["paragraphs"], *slips, format_accuracy(findings, words)))
 
 
 def _build_conclusion(subject: ReportSubject, language: Language, words: Words) -> Note | None:
@@ -213,17 +203,6 @@ def _build_conclusion(subject: ReportSubject, language: Language, words: Words) 
     when = format_date(datetime.fromisoformat(concluded.date), language)
     title = fill(told["title"], {"name": clean_text(concluded.name), "date": when})
     return Note(title, (*clean_paragraphs(concluded.text), told["typed"]))
-
-
-def _format_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:
-    facts = {"version": subject.software.version, "id": identify_report(findings, subject)}
-    return fill(words["heading"]["footer"], facts)
-
-
-def _format_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:
-    subject, date, arm, device, _ = (pair.value for pair in header)
-    facts = {"subject": subject, "date": date, "arm": arm, "device": device, "footer": footer}
-    return fill(words["label"]["brief"], facts)
 
 
 def _format_amendment(subject: ReportSubject, words: Words) -> str:

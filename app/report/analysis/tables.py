@@ -36,15 +36,17 @@ from app.report.words.numbers import (
 )
 from app.report.words.wording import Language, Words, fill
 from fusion.conventions import CONVENTIONS
-from fusion.exposure.types import Cycles, ElevationBin, Exposure, Interval, PeakWindow, TimeAbove
+from fusion.exposure.types import ElevationBin, Exposure, TimeAbove
 
 
 def build_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
     """Build the tables of all figures; a table without rows is left out."""
     language, entry = clock.language, words["measure"]
+    bins = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_format_share(b, language)) for b in exposure.bins]
+    above = [(f"≥ {t.threshold_deg:g}°", *_format_share(t, language)) for t in exposure.time_above]
     tables = (
-        _tabulate_bins(exposure.bins, entry, language),
-        _tabulate_above(exposure.time_above, entry, language),
+        _tabulate(entry["bins"], bins),
+        _tabulate(entry["time_above"], above),
         _tabulate_cycles(exposure, entry, language),
         _tabulate_windows(exposure, entry, clock),
         _tabulate_percentiles(exposure, entry, language),
@@ -56,16 +58,6 @@ def build_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Tabl
         _tabulate_conventions(exposure, entry["conventions"], language),
     )
     return tuple(table for table in tables if table.rows)
-
-
-def _tabulate_bins(bins: Sequence[ElevationBin], entry: Words, language: Language) -> Table:
-    rows = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_format_share(b, language)) for b in bins]
-    return _tabulate(entry["bins"], rows)
-
-
-def _tabulate_above(above: Sequence[TimeAbove], entry: Words, language: Language) -> Table:
-    rows = [(f"≥ {t.threshold_deg:g}°", *_format_share(t, language)) for t in above]
-    return _tabulate(entry["time_above"], rows)
 
 
 def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str, str]:
@@ -108,17 +100,13 @@ def _tabulate_entries(exposure: Exposure, entry: Words, language: Language) -> T
         above = {"threshold_deg": item.threshold_deg}
         per_h, median, longest = (f.spell(above) for f in (ENTRIES_PER_H, STAY_MEDIAN_S, STAY_LONGEST_S))
         ranges = _build_ranges(exposure, ("", per_h, "", median, longest, ""), entry, language)
-        posed = exposure.intervals.get(per_h)
-        rows += [row, *ranges, *_build_pose_range(posed.with_pose if posed else None, entry, language)]
+        rows += [row, *ranges]
+        interval = exposure.intervals.get(per_h)
+        posed = interval.with_pose if interval else None
+        if posed:  # the range of the rate that holds the error of the pose
+            ends = "–".join(format_rate(end, language) for end in (posed.low, posed.high))
+            rows.append((entry["percentiles"]["pose"], "", ends, "", "", "", ""))
     return _tabulate(entry["entries"], rows)
-
-
-def _build_pose_range(posed: Interval | None, entry: Words, language: Language) -> list[tuple[str, ...]]:
-    """Give the row of the range of a rate that holds the error of the pose; none in another pose."""
-    if posed is None:
-        return []
-    ends = "–".join(format_rate(end, language) for end in (posed.low, posed.high))
-    return [(entry["percentiles"]["pose"], "", ends, "", "", "", "")]
 
 
 def _build_ranges(
@@ -146,22 +134,14 @@ def _format_end(value: float, name: str, language: Language) -> str:
 
 
 def _tabulate_cycles(exposure: Exposure, entry: Words, language: Language) -> Table:
-    rows = [
-        (
-            f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°",
-            format_number(c.count, 1, language),
-            _format_cycles(exposure, c, language),
-        )
-        for c in exposure.cycles
-    ]
+    rows = []
+    for c in exposure.cycles:
+        name = f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°"
+        interval = exposure.intervals.get(CYCLES_COUNT.spell(CYCLES.describe(c)))
+        ends = (interval.low, interval.high) if interval else ()
+        told = "–".join(format_number(end, 1, language) for end in ends) or NONE
+        rows.append((name, format_number(c.count, 1, language), told))
     return _tabulate(entry["cycles"], rows)
-
-
-def _format_cycles(exposure: Exposure, cycles: Cycles, language: Language) -> str:
-    interval = exposure.intervals.get(CYCLES_COUNT.spell(CYCLES.describe(cycles)))
-    if interval is None:
-        return NONE
-    return f"{format_number(interval.low, 1, language)}–{format_number(interval.high, 1, language)}"
 
 
 def _tabulate_velocities(exposure: Exposure, entry: Words, language: Language) -> Table:
@@ -177,27 +157,15 @@ def _tabulate_velocities(exposure: Exposure, entry: Words, language: Language) -
 
 
 def _tabulate_windows(exposure: Exposure, entry: Words, clock: Clock) -> Table:
-    rows = [
-        (
-            format_duration(window.length_s, clock.language).replace("1\u202fh", "60\u202fmin"),
-            _format_window(window, clock),
-            _format_window_share(window, exposure, clock.language),
-        )
-        for window in exposure.peak_windows
-    ]
+    language, rows = clock.language, []
+    for window in exposure.peak_windows:
+        length = format_duration(window.length_s, language).replace("1\u202fh", "60\u202fmin")
+        place, share = NONE, format_percent(window.percent_above_60, language)
+        if window.start_s is not None:
+            place = "–".join(clock.format(window.start_s + at_s) for at_s in (0, window.length_s))
+        interval = exposure.intervals.get(WORST_WINDOW.spell({"length_s": window.length_s}))
+        rows.append((length, place, f"{share} ({format_range(interval, language)})" if interval else share))
     return _tabulate(entry["windows"], rows)
-
-
-def _format_window_share(window: PeakWindow, exposure: Exposure, language: Language) -> str:
-    interval = exposure.intervals.get(WORST_WINDOW.spell({"length_s": window.length_s}))
-    share = format_percent(window.percent_above_60, language)
-    return f"{share} ({format_range(interval, language)})" if interval else share
-
-
-def _format_window(window: PeakWindow, clock: Clock) -> str:
-    if window.start_s is None:
-        return NONE
-    return f"{clock.format(window.start_s)}–{clock.format(window.start_s + window.length_s)}"
 
 
 def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -> Table:

@@ -10,9 +10,10 @@ from typing import Any
 
 from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.export.csv import Row, encode_table
-from app.report.export.results import round_all
+from app.report.figures import round_all
 from app.report.pairs import describe_source
 from fusion.comparison import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
+from fusion.conventions import FEWEST_PEOPLE
 from fusion.days import (
     LEAST_OWN_DAYS,
     DayMean,
@@ -43,13 +44,13 @@ FIGURES = (
 
 
 def describe_profile(studied: StudiedDays) -> dict[str, Any]:
-    """Give every day, mean, spread, overlay and change, for JSON."""
+    """Give every day, mean, spread, overlay and change, for JSON; of a group nothing of single people."""
     document: dict[str, Any] = round_all(
         {
             "schema": SCHEMA,
             "one_person": studied.one_person,
             "differences": list(studied.differences),
-            "arms": [_describe_arm(arm) for arm in studied.arms],
+            "arms": [] if studied.is_group else [_describe_arm(arm) for arm in studied.arms],
             "group": [
                 {
                     "side": side,
@@ -63,6 +64,7 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
             ],
             "change": [{"side": side, "figures": changes} for side, changes in list_changes(studied)],
             "rules": {
+                "fewest_people": FEWEST_PEOPLE,
                 "whole_day_s": WHOLE_DAY_S,
                 "overlay_least_days": LEAST_DAYS,
                 "own_deviation_least_days": LEAST_OWN_DAYS,
@@ -161,14 +163,16 @@ def follow_days(arm: ArmDays) -> Trend | None:
 
 
 def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict[str, GroupSpread]]]:
-    """Give the spread of each arm and side of the change between and within people; nothing of one person."""
-    if len(studied.people) < 2:
+    """Give the spread of each arm and side of the change between and within five people or more."""
+    if not studied.is_group:
         return
     for side in studied.sides:
         for stage in studied.stages:
             figures = {name: _collect(studied, name, side, stage) for name in FIGURES}
             known = {
-                name: describe_group(people, _find_most(name)) for name, people in figures.items() if people
+                name: describe_group(people, _find_most(name))
+                for name, people in figures.items()
+                if len(people) >= FEWEST_PEOPLE
             }
             if known:
                 yield side, stage, known
@@ -204,7 +208,7 @@ def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -
 def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
     before, after = (_collect(studied, name, side, stage) for stage in ("before", "after"))
     change = compare_people(before, after)
-    if change is None:
+    if change is None or (studied.is_group and change.people < FEWEST_PEOPLE):
         return None
     detectable = _find_detectable(name, before, after) if change.people == 1 else None
     return {**_spell(change), "detectable": detectable, "verdict": _judge(change, detectable)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -14,6 +15,7 @@ from app.report.findings import Findings, Kept
 from app.report.pairs import OnePerson, are_mixed, judge_person, read_code
 from app.report.words.subject import clean_text
 from fusion.comparison import WHOLE_DAY_S
+from fusion.conventions import FEWEST_PEOPLE
 from fusion.days import ClockBand
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS
@@ -135,6 +137,11 @@ class StudiedDays:
         return tuple(dict.fromkeys(arm.subject for arm in self.arms))
 
     @property
+    def is_group(self) -> bool:
+        """Whether they are of several people, of whom only figures of five or more are given."""
+        return self.one_person == "no"
+
+    @property
     def stages(self) -> tuple[Stage, ...]:
         """The sides of the change; one, "all", without a change."""
         return tuple(dict.fromkeys(arm.stage for arm in self.arms))
@@ -163,8 +170,8 @@ def group_days(
     ------
     CannotProfile
         With a single recording; one twice; the same hours of one arm twice; recordings without a code beside
-        several codes, or of which nobody says that they are of one person; several methods that nobody asked
-        to mix.
+        several codes, or of which nobody says that they are of one person; fewer than five people of one arm
+        in a group; several methods that nobody asked to mix.
     """
     if len(days) < 2:
         raise CannotProfile(why="one")
@@ -174,6 +181,8 @@ def group_days(
     if are_mixed(day.kept for day in days) and not mixed_methods:
         raise CannotProfile(why="methods")
     arms = _split_arms(days, code if one_person != "no" else "")
+    if one_person == "no":
+        _refuse_few(arms)
     for arm in arms:
         _refuse_same_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
     return StudiedDays(arms, one_person, _find_differences(arms))
@@ -188,6 +197,13 @@ def _judge_people(days: Sequence[MeasuredDay], *, is_stated: bool) -> OnePerson:
     if one_person == "no" and nobody:
         raise CannotProfile(why="codes", name=_name(nobody))
     return one_person
+
+
+def _refuse_few(arms: Sequence[ArmDays]) -> None:
+    """Refuse a group of fewer than five people, of either arm and on either side of a change."""
+    people = Counter((arm.side, arm.stage) for arm in arms if arm.counted)
+    if max(people.values(), default=0) < FEWEST_PEOPLE:
+        raise CannotProfile(why="few")
 
 
 def _refuse_twice(days: Iterable[MeasuredDay]) -> None:
@@ -235,9 +251,7 @@ def _place_in_time(day: MeasuredDay) -> tuple[bool, datetime, str]:
 
 
 def _name_pose(findings: Findings) -> str:
-    if findings.calibration is None:
-        return ""
-    return "axis" if findings.settings.arm_axis else findings.calibration.pose
+    return (findings.calibration.pose or "axis") if findings.calibration else ""
 
 
 def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:

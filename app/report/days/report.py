@@ -28,15 +28,13 @@ from app.report.days.tables import (
     build_group,
     build_means,
     build_sources,
-    format_points,
     format_span,
     load_days_words,
     name_arm,
-    name_short,
 )
 from app.report.figures import format_figure
 from app.report.model import Chart, Note, Pair, Report, Section, VerdictLine
-from app.report.pairs import format_person, identify
+from app.report.pairs import format_person, format_points, identify
 from app.report.render.brief import format_signature
 from app.report.words.numbers import NONE, format_date, format_number
 from app.report.words.subject import cut_text
@@ -61,7 +59,7 @@ def build_days(studied: StudiedDays, language: Language) -> Report:
     ends = [day.end for day in studied.days if day.end]
     return Report(
         language=language,
-        title=words["title_group" if len(studied.people) > 1 else "title"],
+        title=words["title_group" if studied.is_group else "title"],
         subtitle=load_wording(language)["heading"]["subtitle"],
         header=header,
         verdict=_build_verdict(studied, words),
@@ -83,7 +81,7 @@ def build_days(studied: StudiedDays, language: Language) -> Report:
 
 def _build_header(studied: StudiedDays, words: Words, language: Language) -> tuple[Pair, ...]:
     label, codes = load_wording(language)["label"], studied.people
-    if len(codes) > 1:
+    if studied.is_group:
         who = fill(words["people"], {"count": str(len(codes))})
     else:
         who = cut_text(codes[0], _LONGEST_CODE) or label["not_given"]
@@ -104,8 +102,7 @@ def _build_verdict(studied: StudiedDays, words: Words) -> VerdictLine:
     """State first whether there are days to compare, then whether they are alike."""
     entry = words["verdict"]
     most = max(len(arm.counted) for arm in studied.arms)
-    is_group_changed = len(studied.people) > 1 and "after" in studied.stages
-    if most < 2 and not is_group_changed:  # whose range comes from its people
+    if most < 2 and not studied.is_group:  # whose range comes from its people
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
         return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
@@ -116,10 +113,9 @@ def _build_verdict(studied: StudiedDays, words: Words) -> VerdictLine:
 
 def _list_cautions(studied: StudiedDays, words: Words, language: Language) -> tuple[str, ...]:
     told = (format_pose_caution(day.kept.findings, load_wording(language)) for day in studied.days)
-    person = "" if studied.one_person == "no" else format_person(studied.one_person, language)
+    person = format_person(studied.one_person, language)
     rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
-    is_group = len(studied.people) > 1  # of which no days are asked
-    return (person, "" if is_group else rule, words["cause"], *filter(None, dict.fromkeys(told)))
+    return (person, "" if studied.is_group else rule, words["cause"], *filter(None, dict.fromkeys(told)))
 
 
 # ------------------------------------------------------------------ the answer in sentences
@@ -129,7 +125,7 @@ def _list_sentences(studied: StudiedDays, words: Words, language: Language) -> t
     """State the change, where there is one; else mean and spread, which then stand in the tables."""
     if "after" in studied.stages:
         return tuple(_list_change_sentences(studied, words, language))
-    if len(studied.people) > 1:
+    if studied.is_group:
         return tuple(_list_group_sentences(studied, words, language))
     return tuple(told for arm in studied.arms for told in _list_arm_sentences(arm, words, language))
 
@@ -224,7 +220,7 @@ def _list_change_sentences(studied: StudiedDays, words: Words, language: Languag
     entry, told = words["sentence"]["change"], []
     changes = dict(list_changes(studied))
     if not changes:
-        return [entry["nobody"]]
+        return [entry["few" if studied.is_group else "nobody"]]
     for side, figures in changes.items():
         change = figures.get(MAIN)
         if change is None:
@@ -256,12 +252,10 @@ def _count_days(studied: StudiedDays, side: Side | None, stage: Stage) -> int:
 
 
 def _list_figures(studied: StudiedDays, words: Words, language: Language) -> tuple[Chart, ...]:
-    """One person's days are overlaid; of a group each person is a row."""
+    """Draw one person's days; a group has figures alone."""
+    if studied.is_group:
+        return ()
     columns = words["rows"]["columns"]
-    if len(studied.people) > 1:
-        rows = [_lay_mean(arm, name_short(arm, studied, language), language) for arm in studied.arms]
-        heads = (words["rows"]["people"], words["rows"]["person"])
-        return (build_rows([row for row in rows if row][: 2 * MOST_ROWS], heads, columns, words),)
     shown = [
         (name_arm(arm.side, arm.stage, language), arm)
         for arm in studied.arms
@@ -315,19 +309,19 @@ def _lay_day(day: MeasuredDay, words: Words, language: Language) -> FigureRow:
 
 
 def _list_sections(studied: StudiedDays, words: Words, language: Language) -> tuple[Section, ...]:
-    made = (
-        build_means(studied, words, language),
-        build_group(studied, words, language),
-        build_changes(studied, words, language),
-        replace(build_days_table(studied, words, language), figures=_follow_person(studied, words, language)),
-        build_sources(studied, words, language),
-    )
+    changes = build_changes(studied, words, language)
+    made: tuple[Section | None, ...]
+    if studied.is_group:
+        made = (build_group(studied, words, language), changes)
+    else:
+        visits = build_visits(studied.arms, words, language)
+        made = (
+            build_means(studied, words, language),
+            changes,
+            replace(build_days_table(studied, words, language), figures=visits),
+            build_sources(studied, words, language),
+        )
     return tuple(section for section in made if section)
-
-
-def _follow_person(studied: StudiedDays, words: Words, language: Language) -> tuple[Chart, ...]:
-    """Draw one person's days by their dates."""
-    return build_visits(studied.arms, words, language) if len(studied.people) == 1 else ()
 
 
 def _build_limits(studied: StudiedDays, language: Language) -> tuple[Note, Note]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from app.report.days.document import FIGURES, describe_arm, find_group_pose, list_changes, list_groups
 from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
-from app.report.export.results import identify_report
 from app.report.figures import format_figure, format_figure_range
 from app.report.model import Section, Table
-from app.report.pairs import load_pair_words
+from app.report.pairs import format_points, format_pose, load_pair_words
 from app.report.words.numbers import (
     NONE,
     Clock,
@@ -17,7 +16,7 @@ from app.report.words.numbers import (
     format_number,
     format_range,
 )
-from app.report.words.subject import clean_text, cut_text
+from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from fusion.comparison import SOURCE
 from fusion.exposure.types import Interval
@@ -26,7 +25,6 @@ from fusion.recording import MICROSECONDS
 TILES = ("time_above_30_percent", "time_above_60_percent", "time_above_90_percent", "entries_above_60_per_h")
 MOST_DAYS = 60
 """Rows of a table of days in the report; all of them are in profile.csv."""
-_LONGEST_NAME = 24
 
 
 def load_days_words(language: Language) -> Words:
@@ -41,18 +39,6 @@ def name_arm(side: Side | None, stage: Stage, language: Language) -> str:
     return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
 
 
-def name_short(arm: ArmDays, studied: StudiedDays, language: Language) -> str:
-    """Name an arm by what tells it from the others of the study: "P01, left, before"."""
-    words = load_days_words(language)
-    side = str(load_wording(language)["side"][arm.side or "unknown"])
-    told = (
-        cut_text(arm.subject, _LONGEST_NAME) if len(studied.people) > 1 else "",
-        side if len(studied.sides) > 1 else "",
-        str(words["stage"][arm.stage]) if len(studied.stages) > 1 else "",
-    )
-    return ", ".join(part for part in told if part)
-
-
 def format_span(interval: Interval | None, name: str, language: Language) -> str:
     """Write a range of a figure; empty without one."""
     if interval is None:
@@ -64,24 +50,12 @@ def format_span(interval: Interval | None, name: str, language: Language) -> str
     return format_figure_range(interval, name, language)
 
 
-def format_points(points: float, name: str, language: Language, *, is_signed: bool = False) -> str:
-    """Write a difference or a deviation: of shares in percentage points."""
-    sign = "+" if is_signed and round(points, 1) > 0 else ""
-    if not name.endswith("_percent"):
-        return sign + format_figure(points, name, language)
-    words = load_pair_words(language)["compare"]
-    form = "points" if round(abs(points), 1) >= 2 else "points_under_two"
-    return sign + fill(words[form], {"value": format_number(points, 1, language)})
-
-
 def _name_figure(name: str, language: Language) -> str:
     return str(load_pair_words(language)["compare"]["table"]["figure"][name])
 
 
 def build_means(studied: StudiedDays, words: Words, language: Language) -> Section | None:
-    """Give the mean of each figure over the days of each arm; not of a group, which has its own."""
-    if len(studied.people) > 1:
-        return None
+    """Give the mean of each figure over the days of each arm."""
     entry = words["means"]
     tables = tuple(_tabulate_means(arm, words, language) for arm in studied.arms if arm.counted)
     return Section("means", entry["title"], tables=tables) if tables else None
@@ -187,10 +161,13 @@ def build_days_table(studied: StudiedDays, words: Words, language: Language) -> 
 
 
 def _name_day(arm: ArmDays, day: MeasuredDay, studied: StudiedDays, words: Words, language: Language) -> str:
-    """Name a day by its date, with person and arm where there are several."""
-    date = format_date(day.start, language) if day.start else words["no_clock"]
-    name = name_short(arm, studied, language)
-    return f"{name}, {date}" if name else date
+    """Name a day by its date, with arm and side of the change where there are two: "left, 3 March 2026"."""
+    told = (
+        str(load_wording(language)["side"][arm.side or "unknown"]) if len(studied.sides) > 1 else "",
+        str(words["stage"][arm.stage]) if len(studied.stages) > 1 else "",
+        format_date(day.start, language) if day.start else words["no_clock"],
+    )
+    return ", ".join(filter(None, told))
 
 
 def _format_analysed(day: MeasuredDay, words: Words, language: Language) -> str:
@@ -209,7 +186,7 @@ def build_sources(studied: StudiedDays, words: Words, language: Language) -> Sec
 
 def _lay_source(day: MeasuredDay, words: Words, language: Language) -> tuple[str, ...]:
     findings, report_words = day.kept.findings, load_wording(language)
-    method, pose = findings.method, findings.calibration
+    method = findings.method
     begins = words["no_clock"]
     if day.start:
         begins = f"{format_date(day.start, language)}, {Clock(day.start, language).format(0)}"
@@ -219,6 +196,6 @@ def _lay_source(day: MeasuredDay, words: Words, language: Language) -> tuple[str
         find_device_name(report_words, findings.recording.device),
         begins,
         f"{method.name} {method.version}" if method else NONE,
-        report_words["pose"][pose.pose] if pose else NONE,
-        identify_report(findings, day.kept.subject)[:8] + "…",
+        format_pose(findings, report_words),
+        day.kept.subject.report_id[:8] + "…",
     )

@@ -56,13 +56,25 @@ class _Run:
 def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
     """Give the files of the dataset, by their path in it; the same analyses give the same bytes."""
     runs = list(_place(every))
-    yield "dataset_description.json", _encode_json(_describe_dataset())
+    dataset = {
+        "Name": "Upper-arm elevation",
+        "BIDSVersion": _BIDS_VERSION,
+        "DatasetType": "derivative",
+        "GeneratedBy": [{"Name": "Acromion", "Version": software_version()}],
+    }
+    yield "dataset_description.json", _encode_json(dataset)
     yield "README.md", _README.encode()
-    yield "participants.tsv", _encode_rows(("participant_id", "code"), _list_participants(runs))
+    codes = {run.subject: run.angles.results["recording"]["subject"] or "n/a" for run in runs}
+    participants = [(f"sub-{subject}", code) for subject, code in codes.items()]
+    yield "participants.tsv", _encode_rows(("participant_id", "code"), participants)
     yield "participants.json", _encode_json({"code": {"Description": "Subject code as it was given"}})
-    for subject in dict.fromkeys(run.subject for run in runs):
-        mine = [run for run in runs if run.subject == subject]
-        yield f"sub-{subject}/sub-{subject}_scans.tsv", _encode_rows(*_list_scans(mine))
+    for subject in codes:
+        scans = [  # when each recording began, by the clock of the device
+            (f"motion/{run.stem}_motion.tsv", (run.angles.results["recording"]["start"] or "n/a")[:19])
+            for run in runs
+            if run.subject == subject
+        ]
+        yield f"sub-{subject}/sub-{subject}_scans.tsv", _encode_rows(("filename", "acq_time"), scans)
     for run in runs:
         stem = f"sub-{run.subject}/motion/{run.stem}"
         yield f"{stem}_motion.json", _encode_json(_describe_motion(run.angles))
@@ -104,15 +116,6 @@ def _label_subjects(every: Iterable[Angles]) -> dict[str, str]:
     return labels
 
 
-def _describe_dataset() -> dict[str, Any]:
-    return {
-        "Name": "Upper-arm elevation",
-        "BIDSVersion": _BIDS_VERSION,
-        "DatasetType": "derivative",
-        "GeneratedBy": [{"Name": "Acromion", "Version": software_version()}],
-    }
-
-
 _README = """# Upper-arm elevation
 
 The angle between the upper arm and gravity (0 deg hanging, 90 deg level, 180 deg overhead), estimated by
@@ -121,20 +124,6 @@ Acromion from a motion sensor on the upper arm. One run for each recording; `acq
 Columns of each `_motion.tsv`, in order: seconds from the first sample, elevation in degrees (`n/a`: not
 measured), 1 where the angle counts and 0 where it does not. Missing time is a step in the first column.
 """
-
-
-def _list_participants(runs: Iterable[_Run]) -> list[Sequence[str]]:
-    codes = {run.subject: run.angles.results["recording"]["subject"] or "n/a" for run in runs}
-    return [(f"sub-{subject}", code) for subject, code in codes.items()]
-
-
-def _list_scans(runs: Iterable[_Run]) -> tuple[Sequence[str], list[Sequence[str]]]:
-    """List the files of one subject and when each recording began, by the clock of the device."""
-    rows: list[Sequence[str]] = [
-        (f"motion/{run.stem}_motion.tsv", (run.angles.results["recording"]["start"] or "n/a")[:19])
-        for run in runs
-    ]
-    return ("filename", "acq_time"), rows
 
 
 def _describe_motion(angles: Angles) -> dict[str, Any]:

@@ -7,7 +7,7 @@ which may hold a person's, stands only where a folder bears it. Shape: RO-Crate 
 
 import base64
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime, timedelta
 from typing import Any
@@ -56,15 +56,28 @@ def encode_crate(every: Sequence[Made], others: Mapping[str, int], ended_at: str
     ``ended_at``: when the last was made; "" states none, so that the same analysis gives the same bytes.
     """
     actions = [_describe_action(rank, made, ended_at) for rank, made in enumerate(every, 1)]
-    files = [_describe_file(path, size) for path, size in _list_files(every, others)]
+    sizes = [*others.items(), *(item for made in every for item in made.files.items())]
+    files = [_describe_file(path, size_bytes) for path, size_bytes in sizes]
+    objects = {one["@id"]: one for made in every for one in _describe_objects(made)}
     graph = [
-        _describe_descriptor(),
+        {
+            "@id": CRATE,
+            "@type": "CreativeWork",
+            "about": {"@id": "./"},
+            "conformsTo": {"@id": _SPECIFICATION},
+        },
         _describe_root(every, [file["@id"] for file in files], [action["@id"] for action in actions]),
         {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
         {"@id": "#rights", "@type": "CreativeWork", **_RIGHTS},
-        _describe_software(),
+        {
+            "@id": _SOFTWARE,
+            "@type": "SoftwareApplication",
+            "name": "Acromion",
+            "softwareVersion": f"{software_version()} ({software_revision()})",
+            "description": "Turns a recording of an upper-arm motion sensor into a report.",
+        },
         *actions,
-        *_gather_objects(every),
+        *objects.values(),
         *files,
     ]
     crate = {"@context": f"{_SPECIFICATION}/context", "@graph": graph}
@@ -75,15 +88,6 @@ _RIGHTS = {
     "name": "Not stated",
     "description": "Health data. Acromion states no licence: ask whoever holds the recordings.",
 }
-
-
-def _describe_descriptor() -> Entity:
-    return {
-        "@id": CRATE,
-        "@type": "CreativeWork",
-        "about": {"@id": "./"},
-        "conformsTo": {"@id": _SPECIFICATION},
-    }
 
 
 def _describe_root(every: Sequence[Made], files: list[str], actions: list[str]) -> Entity:
@@ -108,16 +112,6 @@ def _find_date(made: Made) -> date:
     return (datetime.fromisoformat(start) + timedelta(seconds=made.results["time"]["recorded_s"])).date()
 
 
-def _describe_software() -> Entity:
-    return {
-        "@id": _SOFTWARE,
-        "@type": "SoftwareApplication",
-        "name": "Acromion",
-        "softwareVersion": f"{software_version()} ({software_revision()})",
-        "description": "Turns a recording of an upper-arm motion sensor into a report.",
-    }
-
-
 def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
     action: Entity = {
         "@id": f"#analysis-{rank}",
@@ -131,12 +125,8 @@ def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
     return action | {
         "actionStatus": f"{_STATUS}/CompletedActionStatus",
         "object": [{"@id": one["@id"]} for one in _describe_objects(made)],
-        "result": [{"@id": _quote(path)} for path in made.files],
+        "result": [{"@id": quote(path)} for path in made.files],
     }
-
-
-def _gather_objects(every: Iterable[Made]) -> list[Entity]:
-    return list({one["@id"]: one for made in every for one in _describe_objects(made)}.values())
 
 
 def _describe_objects(made: Made) -> list[Entity]:
@@ -152,39 +142,26 @@ def _describe_objects(made: Made) -> list[Entity]:
         "axis": calibration.get("axis"),
     }
     settings = [
-        {"@id": f"#{name}-{_make_id(value)}", "@type": "PropertyValue", "name": name, "value": value}
+        {
+            "@id": f"#{name}-" + "".join(sign if sign.isalnum() else "-" for sign in value),
+            "@type": "PropertyValue",
+            "name": name,
+            "value": value,
+        }
         for name, value in asked.items()
         if value
     ]
-    return [_describe_recording(recording), *settings]
-
-
-def _describe_recording(recording: Mapping[str, Any]) -> Entity:
     digest = base64.urlsafe_b64encode(bytes.fromhex(recording["sha256"])).decode().rstrip("=")
-    return {
+    described = {
         "@id": f"ni:///sha-256;{digest}",
         "@type": "CreativeWork",
         "name": f"Recording of a motion sensor ({recording['device']})",
         "identifier": recording["sha256"],
     }
-
-
-def _make_id(value: str) -> str:
-    return "".join(sign if sign.isalnum() else "-" for sign in value)
-
-
-def _list_files(every: Iterable[Made], others: Mapping[str, int]) -> Iterable[tuple[str, int]]:
-    yield from others.items()
-    for made in every:
-        yield from made.files.items()
+    return [described, *settings]
 
 
 def _describe_file(path: str, size_bytes: int) -> Entity:
     kind = _MEDIA_TYPES.get(path.rpartition(".")[2])
-    described = {"@id": _quote(path), "@type": "File", "name": path, "contentSize": str(size_bytes)}
+    described = {"@id": quote(path), "@type": "File", "name": path, "contentSize": str(size_bytes)}
     return described | ({"encodingFormat": kind} if kind else {})
-
-
-def _quote(path: str) -> str:
-    """Write a path as a URI of the crate."""
-    return quote(path)

@@ -1,13 +1,23 @@
-"""``results.json``: every figure of an analysis under the names outsiders rely on (CONTRACT §2)."""
+"""``results.json``: every figure of an analysis, and all else that its report is made of.
+
+The keys are public (docs/dictionary.md). Numbers keep every digit, so that a report that is rendered again
+from the file is the same; tables and pages round them (:func:`app.report.figures.load_results`). Words that a
+person typed about a correction are not in it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from functools import cache
+from itertools import starmap
+from math import nan
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from app.report.figures import (
     BINS,
@@ -25,10 +35,12 @@ from app.report.figures import (
     VELOCITY,
     WINDOWS,
     Group,
+    round_all,
 )
-from app.report.findings import Findings, MethodFacts, StillFacts
+from app.report.findings import Findings, Kept
 from app.report.words.numbers import Clock
-from app.report.words.subject import ReportSubject
+from app.report.words.subject import ReportSubject, Software
+from app.request import Conclusion
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS, Convention
 from fusion.exposure.types import (
@@ -42,25 +54,35 @@ from fusion.exposure.types import (
     PeakWindow,
 )
 from fusion.quality.types import TimeAccount
-from fusion.recording import MICROSECONDS, QualityFlag
+from fusion.recording import MICROSECONDS, QualityFlag, Span
+from fusion.settings import AnalysisSettings
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 SCHEMA = "acromion.results/1"
 POSE_ENDS = ("low_pose", "high_pose")
-_DECIMALS = 6
+_PLACE_DECIMALS = 6
+_NUMBERS = re.compile(r"\[\n\s+([^\[\]{}\"]+?)\n\s+\]")
+"""A list of numbers over several lines; no text holds a line break in JSON."""
+_PERCENTILE = re.compile(r"elevation_p(\d+)_deg")
+_SHARE = re.compile(r"time_above_(\d+)_percent")
 
 
 def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
-    """Describe an analysis in the order of the contract; NaN and infinity become None."""
+    """Describe an analysis in the order of the dictionary; NaN and infinity become None."""
     clock = Clock(findings.recording.start)
     results: dict[str, object] = {
         "schema": SCHEMA,
+        "report": {"id": subject.report_id, "version": subject.version, "changes": subject.changes},
         "recording": _describe_recording(findings, subject),
-        "time": _describe_time(findings.time),
-        "calibration": _describe_calibration(findings),
-        "method": _describe_method(findings.method),
+        "time": _describe_time(findings.time, findings.exclusions),
+        "calibration": asdict(findings.calibration) if findings.calibration else None,
+        "method": asdict(findings.method) if findings.method else None,
         "exposure": _describe_exposure(findings.exposure, clock),
         "quality": {
             "verdict": findings.quality.verdict,
+            "reasons": findings.quality.reasons,
             "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
             "proposals": _propose_periods(findings.quality.flags),
         },
@@ -71,26 +93,25 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         },
         "conclusion": asdict(subject.conclusion) if subject.conclusion else None,
     }
-    rounded: dict[str, object] = round_all(results)
-    return rounded
+    finite: dict[str, object] = round_all(results, None)
+    return finite
 
 
 def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
-    """Write :func:`build_results` as UTF-8 JSON: the same analysis gives the same bytes."""
+    """Write :func:`build_results` as UTF-8 JSON, a list of numbers in one line: always the same bytes."""
     text = json.dumps(build_results(findings, subject), ensure_ascii=False, indent=2, allow_nan=False)
-    return text.encode("utf-8") + b"\n"
+    return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text).encode("utf-8") + b"\n"
 
 
-def identify_report(findings: Findings, subject: ReportSubject) -> str:
-    """Give the identity of a report: a hash of input, settings and engine version, 16 hexadecimal digits."""
-    settings = findings.settings
+def identify_report(settings: AnalysisSettings, findings: Findings, subject: ReportSubject) -> str:
+    """Return the identity of a report: 16 hexadecimal digits of a hash of input, settings and version."""
     said: dict[str, object] = {
         "input": findings.recording.sha256,
         "method": settings.method,
         "pose": settings.pose,
         "calibration_windows_s": settings.calibration_windows_s,
         "diary": [asdict(entry) for entry in settings.diary],
-        "estimator": _describe_method(findings.method),
+        "estimator": asdict(findings.method) if findings.method else None,
         "side": subject.side,
         "subject": subject.subject,
         "version": subject.software.version,
@@ -118,7 +139,8 @@ def _describe_recording(findings: Findings, subject: ReportSubject) -> dict[str,
         "serial_hash": recording.serial_hash,
         "start": recording.start.isoformat() if recording.start else None,
         "time_zone": recording.time_zone,
-        "rate_hz": findings.recording.rate_hz,
+        "rate_hz": recording.rate_hz,
+        "duration_s": recording.duration_us / MICROSECONDS,
         "side": subject.side,
         "subject": subject.subject,
         "columns": json.loads(subject.columns) if subject.columns else None,
@@ -130,7 +152,7 @@ def _describe_reader(reader: tuple[str, str] | None) -> dict[str, str] | None:
     return {"name": reader[0], "version": reader[1]} if reader else None
 
 
-def _describe_time(time: TimeAccount) -> dict[str, object]:
+def _describe_time(time: TimeAccount, exclusions: Sequence[Span]) -> dict[str, object]:
     return {
         "recorded_s": time.recorded_us / MICROSECONDS,
         "analysed_s": time.analysed_us / MICROSECONDS,
@@ -140,56 +162,22 @@ def _describe_time(time: TimeAccount) -> dict[str, object]:
             {"account": part.account, "name": part.name, "duration_s": part.duration_us / MICROSECONDS}
             for part in time.parts
         ],
-    }
-
-
-def _describe_calibration(findings: Findings) -> dict[str, object] | None:
-    calibration = findings.calibration
-    if calibration is None:
-        return None
-    still, arm_axis = calibration.still, findings.settings.arm_axis
-    return {
-        "pose": None if arm_axis else calibration.pose,
-        "state": calibration.state,
-        "sigma_deg": calibration.sigma_deg,
-        "start_s": still.start_s if still else None,
-        "duration_s": still.duration_s if still else None,
-        "score": still.score if still else None,
-        "gyro_bias_dps": list(calibration.bias_dps),
-        "second": _describe_still(calibration.second) if calibration.second else None,
-        "repeats": [_describe_still(again) | {"apart_deg": again.apart_deg} for again in calibration.repeats],
-        "repeat_deg": calibration.repeat_deg,
-        "parts": [
+        "exclusions": [
             {
-                "start_s": part.start_s,
-                "end_s": part.end_s,
-                "valid": part.is_valid,
-                "pose_index": part.pose_index,
+                "start_s": span.start_us / MICROSECONDS,
+                "duration_s": span.duration_us / MICROSECONDS,
+                "reason": span.reason,
             }
-            for part in calibration.parts
+            for span in exclusions
         ],
-        "axis": arm_axis.removeprefix("+") if arm_axis else None,
-        "slip_times_s": list(findings.settings.slip_times_s),
-        "no_slip_times_s": list(findings.settings.no_slip_times_s),
-        "walking_apart_deg": calibration.walking_deg,
-        "proposals": [_describe_still(proposed) for proposed in calibration.proposals],
-        "spread_deg": calibration.spread_deg,
-        "questions": [asdict(question) for question in calibration.questions],
     }
-
-
-def _describe_still(still: StillFacts) -> dict[str, object]:
-    return {"start_s": still.start_s, "duration_s": still.duration_s}
-
-
-def _describe_method(method: MethodFacts | None) -> dict[str, object] | None:
-    if method is None:
-        return None
-    return {"name": method.name, "version": method.version, "parameters": dict(method.parameters)}
 
 
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
     return {
+        "analysed_s": exposure.analysed_s,
+        "metric_filter_hz": exposure.metric_filter_hz,
+        "angle_sigma_deg": exposure.angle_sigma_deg,
         "bins": [BINS.describe(part) | _describe_range(part.interval) for part in exposure.bins],
         "time_above": [
             TIME_ABOVE.describe(above) | _describe_range(above.interval) for above in exposure.time_above
@@ -225,6 +213,8 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
             for item in CONVENTIONS
             if item.key in exposure.conventions
         ],
+        "minutes": {name: column.tolist() for name, column in asdict(exposure.minutes).items()},
+        "histogram_s": exposure.histogram_s.tolist(),
     }
 
 
@@ -258,7 +248,11 @@ def _describe_pose_intervals(intervals: Mapping[str, Interval]) -> dict[str, obj
 def _describe_episodes(episodes: Episodes) -> dict[str, object]:
     """Describe the stays above one threshold."""
     longer = [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s]
-    return {**EPISODES.describe(episodes), "longer": longer}
+    return {
+        **EPISODES.describe(episodes),
+        "longest_start_s": episodes.longest_start_s,
+        "longer": longer,
+    }
 
 
 def _describe_window(window: PeakWindow, clock: Clock) -> dict[str, object]:
@@ -314,6 +308,10 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
         "first": _format_place(flag.first_s, clock),
         "last": _format_place(flag.last_s, clock),
         "spans": [[_format_place(at, clock) for at in span] for span in flag.spans_s],
+        "first_s": flag.first_s,
+        "last_s": flag.last_s,
+        "spans_s": flag.spans_s,
+        "facts": flag.facts,
     }
 
 
@@ -330,7 +328,7 @@ def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
 def _format_place(elapsed_s: float | None, clock: Clock) -> str | None:
     if elapsed_s is None or clock.start is not None:
         return _format_iso(elapsed_s, clock)
-    return f"PT{round(elapsed_s, _DECIMALS):g}S"
+    return f"PT{round(elapsed_s, _PLACE_DECIMALS):g}S"
 
 
 def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
@@ -338,12 +336,137 @@ def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
     return moment.isoformat() if moment else None
 
 
-def round_all(value: Any) -> Any:
-    """Round every number as results.json has it; NaN and infinity become None."""
-    if isinstance(value, dict):
-        return {key: round_all(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [round_all(inner) for inner in value]
-    if isinstance(value, float):
-        return round(float(value), _DECIMALS) + 0.0 if math.isfinite(value) else None
-    return value
+# ------------------------------------------------------------------ reading it back
+
+
+def decode_results(content: bytes) -> Kept:
+    """Read what :func:`encode_results` wrote; the subject lacks what a person said of a correction.
+
+    Raises
+    ------
+    ValueError
+        When it is no such file, or of another form.
+    """
+    try:
+        return _read_kept(json.loads(content))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"no {SCHEMA}: {error}") from error
+
+
+def _read_kept(results: Mapping[str, Any]) -> Kept:
+    if results["schema"] != SCHEMA:
+        raise ValueError(results["schema"])
+    report, recording, software = results["report"], results["recording"], results["software"]
+    time, reader, columns = results["time"], software["reader"], recording["columns"]
+    findings = _load_adapter().validate_python(
+        {
+            "recording": recording
+            | {
+                "duration_us": _count_us(recording["duration_s"]),
+                "reader": (reader["name"], reader["version"]) if reader else None,
+            },
+            "calibration": results["calibration"],
+            "method": results["method"],
+            "exclusions": [_read_us(span) for span in time["exclusions"]],
+            "time": _read_us(time) | {"parts": list(map(_read_us, time["parts"]))},
+            "exposure": _read_exposure(results["exposure"]),
+            "quality": results["quality"] | {"flags": results["quality"]["warnings"]},
+        }
+    )
+    subject = ReportSubject(
+        file_name=recording["file_name"],
+        subject=recording["subject"],
+        side=recording["side"],
+        software=Software(software["version"], software["revision"]),
+        version=report["version"],
+        changes=tuple(report["changes"]),
+        columns=json.dumps(columns) if columns else "",
+        conclusion=Conclusion(**results["conclusion"]) if results["conclusion"] else None,
+        report_id=report["id"],
+    )
+    return Kept(findings, subject)
+
+
+@cache
+def _load_adapter() -> TypeAdapter[Findings]:
+    """Load the library when a file is read: most processes only write them."""
+    from pydantic import TypeAdapter  # noqa: PLC0415
+
+    return TypeAdapter(Findings)
+
+
+def _count_us(seconds: float) -> int:
+    return round(seconds * MICROSECONDS)
+
+
+def _read_us(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Turn seconds back into the integer microseconds that were written."""
+    seconds = {name: value for name, value in told.items() if name.endswith("_s")}
+    return {**told, **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()}}
+
+
+def _read_exposure(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Put the records back into the form of :class:`fusion.exposure.types.Exposure`."""
+    peak, eva, variation = told["peak"], told["eva"], told["variation"]
+    ranges = zip(eva["low"] or (), eva["high"] or (), strict=True)
+    return {
+        **told,
+        "bins": [_read_range(part) for part in told["bins"]],
+        "time_above": [_read_range(above) for above in told["time_above"]],
+        "percentiles_deg": {p: _read_number(value) for p, value in told["percentiles_deg"].items()},
+        "episodes": [
+            stay | {"longer_s": [(part["than_s"], part["total_s"]) for part in stay["longer"]]}
+            for stay in told["episodes"]
+        ],
+        "velocity_dps": {
+            kind: VELOCITY.read(speed) if speed else None for kind, speed in told["velocity_dps"].items()
+        },
+        "elevation_p99_deg": _read_number(peak["elevation_p99_deg"]),
+        "peak_windows": peak["windows"],
+        "quarter_hours": peak["quarter_hours"],
+        "eva": eva
+        | {
+            "percent": np.array(eva["percent"], float),
+            "intervals": [list(starmap(Interval, zip(*row, strict=True))) for row in ranges],
+        },
+        **{key: list(map(_read_part, told[key])) for key in ("by_hour", "by_period", "by_task")},
+        "intervals": _read_intervals(told),
+        **{group.key: group.read(told[group.key]) if told[group.key] else None for group in SINGLE_GROUPS},
+        "hour_variation": variation["by_hour"],
+        "eva_summary": variation["eva"],
+        "conventions": {
+            convention["key"]: [_read_range(part) for part in convention["classes"]]
+            for convention in told["conventions"]
+        },
+        "minutes": {name: np.array(column, float) for name, column in told["minutes"].items()},
+        "histogram_s": np.array(told["histogram_s"], float),
+    }
+
+
+def _read_number(value: float | None) -> float:
+    return nan if value is None else value
+
+
+def _read_range(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Read a record that holds the ends of its range."""
+    ends = {end: told[end] for end in ("low", "high", *POSE_ENDS)}
+    return {**told, "interval": None if told["low"] is None else ends}
+
+
+def _read_intervals(told: Mapping[str, Any]) -> dict[str, Interval]:
+    posed = told["intervals_pose"]
+    return {name: Interval(*ends, *posed.get(name, ())) for name, ends in told["intervals"].items()}
+
+
+def _read_part(told: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        **told,
+        "percentiles_deg": {
+            found[1]: _read_number(told[name]) for name in told if (found := _PERCENTILE.fullmatch(name))
+        },
+        "percent_above": {
+            found[1]: _read_number(told[name]) for name in told if (found := _SHARE.fullmatch(name))
+        },
+        "reason": told.get("excluded_as") or "",
+        "intervals": _read_intervals(told),
+    }

@@ -5,10 +5,12 @@ left in its folder.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from app.report.analysis.report import build_report
-from app.report.findings import Findings, Kept, decode_findings
+from app.report.export.results import decode_results
+from app.report.findings import Findings, Kept
 from app.report.model import Report
 from app.report.render.brief import format_brief
 from app.report.render.html import render_html
@@ -16,7 +18,7 @@ from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
 from app.request import Paper, ReportKind, ReportRequest
 
-RESULTS, FINDINGS = "results.json", "findings.json"
+RESULTS = "results.json"
 
 
 def write_reports(findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path) -> None:
@@ -42,11 +44,11 @@ def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
     Raises
     ------
     OSError, ValueError
-        When the folder holds no findings, or those of a later program.
+        When the folder holds no results, or those of another version.
     """
     kept = read_kept(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
-    write_reports(kept.findings, kept.subject, request, out)
+    write_reports(kept.findings, replace(kept.subject, reason=request.reason), request, out)
 
 
 def read_kept(finished: Path) -> Kept:
@@ -57,7 +59,7 @@ def read_kept(finished: Path) -> Kept:
     OSError, ValueError
         As :func:`rewrite_reports`.
     """
-    return decode_findings((finished / FINDINGS).read_bytes())
+    return decode_results((finished / RESULTS).read_bytes())
 
 
 def _render(

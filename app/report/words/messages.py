@@ -55,9 +55,8 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
 
 
 def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
-    """Write a caveat in words, of an earlier version too; one without words shows its code."""
-    words = load_wording(language)
-    entry = words["flag"].get(flag.code) or words["retired"].get(flag.code)
+    """Write a caveat in words; one without words, as of a reader plug-in, shows its code."""
+    entry = load_wording(language)["flag"].get(flag.code)
     if entry is None:
         return CaveatWords(flag.code, "")
     told = format_facts(flag.facts, language)

@@ -1,7 +1,7 @@
 """Numbers, durations, clock times and dates as English and French readers write them.
 
 All languages group thousands with a narrow no-break space and put a no-break space before the per cent sign
-(ISO 80000-1; narrow but in French); French has "10 h 42", and all but English the decimal comma.
+(ISO 80000-1; narrow but in French); French has "10 h 42" and the decimal comma.
 """
 
 import math
@@ -133,9 +133,9 @@ def format_elapsed(elapsed_s: float) -> str:
 
 
 def format_date(day: date, language: Language) -> str:
-    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026", "3. März 2026"."""
+    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026"."""
     month = load_wording(language)["months"][day.month - 1]
-    number = "1er" if is_french(language) and day.day == 1 else f"{day.day}{'.' * (language == 'de')}"
+    number = "1er" if is_french(language) and day.day == 1 else str(day.day)
     return f"{number}\u00a0{month}\u00a0{day.year}"
 
 

@@ -24,7 +24,8 @@ class ReportSubject:
 
     ``version`` counts from 1; a later one replaces the one before: ``changes`` name what is different (a
     setting, "input" or "engine"), ``reason`` is what a person said. ``columns`` is the JSON of the column
-    profile by which a table was read, "" for none. ``conclusion`` is what a clinician concludes.
+    profile by which a table was read, "" for none. ``conclusion`` is what a clinician concludes, and
+    ``report_id`` is made by :func:`app.report.export.results.identify_report`.
     """
 
     file_name: str
@@ -36,6 +37,7 @@ class ReportSubject:
     changes: tuple[str, ...] = ()
     columns: str = ""
     conclusion: Conclusion | None = None
+    report_id: str = ""
 
 
 def cut_text(text: str, most: int) -> str:

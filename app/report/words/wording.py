@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from app.report.words.subject import clean_text
 from app.request import Language as Language  # noqa: PLC0414  it is named here, too
@@ -35,10 +35,9 @@ Part = Literal[
     "trail",
 ]
 Words = Mapping[str, Any]
-LANGUAGES: tuple[Language, ...] = ("en", "fr")
-"""Those whose words are complete; the French of Québec is made from the French one by rules."""
-EVERY_LANGUAGE: tuple[Language, ...] = ("en", "fr", "fr-CA")
-"""Those of the pages. A report may be in another, whose words say what they leave in English."""
+EVERY_LANGUAGE: tuple[Language, ...] = get_args(Language)
+LANGUAGES: tuple[Language, ...] = tuple(code for code in EVERY_LANGUAGE if "-" not in code)
+"""Those with a file of words; the French of Québec is made from the French one by rules."""
 
 _FOLDER = Path(__file__).parent
 _TABLES = re.compile(r"^(?=\[)", re.MULTILINE)
@@ -64,27 +63,8 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     punctuation and the curly apostrophe are set here, so that no translator has to type them. The meanings
     of columns ("tables") stay as they are: programs read them.
     """
-    words = _read_words(language[:2], part)
-    if language not in EVERY_LANGUAGE:
-        words = _lay_over(_read_words("en", part), words)
+    words = tomllib.loads(_split_language(language[:2])[part])[part]
     return MappingProxyType(words if part == "tables" else _set_all(words, language))
-
-
-def _read_words(language: str, part: Part) -> Words:
-    """Read one part of a file of words; nothing where the file leaves it out."""
-    found: Words = tomllib.loads(_split_language(language).get(part, "")).get(part, {})
-    return found
-
-
-def _lay_over(below: Words, above: Words) -> Words:
-    """Take the words above where there are any, else those below: a sentence in English is no gap."""
-    return {key: _lay_one_over(below.get(key), above.get(key)) for key in {**below, **above}}
-
-
-def _lay_one_over(below: Any, above: Any) -> Any:
-    if isinstance(below, Mapping) and isinstance(above, Mapping):
-        return _lay_over(below, above)
-    return below if above is None else above
 
 
 @cache

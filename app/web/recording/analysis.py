@@ -22,13 +22,13 @@ from app.jobs.recordings import StoredRow
 from app.jobs.regeneration import can_regenerate
 from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
+from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
-from app.storage.day_file import DayFile
 from app.storage.store import StoredRecording, seems_whole
 from app.web.library_views import build_entry, build_library, find_neighbours, find_took, read_filter
 from app.web.pairs import find_offers
@@ -42,7 +42,6 @@ from app.web.rendering import find_base, render_page
 from app.web.trust import build_release
 from app.web.views import (
     Fact,
-    JobRow,
     build_answer,
     build_figures,
     build_row,
@@ -53,7 +52,6 @@ from app.web.views import (
     format_times,
     format_windows,
     now_utc,
-    read_results,
 )
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
@@ -95,18 +93,14 @@ class History:
         """Those that have a report, but for damaged ones that were analysed again."""
         return tuple(job for job in self.jobs if job.state is JobState.SUCCEEDED and job.replaced_by is None)
 
-    def find_before(self, job: Job) -> Job | None:
-        """Give the version before the one that an analysis is or would be."""
-        earlier = [other for other in self.reports if other.request.version < job.request.version]
-        return max(earlier, key=lambda other: (other.request.version, other.created_at), default=None)
-
-    def find_failed(self) -> Job | None:
-        """Give the newest analysis that counts, if it failed: its request is what the person wanted."""
+    def find_failed(self, shown: Job) -> Job | None:
+        """Find the newest analysis that counts, if it failed after the one shown: the person wanted it."""
         newest = next((job for job in self.jobs if job.replaced_by is None), None)
-        return newest if newest is not None and newest.state is JobState.FAILED else None
+        is_later = newest is not None and newest.created_at > shown.created_at
+        return newest if newest is not None and is_later and newest.state is JobState.FAILED else None
 
     def find_report(self) -> Job | None:
-        """Give the newest report."""
+        """Find the newest report."""
         return self.reports[0] if self.reports else None
 
 
@@ -117,6 +111,7 @@ def build_versions(
 
     A version that was computed more than once is there once: the one that is shown, or else the newest.
     """
+    name = load_wording(language, "page")["row"]["version"]
     first = (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports
     found: dict[int, Job] = {}
     for job in first:
@@ -124,7 +119,7 @@ def build_versions(
     rows = tuple(
         VersionRow(
             job.id,
-            format_version(job.request.version, language),
+            fill(name, {"n": str(job.request.version)}),
             format_time(job.created_at),
             format_changes(job, clock, language),
             job.request.reason,
@@ -134,19 +129,6 @@ def build_versions(
         for _, job in sorted(found.items(), reverse=True)
     )
     return () if all(row.is_this for row in rows) else rows
-
-
-def build_failed_row(history: History, shown: Job, language: Language) -> JobRow | None:
-    """Show the attempt that failed after an analysis that has a report."""
-    failed = history.find_failed()
-    if failed is None or failed.created_at <= shown.created_at:
-        return None
-    return build_row(failed, language, now_utc())
-
-
-def format_version(number: int, language: Language) -> str:
-    """Write "version 2"."""
-    return fill(load_wording(language, "page")["row"]["version"], {"n": str(number)})
 
 
 def format_changes(job: Job, clock: DayClock | None, language: Language) -> str:
@@ -223,29 +205,21 @@ def read_answer(services: Services, job: Job, asked: ReportRequest, language: La
 
     Where a file is damaged, what is read before it is shown, and the damage is named.
     """
-    shown: dict[str, Any] = {
-        "answer": None,
-        "hours": [],
-        "day": None,
-        "page_one": None,
-        "offers": (),
-        "days": "",
-        "damage": None,
-    }
+    shown: dict[str, Any] = dict.fromkeys(("answer", "day", "page_one", "damage"))
+    shown |= {"hours": [], "offers": (), "days": ""}
     try:
         results = find_results(services, job)
         if results is None:
             return shown
-        brief = services.results.read(
-            job, f"answer.{find_nearest(language, job.request.languages)}.txt"
-        ).decode()
-        shown["answer"] = build_answer(results, brief, language)
+        name = f"answer.{find_nearest(language, job.request.languages)}.txt"
+        shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
         shown["hours"] = build_hours(results, language)
-        shown["offers"] = find_offers(
-            services, job, results.get("recording", {}).get("start") or "", language
-        )
+        start = results.get("recording", {}).get("start") or ""
+        shown["offers"] = find_offers(services, job, start, language)
         shown["days"] = find_days_address(services, job)
-        day = _open_day(services, job)
+        day = None
+        with suppress(NoSuchFile):
+            day = find_day(services, job)
         shown["day"] = build_day(day, asked, language) if day else None
         shown["page_one"] = read_page_one(services, job, day, language)
     except ResultDamaged as damaged:
@@ -257,8 +231,9 @@ def build_changes(
     services: Services, history: History, job: Job, before_id: str, language: Language
 ) -> Changes | None:
     """Compare an analysis with the one that it corrects, or else with the version before it."""
-    matching = (other for other in history.jobs if other.id == before_id)
-    before = next(matching, history.find_before(job))
+    earlier = (other for other in history.reports if other.request.version < job.request.version)
+    version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
+    before = next((other for other in history.jobs if other.id == before_id), version_before)
     if before is None or job.state is JobState.FAILED or job.request.changes == ("conclusion",):
         return None
     clock = find_clock(services, history)
@@ -280,28 +255,20 @@ def find_clock(services: Services, history: History) -> DayClock | None:
     """Give the clock of the recording by its newest report that can be read."""
     for report in history.reports:
         with suppress(ResultDamaged):
-            return _read_clock(find_results(services, report))
+            results = find_results(services, report)
+            if results is None:
+                return None
+            start = results.get("recording", {}).get("start")
+            duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
+            return DayClock(datetime.fromisoformat(start) if start else None, duration_us)
     return None
 
 
-def _read_clock(results: Mapping[str, Any] | None) -> DayClock | None:
-    if results is None:
-        return None
-    start = results.get("recording", {}).get("start")
-    duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
-    return DayClock(datetime.fromisoformat(start) if start else None, duration_us)
-
-
 def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
-    """Read ``results.json`` of a finished analysis.
-
-    Raises
-    ------
-    ResultDamaged
-    """
+    """Read ``results.json`` of a finished analysis. Raises ResultDamaged."""
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
-    return read_results(services.results.read(job, "results.json"))
+    return load_results(services.results.read(job, "results.json"))
 
 
 def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
@@ -315,25 +282,16 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
 def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
     """Set the time above 60 deg of each task that either report has side by side; "–" where it is not one."""
     words = load_wording(language, "page")["figure_of_task"]
-    earlier, later = (_read_tasks(results, language) for results in (before, after))
+    earlier, later = (
+        {
+            part["label"]: format_percent(part.get("time_above_60_percent"), language)
+            for part in results["exposure"].get("by_task", ())
+            if part["kind"] == "task" and part["label"]
+        }
+        for results in (before, after)
+    )
     for label in dict.fromkeys((*later, *earlier)):
         yield fill(words, {"task": label}), earlier.get(label, "–"), later.get(label, "–")
-
-
-def _read_tasks(results: Mapping[str, Any], language: Language) -> dict[str, str]:
-    """Give the time above 60 deg of each task by its name."""
-    tasks = (
-        part for part in results["exposure"].get("by_task", ()) if part["kind"] == "task" and part["label"]
-    )
-    return {part["label"]: format_percent(part.get("time_above_60_percent"), language) for part in tasks}
-
-
-def _open_day(services: Services, job: Job) -> DayFile | None:
-    """Open the day; None where an older version has written none."""
-    try:
-        return find_day(services, job)
-    except NoSuchFile:
-        return None
 
 
 class Seen(BaseModel):
@@ -395,8 +353,12 @@ def analysis(
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
     clock = find_clock(services, history)
     asked = attempt.request if attempt else job.request
-    report = history.find_report()
+    report, failed = history.find_report(), history.find_failed(job)
     took = find_took(services, [Entry(job, None)])
+    subject = find_subject(request)
+    own_name = find_person_name(request, subject.id)
+    names = find_names(request, (other.asked_by for other in history.jobs), language)
+    is_current = report is not None and report.id == job.id
     values = {
         "row": build_row(job, language, now_utc(), took),
         "settings": build_settings(job, clock, language),
@@ -413,41 +375,19 @@ def analysis(
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
-        **_build_names(request, services, job, history, clock, language),
+        "conclusion": build_conclusion(services, job, language, own_name, is_current=is_current),
+        "release": build_release(request, services, subject, job.id, language),
+        "versions": build_versions(history, job, names, clock, language),
+        "tr": load_wording(language, "trail"),
         "recording_id": job.recording_id,
         "source": describe_source(services, job, language),
-        "failed": build_failed_row(history, job, language),
-        "report": report if report is not None and report.id != job.id else None,
+        "failed": build_row(failed, language, now_utc()) if failed else None,
+        "report": None if is_current else report,
         "old": describe_old(job, history.reports, language, find_base(request)),
         **find_neighbours(services, request, job),
         **read_answer(services, job, asked, language),
     }
     return render_page(request, "analysis.html", language, values)
-
-
-def _build_names(
-    request: Request,
-    services: Services,
-    job: Job,
-    history: History,
-    clock: DayClock | None,
-    language: Language,
-) -> dict[str, Any]:
-    """Give what names people: who asked for each version, who concluded, who released the report."""
-    subject = find_subject(request)
-    names = find_names(request, (other.asked_by for other in history.jobs), language)
-    return {
-        "conclusion": build_conclusion(
-            services,
-            job,
-            language,
-            find_person_name(request, subject.id),
-            is_current=job.id == getattr(history.find_report(), "id", None),
-        ),
-        "release": build_release(request, services, subject, job.id, language),
-        "versions": build_versions(history, job, names, clock, language),
-        "tr": load_wording(language, "trail"),
-    }
 
 
 def _show_trashed(row: StoredRow, request: Request, language: Language) -> HTMLResponse:
@@ -478,23 +418,16 @@ def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Resp
     return RedirectResponse(f"{find_base(request)}/analyses/{report.id}", status_code=303)
 
 
-def _find_trashed(request: Request) -> StoredRow | None:
-    """Find the recording in the trash whose analysis an address names; None where it names none."""
-    services = find_services(request)
-    for analysis_id in re.findall(r"\ban_[0-9a-f]{16}\b", str(request.url)):
-        recording_id = services.store.find_trashed(analysis_id)
-        if recording_id is not None:
-            return services.recordings.get(recording_id, trashed=True)
-    return None
-
-
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
     language = choose_language(request)
     may_read = may(request, "read")
-    trashed = _find_trashed(request) if may_read and error.code == NotHere.code else None
-    if trashed is not None:
-        return _show_trashed(trashed, request, language)
+    if may_read and error.code == NotHere.code:  # what an address names may be in the trash
+        services = find_services(request)
+        for analysis_id in re.findall(r"\ban_[0-9a-f]{16}\b", str(request.url)):
+            recording_id = services.store.find_trashed(analysis_id)
+            if recording_id is not None:
+                return _show_trashed(services.recordings.get(recording_id, trashed=True), request, language)
     values: dict[str, Any] = {"problem": describe_problem(error.code, error.facts, language)}
     values |= {"code": error.code, "damage": None}
     if may_read and error.code == ResultDamaged.code:

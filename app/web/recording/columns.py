@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
 from app.api.library.analyses import check_queue
@@ -20,7 +19,7 @@ from app.report.words.wording import Language, load_wording
 from app.request import write_profile
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import borrow_recording
-from app.web.forms import Form, first, read_form
+from app.web.forms import Form, UsedForm, first
 from app.web.rendering import find_base, render_page
 from app.web.views import build_problem, format_moment
 
@@ -83,7 +82,11 @@ def ask_columns(
         "offer": find_offer(services, job, header, language),
         "waiting": count_others(services, job, header),
         "is_unnamed": header.startswith(UNNAMED),
-        "choices": [choice for vector in VECTORS for choice in _build_choices(vector, named)],
+        "choices": [
+            Choice(f"{vector}_{axis}", vector, axis, _find_column(place, found["columns"]))
+            for vector in VECTORS
+            for axis, place in zip(AXES, named[vector] or (None, None, None), strict=True)
+        ],
         "time": _find_column(time, found["columns"]),
         "units": UNITS,
         "orders": DATE_ORDERS,
@@ -93,44 +96,36 @@ def ask_columns(
 
 
 @router.post("/analyses/{analysis_id}/columns")
-async def take_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def take_columns(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Keep the chosen columns for the header, and analyse the recording by them; others too, where asked."""
-    form = await read_form(request)
-    again = await run_in_threadpool(_keep_and_analyse, services, analysis_id, form)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
-
-
-@router.post("/analyses/{analysis_id}/columns/use")
-async def use_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Use the columns named before, for this file, for all that wait, and from now on."""
-    header = _read_header(await read_form(request))
-    again = await run_in_threadpool(_use_offer, services, analysis_id, header)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
-
-
-def _keep_and_analyse(services: Services, analysis_id: str, form: Form) -> Job:
     job = services.store.get(analysis_id)
     profile, header = write_profile(read_profile(form)), _read_header(form)
     is_confirmed = bool(first(form, "everywhere"))
     waiting_for = header if is_confirmed else ""
     check_queue(services, 1 + (services.mappings.count_waiting(header) if waiting_for else 0))
     if header:
-        name = name_columns(form.get("column", []))
-        services.mappings.put(header, name, profile, is_confirmed=is_confirmed)
-    return services.mappings.analyse(job, profile, waiting_for)
+        services.mappings.put(
+            header, name_columns(form.get("column", [])), profile, is_confirmed=is_confirmed
+        )
+    again = services.mappings.analyse(job, profile, waiting_for)
+    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
+
+
+@router.post("/analyses/{analysis_id}/columns/use")
+def use_columns(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
+    """Use the columns named before, for this file, for all that wait, and from now on."""
+    header = _read_header(form)
+    job, mapping = services.store.get(analysis_id), services.mappings.get(header)
+    check_queue(services, 1 + services.mappings.count_waiting(header))
+    services.mappings.change(header, is_confirmed=1)
+    again = services.mappings.analyse(job, mapping.profile, header)
+    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 
 def name_columns(columns: Sequence[str]) -> str:
     """Name a mapping by the columns of its header, never by a file: a purged recording leaves no trace."""
     named = ", ".join(filter(None, columns))
     return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
-
-
-def _use_offer(services: Services, analysis_id: str, header: str) -> Job:
-    job, mapping = services.store.get(analysis_id), services.mappings.get(header)
-    check_queue(services, 1 + services.mappings.count_waiting(header))
-    services.mappings.change(header, is_confirmed=1)
-    return services.mappings.analyse(job, mapping.profile, header)
 
 
 def find_offer(services: Services, job: Job, header: str, language: Language) -> Offer | None:
@@ -160,25 +155,24 @@ def _read_header(form: Form) -> str:
 
 
 def read_profile(form: Form) -> dict[str, Any]:
-    """Give the profile of the form, as :func:`fusion.readers.parse_profile` reads it.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Give the profile of the form, as :func:`fusion.readers.parse_profile` reads it. Raises BadParameter."""
     names = form.get("column", [])
+    stated: dict[str, Any] = {name: first(form, name) for name in UNITS if first(form, name)}
+    if rate := first(form, "rate_hz"):
+        try:
+            stated["rate_hz"] = float(rate.replace(",", "."))
+        except ValueError:
+            raise BadParameter(name="rate_hz", value=rate[:60], allowed="100") from None
     if first(form, "sensor"):
-        units = {name: first(form, name) for name in UNITS if first(form, name)}
-        return {"sensor": first(form, "sensor")} | units | _read_stated_rate(form)
+        return {"sensor": first(form, "sensor")} | stated
     profile: dict[str, Any] = {
         vector: [_read_column(first(form, f"{vector}_{axis}"), f"{vector}_{axis}", names) for axis in AXES]
         for vector in VECTORS
     }
-    profile |= {name: first(form, name) for name in UNITS if first(form, name)}
     time = first(form, "time")
     if time not in ("", "0"):
         profile["time"] = _read_column(time, "time", names)
-    profile |= _read_stated_rate(form)
+    profile |= stated
     if first(form, "date_order"):
         profile["date_order"] = first(form, "date_order")
     return profile
@@ -191,26 +185,6 @@ def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
     number = int(text)
     own = names[number - 1] if number <= len(names) else ""
     return own if own and names.count(own) == 1 else number
-
-
-def _read_stated_rate(form: Form) -> dict[str, float]:
-    rate = first(form, "rate_hz")
-    return {"rate_hz": _read_rate(rate)} if rate else {}
-
-
-def _read_rate(text: str) -> float:
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        raise BadParameter(name="rate_hz", value=text[:60], allowed="100") from None
-
-
-def _build_choices(vector: str, found: Mapping[str, Any]) -> list[Choice]:
-    places = found[vector] or (None, None, None)
-    return [
-        Choice(f"{vector}_{axis}", vector, axis, _find_column(place, found["columns"]))
-        for axis, place in zip(AXES, places, strict=True)
-    ]
 
 
 def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
@@ -235,13 +209,12 @@ def list_mappings(request: Request, services: UsedServices, language: UsedLangua
 
 
 @router.post("/columns/{header}")
-async def change_mapping(header: str, request: Request, services: UsedServices) -> Response:
+def change_mapping(header: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Rename, or say whether further files are read so unasked (a plain form, so that it needs no script)."""
-    form = await read_form(request)
     values: dict[str, str | int] = {"is_confirmed": int(bool(first(form, "everywhere")))}
     if name := clean_text(first(form, "name")):
         values["name"] = name
-    await run_in_threadpool(services.mappings.change, header, **values)
+    services.mappings.change(header, **values)
     return RedirectResponse(f"{find_base(request)}/columns", status_code=303)
 
 

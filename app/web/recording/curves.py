@@ -6,7 +6,7 @@ from datetime import datetime
 
 from app.errors import NoSuchFile
 from app.jobs.job import Job
-from app.report.findings import decode_findings
+from app.report.export.results import decode_results
 from app.services import Services
 from app.web.recording.day import find_day
 from app.web.recording.day_views import DayClock
@@ -33,7 +33,7 @@ Laid = tuple[Job, str, float | None]
 
 
 def build_curves(services: Services, laid: Sequence[Laid], base: str) -> tuple[CurveView, ...]:
-    """Build a curve for each analysis; none where one of them has no curve, as of an earlier release."""
+    """Build a curve for each analysis; none if one of them has no curve."""
     try:
         clocks = [DayClock.of(find_day(services, job).facts) for job, _, _ in laid]
     except NoSuchFile:
@@ -62,8 +62,8 @@ def _find_time_of_day_s(start: datetime | None) -> float:
 
 
 def _read_minutes(services: Services, job: Job) -> Minutes:
-    """Read the minutes of the report's day; none where its findings cannot be read."""
+    """Read the minutes of the report's day; none if its results cannot be read."""
     try:
-        return list_minutes(decode_findings(services.results.read(job, "findings.json")).findings, "en")
-    except (NoSuchFile, ValueError, KeyError):
+        return list_minutes(decode_results(services.results.read(job, "results.json")).findings, "en")
+    except (NoSuchFile, ValueError):
         return ()

@@ -8,8 +8,7 @@ from itertools import zip_longest
 from typing import Annotated, Any, TypeVar, get_args
 
 import numpy as np
-from fastapi import APIRouter, Query, Request, Response
-from fastapi.concurrency import run_in_threadpool
+from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import JSONResponse, RedirectResponse
 from pydantic import BaseModel, Field
 from starlette.status import HTTP_303_SEE_OTHER
@@ -21,7 +20,7 @@ from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
-from app.web.forms import Form, first, read_body, read_form
+from app.web.forms import Form, UsedForm, first, read_body
 from app.web.recording.day_views import NO, START, YES, DayClock, name_choice, place_rows
 from app.web.rendering import find_base
 from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, PoseHeld, Side, parse_arm_axis
@@ -48,21 +47,26 @@ def correct_request(
 ) -> ReportRequest:
     """Give the request of the next analysis; ``used_s``: the windows that the one before used.
 
-    Raises
-    ------
-    BadParameter, fusion.errors.UnusableDiary, fusion.errors.UnusableCalibration
+    Raises BadParameter, UnusableDiary or UnusableCalibration.
     """
     known = _read_pose(before, form, clock, used_s)
     hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
     if hint:
         raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
+    try:
+        subject = check_subject(first(form, "subject"))
+    except ValueError:
+        typed = first(form, "subject")[:60]
+        raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
     diary = read_rows(form, clock)
     place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
+    sides: tuple[Side, ...] = get_args(Side)
+    held: tuple[PoseHeld, ...] = get_args(PoseHeld)
     return replace(
         known,
-        subject=_read_subject(first(form, "subject")),
-        side=_choose_side(first(form, "side")),
-        pose_held=_choose_held(first(form, "held")),
+        subject=subject,
+        side=_choose(sides, first(form, "side"), "side") if first(form, "side") else None,
+        pose_held=_choose(held, first(form, "held"), "held") if first(form, "held") else None,
         slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
         no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
         diary=diary,
@@ -98,7 +102,8 @@ def _read_pose(
     """Read how the sensor is tied to the arm: by an axis that was strapped along it, or by a pose."""
     if first(form, "pose") == NO_POSE:
         return replace(before, calibration_windows_s=(), arm_axis=_choose_axis(first(form, "axis")))
-    pose = _choose_pose(first(form, "pose"))
+    poses: tuple[Pose, ...] = get_args(Pose)
+    pose = _choose(poses, first(form, "pose"), "pose")
     windows_s = _read_windows(form, "window", clock)
     if pose == "two-point":
         windows_s = [*windows_s[:1], *_read_windows(form, "level", clock)]
@@ -110,17 +115,20 @@ def _read_pose(
 
 def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
     """Read the windows that were typed; None for an empty one, which leaves the choice to the software."""
-    pairs = zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue="")
-    return [_read_window(start.strip(), end.strip(), clock) for start, end in pairs]
-
-
-def _read_window(start: str, end: str, clock: DayClock) -> Window | None:
-    if not start and not end:
-        return None
-    if not (start and end):
-        window = " – ".join(moment or "?" for moment in (start, end))
-        raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
-    return _check_order(clock.read(start, "calibration"), clock.read(end, "calibration"))
+    windows_s: list[Window | None] = []
+    for pair in zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue=""):
+        typed = [moment.strip() for moment in pair]
+        if not any(typed):
+            windows_s.append(None)
+            continue
+        if not all(typed):
+            window = " – ".join(moment or "?" for moment in typed)
+            raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
+        start_s, end_s = (clock.read(moment, "calibration") for moment in typed)
+        if end_s <= start_s:
+            raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
+        windows_s.append((start_s, end_s))
+    return windows_s
 
 
 def _read_times(text: str, name: str, clock: DayClock) -> tuple[float, ...]:
@@ -135,35 +143,7 @@ def _choose_axis(text: str) -> ArmAxis:
         raise BadParameter(name="axis", value=text[:60], allowed=AXIS_HINT) from None
 
 
-def _check_order(start_s: float, end_s: float) -> tuple[float, float]:
-    if end_s <= start_s:
-        raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
-    return start_s, end_s
-
-
-def _read_subject(text: str) -> str:
-    try:
-        return check_subject(text)
-    except ValueError:
-        raise BadParameter(name="subject", value=text[:60], allowed=SUBJECT_HINT) from None
-
-
-def _choose_pose(text: str) -> Pose:
-    poses: tuple[Pose, ...] = get_args(Pose)
-    return _find(poses, text, "pose")
-
-
-def _choose_side(text: str) -> Side | None:
-    sides: tuple[Side, ...] = get_args(Side)
-    return _find(sides, text, "side") if text else None
-
-
-def _choose_held(text: str) -> PoseHeld | None:
-    allowed: tuple[PoseHeld, ...] = get_args(PoseHeld)
-    return _find(allowed, text, "held") if text else None
-
-
-def _find(allowed: tuple[T, ...], text: str, name: str) -> T:
+def _choose(allowed: tuple[T, ...], text: str, name: str) -> T:
     for choice in allowed:
         if choice == text:
             return choice
@@ -173,7 +153,6 @@ def _find(allowed: tuple[T, ...], text: str, name: str) -> T:
 MOST_POINTS = 4000
 MOST_SPANS = 200
 LATEST_S = 1e8
-SPAN_HINT = "start,end (s)"
 
 router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
 Second = Annotated[float, Query(ge=0, le=LATEST_S)]
@@ -223,43 +202,39 @@ def share(
 ) -> dict[str, Any]:
     """Give the time above 60 deg in stretches, each ``start,end`` in s, as of a task of the diary."""
     day = find_day(services, services.store.get(analysis_id))
-    measured = [day.measure_above(*_read_span(each), MAIN_THRESHOLD_DEG) for each in span]
-    valid_s, above_s = (sum(part) for part in zip(*measured, strict=True))
+    valid_s = above_s = 0.0
+    for text in span:
+        try:
+            start_s, end_s = (float(part) for part in text.split(","))
+        except ValueError:
+            start_s = end_s = 0.0
+        if not 0.0 <= start_s < end_s <= LATEST_S:
+            raise BadParameter(name="span", value=text[:60], allowed="start,end (s)")
+        valid, above = day.measure_above(start_s, end_s, MAIN_THRESHOLD_DEG)
+        valid_s, above_s = valid_s + valid, above_s + above
     percent = 100.0 * above_s / valid_s if valid_s else None
     told = (format_duration(above_s, language), format_percent(percent, language))
     return {"percent": percent, "words": "{} ({})".format(*told) if valid_s else told[1]}
 
 
-def _read_span(text: str) -> Window:
-    try:
-        start_s, end_s = (float(part) for part in text.split(","))
-    except ValueError:
-        raise BadParameter(name="span", value=text[:60], allowed=SPAN_HINT) from None
-    if not 0.0 <= start_s < end_s <= LATEST_S:
-        raise BadParameter(name="span", value=text[:60], allowed=SPAN_HINT)
-    return start_s, end_s
-
-
 @router.post("/again")
-async def analyse_again(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def analyse_again(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse the recording once more, as corrected on the page; the earlier analysis stays as it is."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     facts = find_day(services, job).facts
     used_s = tuple((start_s, end_s) for start_s, end_s, *_ in facts["calibration"])
     corrected = correct_request(job.request, form, DayClock.of(facts), used_s)
-    return await run_in_threadpool(_add_again, job, corrected, request, services)
+    return _add_again(job, corrected, request, services)
 
 
 @router.post("/pose")
-async def name_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def name_pose(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse the recording once more, with one of the proposed stretches as the pose.
 
     A stretch after the sensor moved is a pose beside those before it; ``start`` states that the pose was held
     at the start of wear.
     """
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     facts = find_day(services, job).facts
     before_s = job.request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
     choices_s: dict[str, tuple[Window, ...]] = {START: ()}
@@ -274,14 +249,13 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
     named = replace(
         job.request, calibration_windows_s=choices_s[choice], pose_held=held, arm_axis=None, reason=""
     )
-    return await run_in_threadpool(_add_again, job, named, request, services)
+    return _add_again(job, named, request, services)
 
 
 @router.post("/moved")
-async def answer_move(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def answer_move(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     before, middles_s = job.request, dict[str, float]()
     for place, (_, start_s, end_s, _) in enumerate(find_day(services, job).facts.get("moves", ())):
         middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
@@ -294,18 +268,17 @@ async def answer_move(analysis_id: str, request: Request, services: UsedServices
     else:
         no_slips_s = tuple(sorted((*before.no_slip_times_s, middles_s[answer])))
         answered = replace(before, no_slip_times_s=no_slips_s, reason="")
-    return await run_in_threadpool(_add_again, job, answered, request, services)
+    return _add_again(job, answered, request, services)
 
 
 @router.post("/other-pose")
-async def try_other_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def try_other_pose(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse once more what no pose could be found for, by an axis, or else without the windows given."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     axis = _choose_axis(first(form, "axis")) if first(form, "axis") else None
     pose = "n-pose" if job.request.pose == "two-point" else job.request.pose
     other = replace(job.request, pose=pose, calibration_windows_s=(), arm_axis=axis, reason="")
-    return await run_in_threadpool(_add_again, job, other, request, services)
+    return _add_again(job, other, request, services)
 
 
 def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
@@ -318,25 +291,25 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
 
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
     said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    again = services.store.correct(job, corrected)
     say_whose(services, job, corrected, said)
-    again = services.store.add_correction(job, corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 
 
 @router.post("/diary")
-async def import_diary(analysis_id: str, request: Request, services: UsedServices) -> list[dict[str, Any]]:
+def import_diary(
+    analysis_id: str, services: UsedServices, body: Annotated[bytes, Depends(read_body)]
+) -> list[dict[str, Any]]:
     """Read a diary as CSV and give its rows as the form shows them; nothing is changed."""
-    body = await read_body(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     return place_rows(read_diary(body), DayClock.of(find_day(services, job).facts))
 
 
 @router.post("/diary.csv")
-async def export_diary(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def export_diary(analysis_id: str, services: UsedServices, form: UsedForm) -> Response:
     """Give the rows of the form as a diary, for another recording or another program."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     clock = DayClock.of(find_day(services, job).facts)
     rows = place_rows(read_rows(form, clock), clock)
     body = write_csv([tuple(row[name] for name in COLUMNS) for row in rows], clock, bom=BOM)
@@ -347,9 +320,7 @@ async def export_diary(analysis_id: str, request: Request, services: UsedService
 def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
     """Open the day of a finished analysis, or one of the two curves of a comparison.
 
-    Raises
-    ------
-    NoSuchFile, ResultDamaged
+    Raises NoSuchFile or ResultDamaged.
     """
     if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=name)

@@ -63,12 +63,7 @@ class DayClock:
         return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
     def read(self, text: str, name: str) -> float:
-        """Read a moment that a person typed, in seconds from the first sample.
-
-        Raises
-        ------
-        BadParameter
-        """
+        """Read a moment that a person typed, in seconds from the first sample. Raises BadParameter."""
         clock, seconds = ("", text) if self.start is None else (text, "")
         try:
             moment = read_moment(0, clock, seconds)
@@ -83,9 +78,7 @@ class DayClock:
 def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[dict[str, Any]]:
     """Give the rows of a diary as the form shows them: clock times that can be typed again.
 
-    Raises
-    ------
-    fusion.errors.UnusableDiary
+    Raises UnusableDiary.
     """
     periods = place_diary(entries, clock.start, clock.duration_us).periods
     return [
@@ -189,12 +182,13 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayVi
     """Build the view of a day and of its request."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
+    count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
     return DayView(
         start=str(day.facts["start"] or ""),
         duration_s=clock.duration_s,
         needs_date=clock.needs_date,
         rows=place_rows(request.select_diary(), clock),
-        windows=_build_windows(day, request, clock),
+        windows=tuple(_build_window(place, day, request, clock) for place in range(count)),
         level=_build_window(1, day, request, clock) if request.pose == "two-point" else NO_WINDOW,
         held=request.pose_held or "",
         slips="; ".join(map(clock.format, request.slip_times_s)),
@@ -205,12 +199,6 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayVi
         kinds=tuple((kind, str(names[kind])) for kind in KINDS),
         has_samples=bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
     )
-
-
-def _build_windows(day: DayFile, request: ReportRequest, clock: DayClock) -> tuple[Window, ...]:
-    """Build the first window, and each in which the same pose was held again."""
-    count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
-    return tuple(_build_window(place, day, request, clock) for place in range(count))
 
 
 def _build_axis(
@@ -261,12 +249,17 @@ def _list_questions(
     if facts.get("asked"):
         yield _ask_for_pose(facts, request, place)
     for number, (kind, start_s, end_s, apart_deg) in enumerate(facts.get("moves", ())):
-        yield _ask_for_move(number, kind, (start_s, end_s, apart_deg), place)
+        span = {**told.format_span(start_s, end_s), "apart": format_angle(apart_deg, told.language)}
+        heading, lead = (fill(words[key], span) for key in (kind, f"{kind}_lead"))
+        yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
+        choices = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
+        shown = (place.clock.format(round(at_s)) for at_s in (start_s, end_s))
+        yield Question(f"move-{number}", "moved", "answer", heading, lead, choices, *shown)
     for number, (start_s, _, stills) in enumerate(() if facts.get("asked") else facts.get("unread", ())):
         time = {"time": told.format(start_s)}
-        choices = tuple(place.offer("choice", *still) for still in stills)
+        offers = tuple(place.offer("choice", *still) for still in stills)
         heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
-        yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, choices)
+        yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,18 +295,6 @@ def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Plac
     if request.pose_held != "start" and not facts.get("not_held"):
         choices.insert(1, Choice(START, words["held_start"]))
     return Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
-
-
-def _ask_for_move(number: int, kind: str, found: tuple[float, float, float], place: _Place) -> Question:
-    """Ask whether the sensor slipped between two times, or was put back in another place."""
-    start_s, end_s, apart_deg = found
-    apart = format_angle(apart_deg, place.told.language)
-    facts = {**place.told.format_span(start_s, end_s), "apart": apart}
-    heading, lead = (fill(place.words[key], facts) for key in (kind, f"{kind}_lead"))
-    yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
-    choices = Choice(f"{number}-{YES}", place.words[yes]), Choice(f"{number}-{NO}", place.words[no])
-    shown = (place.clock.format(round(at_s)) for at_s in (start_s, end_s))
-    return Question(f"move-{number}", "moved", "answer", heading, lead, choices, *shown)
 
 
 NO_WINDOW = Window("", "", "", "")

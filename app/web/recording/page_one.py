@@ -1,13 +1,14 @@
 """Page 1 of the report on the page of its recording, and the moments to look at on the curve."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from app.errors import NoSuchFile
 from app.jobs.job import Job
 from app.report.analysis.day import WORST_WINDOW_S, build_timeline
 from app.report.analysis.report import build_report
-from app.report.findings import Findings, Kept, decode_findings
+from app.report.export.results import decode_results
+from app.report.findings import Findings, Kept
 from app.report.model import Report
 from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -52,17 +53,18 @@ class PageOne:
 
 
 def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
-    """Build page 1 of a finished analysis; None where an older version left no findings that can be read.
+    """Build page 1 of a finished analysis; None if its results cannot be read.
 
     Raises
     ------
     ResultDamaged
     """
     try:
-        kept = decode_findings(services.results.read(job, "findings.json"))
-    except (NoSuchFile, ValueError, KeyError):
+        kept = decode_results(services.results.read(job, "results.json"))
+    except (NoSuchFile, ValueError):
         return None
-    return build_page_one(kept, day, language)
+    subject = replace(kept.subject, reason=job.request.reason)
+    return build_page_one(replace(kept, subject=subject), day, language)
 
 
 def build_page_one(kept: Kept, day: DayFile | None, language: Language) -> PageOne:

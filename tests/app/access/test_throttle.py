@@ -7,18 +7,16 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import select
 
 from app.access import passwords
 from app.access.accounts import AccountStore
-from app.access.hashing import LOGINS
 from app.access.logins import Caller, Logins
-from app.access.tables import acts, tries
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
-from app.jobs.trail import NOBODY, acting
+from app.jobs.audit_log import NOBODY, acting
+from app.jobs.database.tables import audit_log, tries
 from app.settings import Settings
-from app.storage.keys import open_keys
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -207,8 +205,8 @@ def test_addresses_of_one_network_of_ipv6_share_a_budget() -> None:
 def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -> None:
     guess(logins, "my password by mistake")
 
-    kept = (settings.data_dir / "accounts.sqlite3").read_bytes()
-    kept += (settings.data_dir / "accounts.sqlite3-wal").read_bytes()
+    kept = (settings.data_dir / "acromion.sqlite3").read_bytes()
+    kept += (settings.data_dir / "acromion.sqlite3-wal").read_bytes()
     assert b"my password" not in kept
 
 
@@ -262,43 +260,6 @@ def test_two_processes_count_the_tries_of_a_name_together(
         codes += done.stdout.split()
 
     assert codes == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-def test_tries_are_counted_after_the_key_of_the_names_is_lost(
-    logins: Logins, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person()
-    guess(logins, "clara")
-    open_keys(settings).destroy(LOGINS)
-
-    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-def test_tries_are_counted_where_the_key_of_the_names_does_not_open(
-    logins: Logins, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person()
-    keys = open_keys(settings)
-    keys.destroy(LOGINS)
-    keys.wrapped.add(LOGINS, b"damaged")
-
-    assert [guess(logins, "clara") for _ in range(6)] == ["E-LOGIN"] * 5 + ["E-TRIES"]
-
-
-@on_both_databases
-def test_names_that_an_earlier_release_counted_without_a_key_are_forgotten(
-    logins: Logins, accounts: AccountStore, settings: Settings, clock: Clock
-) -> None:
-    guess(logins, "clara")
-    kept, plain = find_keys(accounts), f"account:{hashlib.sha256(b'hunter2').hexdigest()}"
-    rows = [{"key": key, "failures": 1, "blocked_until_s": clock()} for key in (plain, f"told:{plain}")]
-    with accounts.database.write() as connection:
-        connection.execute(insert(tries), rows)
-
-    later = AccountStore(settings, clock)
-
-    assert sorted(find_keys(later)) == sorted(kept)
-    later.database.close()
 
 
 def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
@@ -371,29 +332,29 @@ def test_throttling_starts_without_rows(logins: Logins) -> None:
     throttle.take([limit_address("203.0.113.1")])
 
 
-# What of it is in the trail.
+# What of it is in the audit log.
 
 
-def find_notes(logins: Logins) -> list[tuple[str, str, dict[str, str]]]:
-    """Give what waits for the trail of tries that had to wait: organisation, who, codes."""
-    rows = logins.accounts.database.read_all(select(acts).where(acts.c.act == "login.throttled"))
-    return [(row.organisation, row.who, json.loads(row.other)) for row in rows]
+def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
+    """Return what the audit log says of tries that had to wait: who, codes."""
+    query = select(audit_log).where(audit_log.c.act == "login.throttled")
+    return [(row.who, json.loads(row.other)) for row in logins.accounts.database.read_all(query)]
 
 
 def test_tries_of_an_account_that_have_to_wait_are_one_line_with_the_person(
     logins: Logins, add_person: AddPerson
 ) -> None:
-    clara = add_person(organisation="org_0123456789abcdef")
+    clara = add_person()
 
     with acting(NOBODY):
         for number in range(20):
             guess(logins, "clara", caller=Caller(f"198.51.100.{number}", ""))
 
     told = {"by": "account", "person": clara.id}
-    assert find_notes(logins) == [("org_0123456789abcdef", NOBODY, told)]
+    assert find_notes(logins) == [(NOBODY, told)]
 
 
-def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
+def test_tries_of_an_address_that_have_to_wait_are_one_line_with_nobody(
     logins: Logins, add_person: AddPerson
 ) -> None:
     add_person()
@@ -401,9 +362,7 @@ def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
     for number in range(30):
         guess(logins, f"person{number}")
 
-    assert [(organisation, told) for organisation, _, told in find_notes(logins)] == [
-        ("own", {"by": "address"})
-    ]
+    assert [told for _, told in find_notes(logins)] == [{"by": "address"}]
 
 
 def test_a_name_that_nobody_has_is_in_no_line(logins: Logins, add_person: AddPerson) -> None:

@@ -217,17 +217,6 @@ def test_a_token_at_a_foreign_name_is_not_said_back(
     assert (answer.status_code, token in answer.text) == (421, False)
 
 
-def test_a_kept_answer_never_holds_a_token(add_person: AddPerson, enter: Enter) -> None:
-    add_person()
-    visitor = enter()
-    wish = {"name": "x", "permissions": ["read"]}
-    headers = {"idempotency-key": "once"}
-
-    answers = [visitor.client.post("/api/v1/tokens", json=wish, headers=headers) for _ in range(2)]
-
-    assert answers[0].json()["token"] != answers[1].json()["token"]
-
-
 def test_a_token_is_made_and_revoked_on_the_page(add_person: AddPerson, enter: Enter, visit: Visit) -> None:
     add_person()
     visitor = enter()
@@ -251,7 +240,7 @@ def find_way(subject: Subject, *headers: tuple[bytes, bytes]) -> str:
 
 
 def of_kind(kind: Any, permissions: Sequence[Permission] = ()) -> Subject:
-    return Subject(kind, "x", "x", "own", frozenset(permissions))
+    return Subject(kind, "x", "x", frozenset(permissions))
 
 
 def test_what_a_token_sends_waits_its_turn_whatever_its_headers_say() -> None:

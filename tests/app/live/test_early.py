@@ -17,11 +17,9 @@ from app.api.live_library import LIVE_FOLDER
 from app.live.early import EarlyFile, EarlyPort, read_about, read_pieces
 from app.live.early_rows import write_early_rows
 from app.live.ports import PushedPort
-from app.live.raw_file import restate
-from app.live.session_files import SessionFiles, begin_files, find_left, open_left, read_unfinished
+from app.live.session_files import SessionFiles, begin_files, find_left
 from app.main import create_app
 from app.settings import Settings
-from app.storage.keys import KeyStore, open_keys
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.app.live.made import count_stored_rows
@@ -34,30 +32,24 @@ ASKED = {"name": "phone", "subject": "S007", "side": "left", "axis": "+z", "cues
 
 
 @pytest.fixture
-def keys(tmp_path: Path) -> KeyStore:
-    return open_keys(Settings(data_dir=tmp_path))
-
-
-@pytest.fixture
-def files(tmp_path: Path, keys: KeyStore) -> SessionFiles:
-    return begin_files(tmp_path / "live", keys, keeps=True)
+def files(tmp_path: Path) -> SessionFiles:
+    return begin_files(tmp_path / "live", keeps=True)
 
 
 def write_early(files: SessionFiles, *pieces: str) -> None:
-    early = EarlyFile(files.early, files.key, ASKED)
+    early = EarlyFile(files.early, ASKED)
     for number, piece in enumerate(pieces):
         early.write(piece.encode(), 1_770_000_000.0 + number)
     early.close()
 
 
-def open_raw(files: SessionFiles, opened: Path) -> Recording:
-    opened.write_bytes(b"".join(restate(lambda: read_unfinished(files.raw, files.key))))
-    return read_recording(opened)
+def open_raw(files: SessionFiles) -> Recording:
+    with files.raw.open("rb") as file:
+        return read_recording(file, file_name="live.csv")
 
 
 def read_early(files: SessionFiles) -> bytes:
-    content = b"".join(read_unfinished(files.early, files.key))
-    return b"".join(piece for piece, _ in read_pieces(content))
+    return b"".join(piece for piece, _ in read_pieces(files.early.read_bytes()))
 
 
 def wait_until_kept(files: SessionFiles, piece: bytes) -> None:
@@ -67,24 +59,22 @@ def wait_until_kept(files: SessionFiles, piece: bytes) -> None:
 def test_what_came_is_kept_as_it_came_with_its_moment_and_what_was_asked(files: SessionFiles) -> None:
     write_early(files, "a", "bc")
 
-    content = b"".join(read_unfinished(files.early, files.key))
+    content = files.early.read_bytes()
 
     assert read_about(content) == ASKED
     assert list(read_pieces(content)) == [(b"a", 1_770_000_000.0), (b"bc", 1_770_000_001.0)]
 
 
-def test_only_its_user_reads_it_and_it_is_sealed(files: SessionFiles) -> None:
+def test_only_its_user_reads_it(files: SessionFiles) -> None:
     write_early(files, BOARD + write_rows(0, 300))
 
     assert files.early.stat().st_mode & 0o777 == 0o600
     assert files.folder.stat().st_mode & 0o777 == 0o700
-    assert b"acc_x_g" not in files.early.read_bytes()
-    assert b"S007" not in files.early.read_bytes()
 
 
 def test_a_port_is_read_while_nobody_takes_anything_from_it(files: SessionFiles) -> None:
     pushed = PushedPort()
-    port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+    port = EarlyPort(pushed, EarlyFile(files.early, ASKED))
 
     pushed.push(b"1,2,3\n")
 
@@ -95,7 +85,7 @@ def test_a_port_is_read_while_nobody_takes_anything_from_it(files: SessionFiles)
 
 def test_released_it_leaves_no_file_and_the_port_is_read_on(files: SessionFiles) -> None:
     pushed = PushedPort()
-    port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+    port = EarlyPort(pushed, EarlyFile(files.early, ASKED))
     pushed.push(b"1\n")
     wait_for(lambda: port.is_behind)
 
@@ -109,7 +99,7 @@ def test_released_it_leaves_no_file_and_the_port_is_read_on(files: SessionFiles)
 
 def test_what_came_early_and_was_not_read_yet_keeps_its_moment(files: SessionFiles) -> None:
     pushed = PushedPort()
-    port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+    port = EarlyPort(pushed, EarlyFile(files.early, ASKED))
     for piece in (b"1\n", b"2\n"):
         pushed.push(piece)
         wait_until_kept(files, piece)
@@ -122,41 +112,41 @@ def test_what_came_early_and_was_not_read_yet_keeps_its_moment(files: SessionFil
     port.close()
 
 
-def test_of_early_rows_a_raw_file_is_made(files: SessionFiles, tmp_path: Path) -> None:
+def test_of_early_rows_a_raw_file_is_made(files: SessionFiles) -> None:
     write_early(files, BOARD + write_rows(0, 150), write_rows(150, 301)[:-5])
 
-    assert write_early_rows(files.early, files.raw, files.key)
+    assert write_early_rows(files.early, files.raw)
 
-    recording = open_raw(files, tmp_path / "opened.csv")
+    recording = open_raw(files)
     assert not files.early.exists()
     assert (recording.device, recording.arm_axis) == ("lsm9ds1", "+z")
     assert np.allclose(recording.segments[0].acc_g[:, 0], np.arange(300) / 1000)
 
 
-def test_fewer_rows_than_tell_a_rate_otherwise_are_kept_too(files: SessionFiles, tmp_path: Path) -> None:
+def test_fewer_rows_than_tell_a_rate_otherwise_are_kept_too(files: SessionFiles) -> None:
     write_early(files, BOARD + write_rows(0, 60))
 
-    assert write_early_rows(files.early, files.raw, files.key)
+    assert write_early_rows(files.early, files.raw)
 
-    assert sum(map(len, open_raw(files, tmp_path / "opened.csv").segments)) == 60
+    assert sum(map(len, open_raw(files).segments)) == 60
 
 
 @pytest.mark.parametrize("said", ["", "x", write_rows(0, 300)])
 def test_what_holds_no_row_that_can_be_read_leaves_nothing(files: SessionFiles, said: str) -> None:
     write_early(files, said)
 
-    assert not write_early_rows(files.early, files.raw, files.key)
+    assert not write_early_rows(files.early, files.raw)
 
     assert list(files.folder.iterdir()) == []
 
 
-def test_a_raw_file_that_was_begun_meanwhile_is_written_anew(files: SessionFiles, tmp_path: Path) -> None:
+def test_a_raw_file_that_was_begun_meanwhile_is_written_anew(files: SessionFiles) -> None:
     write_early(files, BOARD + write_rows(0, 300))
     files.raw.write_bytes(b"begun")
 
-    write_early_rows(files.early, files.raw, files.key)
+    write_early_rows(files.early, files.raw)
 
-    assert sum(map(len, open_raw(files, tmp_path / "opened.csv").segments)) == 300
+    assert sum(map(len, open_raw(files).segments)) == 300
 
 
 class Loading:
@@ -179,9 +169,8 @@ def loading(monkeypatch: pytest.MonkeyPatch) -> Loading:
 
 def count_early(settings: Settings) -> int:
     """Count the rows of the only session that are on the disk."""
-    folder, keys = settings.data_dir / LIVE_FOLDER, open_keys(settings)
-    for session_id in find_left(folder):
-        return read_early(open_left(folder, keys, session_id)).count(b"\n")
+    for files in find_left(settings.data_dir / LIVE_FOLDER):
+        return read_early(files).count(b"\n")
     return 0
 
 
@@ -201,7 +190,7 @@ def test_before_the_science_is_loaded_samples_are_on_the_disk_and_afterwards_in_
     assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
 
 
-def test_a_session_that_cannot_start_leaves_neither_file_nor_key(
+def test_a_session_that_cannot_start_leaves_no_file(
     client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 0.2)
@@ -210,7 +199,6 @@ def test_a_session_that_cannot_start_leaves_neither_file_nor_key(
         read_until(socket, "problem")
 
     assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
-    assert not [name for name, _ in open_keys(settings).export() if name.startswith("live_")]
 
 
 PROGRAM = """
@@ -220,13 +208,12 @@ from app.live.early import EarlyFile, EarlyPort
 from app.live.ports import PushedPort
 from app.live.session_files import begin_files
 from app.settings import Settings
-from app.storage.keys import open_keys
 from tests.app.live.test_early import ASKED, BOARD, read_early, wait_for, write_rows
 
 settings = Settings(data_dir=Path(sys.argv[1]))
-files = begin_files(settings.data_dir / "live", open_keys(settings), keeps=True)
+files = begin_files(settings.data_dir / "live", keeps=True)
 pushed = PushedPort()
-port = EarlyPort(pushed, EarlyFile(files.early, files.key, ASKED))
+port = EarlyPort(pushed, EarlyFile(files.early, ASKED))
 pushed.push((BOARD + write_rows(0, 1000)).encode())
 wait_for(lambda: read_early(files).endswith(write_rows(999, 1000).encode()))
 os.kill(os.getpid(), signal.SIGKILL)

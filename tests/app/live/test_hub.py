@@ -10,12 +10,10 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import TooManySessions
 from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
-from app.live.raw_file import Wearer, restate
+from app.live.raw_file import Wearer
 from app.live.recorder import Recorder
-from app.live.session_files import SessionFiles, begin_files, read_unfinished
+from app.live.session_files import SessionFiles, begin_files
 from app.live.source import SourceFacts
-from app.settings import Settings
-from app.storage.keys import KeyStore, open_keys
 from fusion.live import Frames, replay_frames
 from fusion.live.cues import Cue
 from fusion.readers import read_recording
@@ -65,27 +63,23 @@ class Shelf:
     error: Exception | None = None
     kept: list[Path] = field(default_factory=list)
 
-    @property
-    def keys(self) -> KeyStore:
-        return open_keys(Settings(data_dir=self.folder))
-
     def begin(self) -> SessionFiles:
-        return begin_files(self.folder / "live", self.keys, keeps=True)
+        return begin_files(self.folder / "live", keeps=True)
 
     def keep(self, ended: Ended) -> str:
         if self.error:
             raise self.error
         self.kept.append(ended.files.raw)
-        assert count_rows(ended.files, self.folder / "opened.csv") == 2200
+        assert count_rows(ended.files) == 2200
         return "an_1"
 
     def announce(self, session_id: str, cue: Cue) -> None:
         raise AssertionError
 
 
-def count_rows(files: SessionFiles, opened: Path) -> int:
-    opened.write_bytes(b"".join(restate(lambda: read_unfinished(files.raw, files.key))))
-    return sum(map(len, read_recording(opened).segments))
+def count_rows(files: SessionFiles) -> int:
+    with files.raw.open("rb") as file:
+        return sum(map(len, read_recording(file, file_name="live.csv").segments))
 
 
 def run(source: BreakingSource, shelf: Shelf, files: SessionFiles | None = None) -> list[dict[str, Any]]:
@@ -107,14 +101,13 @@ def test_a_source_that_breaks_leaves_all_that_came(tmp_path: Path) -> None:
     assert len(shelf.kept) == 1
 
 
-def test_of_a_session_that_was_taken_in_neither_file_nor_key_is_left(tmp_path: Path) -> None:
+def test_of_a_session_that_was_taken_in_no_file_is_left(tmp_path: Path) -> None:
     shelf = Shelf(tmp_path)
     files = shelf.begin()
 
     run(BreakingSource(OSError("gone")), shelf, files)
 
     assert list((tmp_path / "live").iterdir()) == []
-    assert shelf.keys.find(files.key.id) is None
 
 
 def test_a_session_that_nobody_comes_back_to_ends_with_its_recording(
@@ -135,7 +128,7 @@ def test_a_session_that_nobody_comes_back_to_ends_with_its_recording(
 
 def make_session(folder: Path) -> RunningSession:
     files, source = Shelf(folder).begin(), BreakingSource(OSError())
-    recorder = Recorder(files.raw, source.facts, key=files.key)
+    recorder = Recorder(files.raw, source.facts)
     return RunningSession(files, source, recorder, SessionRequest())
 
 
@@ -195,8 +188,7 @@ def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(
     messages = run(BreakingSource(OSError("gone")), shelf, files)
 
     assert messages[-1]["analysis"] == ""
-    assert shelf.keys.find(files.key.id) == files.key
-    assert count_rows(files, tmp_path / "opened.csv") == 2200
+    assert count_rows(files) == 2200
 
 
 def test_more_sessions_than_the_server_runs_are_refused(

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.live.raw_file import COLUMNS, RawFile, RawHeader, Wearer, find_cut, restate, was_stopped
-from app.live.session_files import read_unfinished
-from app.storage.keys import RecordingKey
+from app.live.raw_file import RawFile, Wearer, find_cut, was_stopped
+from app.live.source import SourceFacts
 from fusion.live import Frames
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
@@ -20,7 +19,7 @@ from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_frames
 
 START = datetime(2026, 3, 2, 7, 0, tzinfo=UTC)
-HEADER = RawHeader("lsm9ds1", "replay", START, 100.0, acc_range_g=16.0, gyr_range_dps=2000.0)
+HEADER = SourceFacts("lsm9ds1", "replay", 100.0, START, acc_range_g=16.0, gyr_range_dps=2000.0)
 
 
 def write(path: Path, frames: Frames, pose_s: tuple[float, float] | None = None) -> Recording:
@@ -85,8 +84,8 @@ def test_without_a_pose_none_is_stated(tmp_path: Path) -> None:
 
 
 def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
-    header = RawHeader("other", "port", START, 100.0, Wearer(arm_axis="+z"))
-    with RawFile(tmp_path / "live-a.csv", header) as raw:
+    facts = SourceFacts("other", "port", 100.0, START)
+    with RawFile(tmp_path / "live-a.csv", facts, Wearer(arm_axis="+z")) as raw:
         raw.write(make_frames((0.0, 60.0), (95.0, 60.0)))
 
     calibration = analyse(tmp_path / "live-a.csv").calibration
@@ -97,8 +96,7 @@ def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
 
 
 def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:
-    header = RawHeader("other", "a\n# arm_axis: x", START, 100.0)
-    with RawFile(tmp_path / "live-a.csv", header) as raw:
+    with RawFile(tmp_path / "live-a.csv", SourceFacts("other", "a\n# arm_axis: x", 100.0, START)) as raw:
         raw.write(make_frames(FIRST_POSE))
 
     assert read_recording(tmp_path / "live-a.csv").arm_axis is None
@@ -111,40 +109,11 @@ def test_a_session_that_is_stopped_is_not_cut(tmp_path: Path) -> None:
     assert list(find_cut(tmp_path)) == []
 
 
-KEY = RecordingKey("live_a", bytes(32))
-
-
-def test_a_sealed_file_gives_the_bytes_of_a_plain_one(tmp_path: Path) -> None:
-    frames = make_frames(FIRST_POSE, (95.0, 10.0))
-    for name, key in (("plain", None), ("sealed", KEY)):
-        with RawFile(tmp_path / name, HEADER, key) as raw:
-            raw.write(frames.cut(0, 1000))
-            raw.state_pose(5.0, 10.0)
-            raw.write(frames.cut(1000, 1500))
-            raw.state_pose(6.0, 11.0)
-            raw.write(frames.cut(1500, 2200))
-            raw.stop(START)
-
-    restated = b"".join(restate(lambda: read_unfinished(tmp_path / "sealed", KEY)))
-
-    assert restated == (tmp_path / "plain").read_bytes()
-    assert b"acc_x_g" not in (tmp_path / "sealed").read_bytes()
-
-
-@pytest.mark.parametrize("torn", [b"12345,1", b"# pose_window_s: 5.000,10"])
-def test_of_a_torn_last_line_a_row_stays_and_a_statement_does_not(torn: bytes) -> None:
-    whole = b"# pose_window_s: none\n" + COLUMNS.encode() + b"\n0,0,1\n"
-
-    restated = b"".join(restate(lambda: iter([whole[:30], whole[30:] + torn])))
-
-    assert restated == (whole if torn.startswith(b"#") else whole + torn)
-
-
 def test_what_was_written_survives_a_kill_before_any_sync(tmp_path: Path) -> None:
-    raw = RawFile(tmp_path / "live-a.raw", HEADER, KEY)
+    raw = RawFile(tmp_path / "live-a.raw", HEADER)
     raw.write(make_frames(FIRST_POSE))
 
-    rows = b"".join(restate(lambda: read_unfinished(raw.path, KEY))).splitlines()
+    rows = raw.path.read_bytes().splitlines()
 
     assert sum(row[:1].isdigit() for row in rows) == 1200
     raw.close()

@@ -16,16 +16,15 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.api.live import _find_limiter, find_hub
 from app.api.live_library import LIVE_FOLDER
-from app.jobs.database.tables import deliveries, recordings, trail
+from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
-from app.live.raw_file import RawFile, RawHeader, Wearer
+from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.session_files import SessionFiles, begin_files
 from app.live.source import SourceFacts
 from app.main import create_app
 from app.settings import Settings
-from app.storage.keys import open_keys
 from app.storage.store import Storage
 from fusion.live import LiveElevation, replay_frames
 from fusion.live.cues import CueRule
@@ -41,7 +40,7 @@ DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
 
 
 def write_raw(path: Path, recording: Recording, wearer: Wearer) -> None:
-    with RawFile(path, RawHeader("other", "made", START, 100.0, wearer)) as raw:
+    with RawFile(path, SourceFacts("other", "made", 100.0, START), wearer) as raw:
         for frames in replay_frames(recording, 1e6):
             raw.write(frames)
 
@@ -234,22 +233,6 @@ def test_another_site_gets_no_socket(client: TestClient, headers: dict[str, str]
         pass
 
 
-def test_what_an_earlier_release_left_in_clear_becomes_a_recording_but_for_what_it_played(
-    settings: Settings, store: JobStore, storage: Storage
-) -> None:
-    folder = settings.data_dir / LIVE_FOLDER
-    folder.mkdir(parents=True)
-    write_raw(folder / "live-a.csv", make_worn(*DAY), Wearer("S007", "left"))
-    write_raw(folder / "replay-b.csv", make_worn(*DAY), Wearer())
-    (folder / "replay-c.raw").write_bytes(b"sealed with a key that was in memory")
-
-    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
-        (recording,) = caller.get("/api/v1/recordings").json()["items"]
-
-    assert (recording["subject"], recording["side"]) == ("S007", "left")
-    assert list(folder.iterdir()) == []
-
-
 def test_a_session_with_cues_that_a_kill_cut_off_still_bears_the_tag(
     settings: Settings, store: JobStore
 ) -> None:
@@ -261,8 +244,8 @@ def test_a_session_with_cues_that_a_kill_cut_off_still_bears_the_tag(
 
 def leave_cut(settings: Settings, wearer: Wearer, *rules: CueRule) -> SessionFiles:
     """Leave the files of a session as a kill does."""
-    files = begin_files(settings.data_dir / LIVE_FOLDER, open_keys(settings), keeps=True)
-    recorder = Recorder(files.raw, SourceFacts("other", "made", 100.0), wearer, rules, key=files.key)
+    files = begin_files(settings.data_dir / LIVE_FOLDER, keeps=True)
+    recorder = Recorder(files.raw, SourceFacts("other", "made", 100.0), wearer, rules)
     for frames in replay_frames(make_worn(*DAY), 1.0):
         recorder.take(frames)
     recorder.break_off()
@@ -280,7 +263,6 @@ def test_what_a_kill_left_of_a_session_becomes_a_recording_and_is_gone(
     assert (recording["subject"], recording["side"]) == ("S007", "left")
     assert count_stored_rows(settings, recording["id"]) == 3200
     assert list(files.folder.iterdir()) == []
-    assert open_keys(settings).find(files.key.id) is None
 
 
 def test_the_lines_of_the_trail_tell_who_started_a_session_and_what_became_of_it(
@@ -323,7 +305,9 @@ def test_a_session_that_a_kill_cut_off_ends_in_the_trail_when_the_server_starts(
 
 def read_trail(store: JobStore, *acts: str) -> list[Row[Any]]:
     with store.engine.connect() as connection:
-        return list(connection.execute(select(trail).where(trail.c.act.in_(acts)).order_by(trail.c.seq)))
+        return list(
+            connection.execute(select(audit_log).where(audit_log.c.act.in_(acts)).order_by(audit_log.c.seq))
+        )
 
 
 def test_boards_that_are_silent_hold_up_no_other_request(
@@ -370,7 +354,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
         asked = {"type": "start", "source": "recording", "recording": stored, "keeps": True}
         with connect(caller, **asked) as socket:
             read_until(socket, "update")
-        hub = find_hub(application.state.offices.own)
+        hub = find_hub(application.state.services)
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
@@ -417,7 +401,7 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
         while socket.receive_json()["status"]["frames"] < 1500:
             pass
 
-    hub = find_hub(client.app.state.offices.own)  # type: ignore[attr-defined]
+    hub = find_hub(client.app.state.services)  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
 
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
@@ -465,7 +449,7 @@ def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -
 def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
     client: TestClient, recording_id: str, store: JobStore
 ) -> None:
-    hooks = client.app.state.offices.own.webhooks  # type: ignore[attr-defined]
+    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
     told = hooks.add("https://hooks.example/cues", ("live.cue",))
     hooks.add("https://hooks.example/ends", ("analysis.finished",))
 

@@ -97,19 +97,16 @@ export class Queue {
     row.refuse({ title: tooBig, detail: fill(tooBigDetail, facts), fix: tooBigFix, code: "E-BIG", retryable: false });
   }
 
-  // Ask what the first bytes show, until they show it; and once more when the last ones have come beside them.
+  // Ask what the first bytes show, until they show it.
   async look(entry) {
     if (entry.looked) return;
     entry.looked = true;
     for (let k = 0; k < MOST_LOOKS && !entry.upload.stopped; k += 1) {
-      const isLast = entry.upload.isTailDone;
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
       if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
-      if (found.device) entry.row.understand(this.describe(found, entry.row.words));
-      if (found.device && (found.end || isLast)) return;
-      if (found.device) await entry.upload.tail;
-      else await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+      if (found.device) return entry.row.understand(this.describe(found, entry.row.words));
+      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
   }
 
@@ -121,17 +118,10 @@ export class Queue {
 
   describe(found, words) {
     const rate = found.rate_hz ? `${Math.round(found.rate_hz).toLocaleString(document.documentElement.lang)} Hz` : "";
-    const start = this.tellTime(found, words);
+    const start = (found.start || "").slice(0, 16).replace("T", " ");
     const zone = found.start && found.time_zone ? `(${found.time_zone})` : "";
     const device = JSON.parse(words.devices)[found.device] || found.device;
     return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
-  }
-
-  // The device's clock from start to end; the day of the end only where it is another.
-  tellTime({ start, end }, words) {
-    const [from, to] = [start, end].map((moment) => (moment || "").slice(0, 16).replace("T", " "));
-    if (!from || !to) return from;
-    return fill(words.fromTo, { start: from, end: to.startsWith(from.slice(0, 11)) ? to.slice(11) : to });
   }
 
   // The bytes are safe, and the analysis has begun, unless other bytes alike have one or no more may wait: then
@@ -140,6 +130,8 @@ export class Queue {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
     const begun = (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items[0];
+    const upload = await this.get(`/uploads/${entry.upload.address.split("/").pop()}`);
+    if (upload.is_repeated) return this.handRepeated(entry, recordingId, begun, upload);
     const { subject, side } = entry.row.wishes();
     const isAsSaid = subject === recording.subject && side === (recording.side || "");
     if (begun && isAsSaid) return this.added(entry);
@@ -154,8 +146,22 @@ export class Queue {
     }
     if (entry.isCancelled) return this.drop(entry, recordingId);
     if (!isAsSaid) {
-      await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
+      const read = { "If-Match": `"${recording.version}"` };
+      await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null }, read);
     }
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
+    this.added(entry);
+  }
+
+  // The same file was sent before: its recording is never taken away here.
+  async handRepeated(entry, recordingId, begun, upload) {
+    if (begun && begun.created_at >= upload.created_at) return this.added(entry);
+    if (begun && !["failed", "cancelled"].includes(begun.state)) {
+      forget(entry.file);
+      if (entry.study) await this.send("POST", "/analyses", { recording_ids: [recordingId], study: entry.study });
+      return this.offer(entry, recordingId, begun);
+    }
+    if (entry.isCancelled) return forget(entry.file);
     await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: this.settings(entry), study: entry.study });
     this.added(entry);
   }
@@ -186,6 +192,7 @@ export class Queue {
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
     await giveUp(address);
+    if (answer?.headers.get("Acromion-Repeated")) return;
     const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
     if (!found || found.items.length) return;
     await this.erase(recordingId).catch(() => null);
@@ -223,8 +230,8 @@ export class Queue {
     return this.send("GET", path);
   }
 
-  async send(method, path, body) {
-    const headers = body ? { "Content-Type": "application/json" } : {};
+  async send(method, path, body, more = {}) {
+    const headers = { ...(body && { "Content-Type": "application/json" }), ...more };
     const answer = await fetch(this.api + path, { method, headers, body: body && JSON.stringify(body) });
     const told = await answer.json();
     if (!answer.ok) throw new Refusal(told);

@@ -6,7 +6,6 @@ import { rest } from "../say.js";
 
 const KIB = 1024;
 const FIRST_PIECE = 1024 * KIB; // small, so that the server soon sees what the file is
-const TAIL = 64 * KIB; // the last bytes tell when the recording ends
 const LARGEST_PIECE = 512 * 1024 * KIB; // what arrives of a piece that is cut counts, so that large ones cost nothing
 const SMALLEST_PIECE = 512 * KIB;
 const PACKED_PIECE = 8192 * KIB; // a packed piece counts whole or not at all
@@ -30,7 +29,6 @@ export class TusUpload {
   // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
   constructor(file, words, wishes, root, on) {
     Object.assign(this, { file, words, wishes, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
-    Object.assign(this, { tail: null, isTailDone: true });
   }
 
   // Send the whole file; gives the id of the recording.
@@ -79,16 +77,7 @@ export class TusUpload {
     return { recording: null };
   }
 
-  // Beside the first piece; where it fails, the end is told when all is there.
-  sendTail() {
-    this.isTailDone = false;
-    const headers = { "Content-Type": "application/octet-stream" };
-    const sent = fetch(this.address + "/tail", { method: "PUT", headers, body: this.file.slice(-TAIL) });
-    this.tail = sent.catch(() => null).then(() => (this.isTailDone = true));
-  }
-
   async sendPiece() {
-    if (!this.offset && !this.tail && this.file.size > FIRST_PIECE) this.sendTail();
     const isPacked = this.shouldPack();
     const size = Math.min(this.piece, !this.offset ? FIRST_PIECE : isPacked || this.isUnsure ? PACKED_PIECE : LARGEST_PIECE);
     const body = this.file.slice(this.offset, this.offset + size);

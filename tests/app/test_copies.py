@@ -1,0 +1,272 @@
+"""The daily copies of the rows, what recover makes of them, and how an erasure reaches them."""
+
+import os
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import text
+from typer.testing import CliRunner
+
+from app.api.housekeeping import grow_older
+from app.cli import app
+from app.jobs.recordings import RecordingFilter
+from app.jobs.store import JobStore
+from app.main import create_app
+from app.settings import Settings
+from app.upkeep import copies
+from app.upkeep.copies import find_copies, keep_daily_copy, renew_copies
+from tests.app.conftest import AddJob
+
+CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
+
+
+def make_old(path: Path, age_s: float) -> None:
+    then_s = time.time() - age_s
+    os.utime(path, (then_s, then_s))
+
+
+def read_subjects(path: Path) -> list[str]:
+    connection = sqlite3.connect(path)
+    found = [subject for (subject,) in connection.execute("SELECT subject FROM recordings")]
+    connection.close()
+    return found
+
+
+@pytest.fixture
+def copy(store: JobStore, settings: Settings) -> Callable[[], None]:
+    return lambda: keep_daily_copy(settings, store.engine)
+
+
+def test_a_copy_is_a_whole_database_that_only_its_user_reads(
+    settings: Settings, add_job: AddJob, copy: Callable[[], None]
+) -> None:
+    add_job(subject="S012")
+
+    copy()
+
+    (made,) = find_copies(settings)
+    assert read_subjects(made) == ["S012"]
+    assert (made.stat().st_mode & 0o777, made.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+    assert [path.name for path in made.parent.iterdir()] == [made.name]
+
+
+def test_there_is_one_copy_a_day_and_seven_are_kept(settings: Settings, copy: Callable[[], None]) -> None:
+    copy()
+    copy()
+    assert len(find_copies(settings)) == 1
+
+    for _ in range(9):
+        make_old(find_copies(settings)[-1], 25 * 3600)
+        copy()
+
+    assert [path.name for path in find_copies(settings)] == [f"rows-{n:06d}.sqlite3" for n in range(4, 11)]
+
+
+def test_a_clock_that_was_set_back_drops_no_newer_copy(settings: Settings, copy: Callable[[], None]) -> None:
+    copy()
+    make_old(find_copies(settings)[0], -30 * 3600)
+
+    copy()
+
+    assert len(find_copies(settings)) == 2
+
+
+def test_a_copy_holds_no_session(settings: Settings, store: JobStore, copy: Callable[[], None]) -> None:
+    with store.engine.begin() as connection:
+        connection.execute(text("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY)"))
+        is_ours = "person_id" in str(connection.exec_driver_sql("PRAGMA table_info(sessions)").all())
+        if not is_ours:
+            connection.execute(text("INSERT INTO sessions VALUES ('of somebody')"))
+
+    copy()
+
+    assert b"of somebody" not in find_copies(settings)[0].read_bytes()
+
+
+def test_a_copy_that_a_crash_cut_short_is_no_copy(settings: Settings, copy: Callable[[], None]) -> None:
+    (settings.data_dir / "copies").mkdir()
+    (settings.data_dir / "copies" / "rows-new.part").write_bytes(b"half")
+
+    copy()
+
+    assert [path.name for path in (settings.data_dir / "copies").iterdir()] == ["rows-000001.sqlite3"]
+
+
+def test_postgresql_has_no_copies(settings: Settings, store: JobStore) -> None:
+    class Elsewhere:
+        class dialect:  # noqa: N801
+            name = "postgresql"
+
+    keep_daily_copy(settings, Elsewhere())  # type: ignore[arg-type]
+    renew_copies(settings, Elsewhere(), ())  # type: ignore[arg-type]
+
+    assert find_copies(settings) == ()
+
+
+# --- an erasure -----------------------------------------------------------------------------------------
+
+
+def test_an_erasure_deletes_every_copy_and_writes_one_without_the_person(
+    client: TestClient, settings: Settings, copy: Callable[[], None]
+) -> None:
+    gone = client.post("/api/v1/recordings", content=b"one", params={"subject": CANARY}).json()["id"]
+    client.post("/api/v1/recordings", content=b"two", params={"subject": "S2"})
+    for _ in range(3):
+        copy()
+        make_old(find_copies(settings)[-1], 25 * 3600)
+
+    assert client.delete(f"/api/v1/recordings/{gone}", params={"purge": True}).status_code == 200
+
+    (left,) = find_copies(settings)
+    assert read_subjects(left) == ["S2"]
+    assert CANARY.encode() not in left.read_bytes()
+
+
+def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
+    client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch, copy: Callable[[], None]
+) -> None:
+    gone = client.post("/api/v1/recordings", content=b"one", params={"subject": CANARY}).json()["id"]
+    copy()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(copies, "_write", fail)
+        answer = client.delete(f"/api/v1/recordings/{gone}", params={"purge": True})
+    assert (answer.status_code, answer.json()["code"]) == (503, "E-PURGE-UNFINISHED")
+    assert find_copies(settings) == ()
+    assert client.app.state.services.recordings.find_purging() == (gone,)  # type: ignore[attr-defined]
+
+    grow_older(client.app.state.services, 60.0)  # type: ignore[attr-defined]
+
+    assert client.app.state.services.recordings.find_purging() == ()  # type: ignore[attr-defined]
+    assert read_subjects(find_copies(settings)[0]) == []
+
+
+def test_the_answer_to_an_erasure_says_until_when_backups_can_hold_the_person(
+    client: TestClient, settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def erase(content: bytes) -> dict[str, str]:
+        kept = client.post("/api/v1/recordings", content=content).json()["id"]
+        return dict(client.delete(f"/api/v1/recordings/{kept}", params={"purge": True}).json())
+
+    for name, value in settings.as_environment().items():
+        monkeypatch.setenv(name, value)
+    before = erase(b"1")
+    CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip")])
+    unlimited = erase(b"2")
+    CliRunner().invoke(app, ["backup", str(tmp_path / "b-1.zip"), "--keep", "3"])
+    kept = erase(b"3")
+
+    assert (before["backups"], unlimited["backups"], kept["backups"]) == ("none", "unlimited", "until")
+    assert kept["backups_until"] > time.strftime("%Y-%m-%d")
+
+
+def test_keep_deletes_older_backups_of_the_name_and_no_other_file(
+    settings: Settings, add_job: AddJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_job()
+    for name, value in settings.as_environment().items():
+        monkeypatch.setenv(name, value)
+    folder = tmp_path / "backups"
+    folder.mkdir()
+    (folder / "thesis-1.zip").touch()
+    (folder / "acromion-1.zip.age").touch()
+
+    for day in (1, 2, 3):
+        done = CliRunner().invoke(app, ["backup", str(folder / f"acromion-{day}.zip"), "--keep", "2"])
+        assert done.exit_code == 0, done.output
+
+    kept = ["acromion-1.zip.age", "acromion-2.zip", "acromion-3.zip", "thesis-1.zip"]
+    assert sorted(path.name for path in folder.iterdir()) == kept
+    assert "acromion-1.zip" in done.output
+
+
+def test_keep_without_a_date_in_the_name_is_refused(settings: Settings, tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip"), "--keep", "2"])
+
+    assert done.exit_code == 2
+    assert not (tmp_path / "b.zip").exists()
+
+
+# --- recover --------------------------------------------------------------------------------------------
+
+
+def lose_database(settings: Settings) -> None:
+    for path in settings.data_dir.glob("acromion.sqlite3*"):
+        path.unlink()
+
+
+def recover(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> str:
+    for name, value in settings.as_environment().items():
+        monkeypatch.setenv(name, value)
+    done = CliRunner().invoke(app, ["recover"])
+    assert done.exit_code == 0, done.output
+    return str(done.output)
+
+
+def test_recover_begins_with_the_copy_and_takes_newer_rows_from_the_side_files(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with TestClient(create_app(settings), base_url="http://localhost") as client:
+        first = client.post("/api/v1/recordings", content=b"one", params={"subject": "S1"}).json()["id"]
+        client.post("/api/v1/webhooks", json={"url": "https://example.org/"})
+        services = client.app.state.services  # type: ignore[attr-defined]
+        services.mappings.put("00aa", "ours", "{}", is_confirmed=False)
+        keep_daily_copy(settings, services.store.engine)
+        client.patch(f"/api/v1/recordings/{first}", json={"subject": "S1 corrected"})
+        client.post("/api/v1/recordings", content=b"two", params={"subject": "S2"})
+    lose_database(settings)
+
+    output = recover(settings, monkeypatch)
+
+    assert "daily copy" in output
+    application = create_app(settings)
+    with TestClient(application):
+        services = application.state.services
+        rows = services.recordings.find_page(RecordingFilter(), 10)
+        assert sorted(row.about.subject for row in rows) == ["S1 corrected", "S2"]
+        assert [one.name for one in services.mappings.find_all()] == ["ours"]
+
+
+def test_recover_after_a_refused_start_begins_with_the_copy_too(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    application = create_app(settings)
+    with TestClient(application, base_url="http://localhost") as client:
+        client.post("/api/v1/recordings", content=b"one")
+        keep_daily_copy(settings, application.state.services.store.engine)
+    lose_database(settings)
+    JobStore(settings).close()
+
+    assert "daily copy" in recover(settings, monkeypatch)
+
+
+def test_recover_never_replaces_a_database_that_holds_recordings(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    application = create_app(settings)
+    with TestClient(application, base_url="http://localhost") as client:
+        client.post("/api/v1/recordings", content=b"one")
+        keep_daily_copy(settings, application.state.services.store.engine)
+        client.post("/api/v1/recordings", content=b"two")
+
+    assert "daily copy" not in recover(settings, monkeypatch)
+
+
+def test_a_folder_copied_while_the_server_runs_starts_elsewhere_with_no_further_file(
+    client: TestClient, settings: Settings, tmp_path: Path
+) -> None:
+    kept = client.post("/api/v1/recordings", content=b"one", params={"subject": "S1"}).json()["id"]
+    shutil.copytree(settings.data_dir, tmp_path / "elsewhere")
+
+    there = Settings(data_dir=tmp_path / "elsewhere", min_free_bytes=0)
+    with TestClient(create_app(there), base_url="http://localhost") as other:
+        assert other.get(f"/api/v1/recordings/{kept}").json()["subject"] == "S1"
+        assert other.get(f"/api/v1/recordings/{kept}/file").content == b"one"
