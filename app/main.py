@@ -21,9 +21,8 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app.access.accounts import AccountStore
-from app.access.gate import Gate
+from app.access.gate import Gate, open_gate
 from app.access.logins import Logins
-from app.access.opening import open_gate
 from app.api.about import router as about_routes
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile, write_side_files

@@ -140,7 +140,7 @@ def backup(
         check_used(settings)
         record_command(settings, "store.backed_up")
         copied = back_up(settings, file, Recipients(tuple(recipient or ())))
-        dropped = drop_older_backups(file, keep) if keep else ()
+        dropped = drop_older_backups(file, keep) if keep and not copied.faults else ()
         record_backup(open_storage(settings), keep)
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
     _print_copied(lang, "backup", copied, file=str(file))

@@ -276,11 +276,11 @@ class BucketLedger:
             pages = obstore.list(self.bucket, "erasures")
             return frozenset(found["path"].removeprefix("erasures/") for page in pages for found in page)
 
-    def add(self, recording_ids: Collection[str]) -> None:
+    def add(self, ids: Collection[str]) -> None:
         """Put an object for each new id."""
-        for recording_id in sorted(set(recording_ids) - self.find()):
+        for one in sorted(set(ids) - self.find()):
             with translate_store_errors():
-                obstore.put(self.bucket, f"erasures/{recording_id}", format_ledger([recording_id]))
+                obstore.put(self.bucket, f"erasures/{one}", format_ledger([one]))
 
 
 def _read_mark(found: "ObjectMeta") -> Mark:

@@ -1,4 +1,4 @@
-"""The ledger of erasures: which recordings were erased and when, and nothing else about them.
+"""The ledger of erasures: which recordings and analyses were erased and when, and nothing else about them.
 
     data_dir/erasures.jsonl     one line each, appended and synced before the first file is deleted
     erasures/<recording>        in a bucket: one object each
@@ -36,7 +36,7 @@ class FolderLedger:
         except FileNotFoundError:
             return frozenset()
 
-    def add(self, recording_ids: Collection[str]) -> None:
+    def add(self, ids: Collection[str]) -> None:
         """Append lines, one writer at a time.
 
         Raises
@@ -51,16 +51,16 @@ class FolderLedger:
             content = file.read()
             if not content.endswith(b"\n") and content:  # a power cut has torn the last line
                 file.write(b"\n")
-            file.write(format_ledger(set(recording_ids) - parse_ledger(content)))
+            file.write(format_ledger(set(ids) - parse_ledger(content)))
             file.flush()
             os.fsync(file.fileno())
         sync_folder(self.path.parent)
 
 
-def format_ledger(recording_ids: Collection[str]) -> bytes:
+def format_ledger(ids: Collection[str]) -> bytes:
     """Return the lines of erasures of now."""
     at = datetime.now(UTC).isoformat(timespec="seconds")
-    return b"".join(json.dumps({"id": one, "at": at}).encode() + b"\n" for one in sorted(recording_ids))
+    return b"".join(json.dumps({"id": one, "at": at}).encode() + b"\n" for one in sorted(ids))
 
 
 def parse_ledger(content: bytes) -> frozenset[str]:

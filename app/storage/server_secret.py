@@ -20,6 +20,7 @@ from app.errors import SecretUnreadable
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import sync_folder, translate_disk_full
 
+LENGTH_BYTES = 45
 SECRET_FILE = "server.key"  # noqa: S105 - the name of a file
 
 
@@ -48,7 +49,7 @@ class ServerSecret:
         """
         try:
             return Fernet(self._derive(about, self.file.read_bytes())).decrypt(token).decode()
-        except (FileNotFoundError, InvalidToken):
+        except (OSError, InvalidToken):
             raise SecretUnreadable(file=str(self.file)) from None
 
     def derive(self, about: str) -> bytes:
@@ -61,7 +62,8 @@ class ServerSecret:
 
     def _create(self) -> bytes:
         """Read the secret; the first call creates it, durable when this returns."""
-        if not self.file.exists():
+        if not self.file.exists() or self.file.stat().st_size < LENGTH_BYTES:  # a power cut has torn it
+            self.file.unlink(missing_ok=True)
             make_folder(self.data_dir)
             part = self.file.with_name(f"{SECRET_FILE}.{secrets.token_hex(8)}.part")
             try:

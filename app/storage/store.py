@@ -166,12 +166,12 @@ class Upload:
 
 
 class Ledger(Protocol):
-    """The ids of erased recordings, outside the database; nothing is ever taken out."""
+    """The ids of erased recordings and analyses, outside the database; nothing is ever taken out."""
 
     def find(self) -> frozenset[str]:
         """Return every id."""
 
-    def add(self, recording_ids: Collection[str]) -> None:
+    def add(self, ids: Collection[str]) -> None:
         """Add ids; durable when this returns."""
 
 

@@ -118,11 +118,13 @@ def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
 
 
 def finish_purges(storage: Storage, unknown: Unknown) -> None:
-    """Remove what is left of erased recordings whose rows are gone; the side file names the analyses."""
+    """Remove what is left of erased recordings whose rows are gone, and of their analyses."""
+    if not unknown.erased:
+        return
+    present = {name.split("/")[1] for name in storage.find_names() if name.startswith("analyses/")}
+    for analysis_id in present & storage.ledger.find():
+        storage.drop_analysis(analysis_id)
     for recording_id in unknown.erased:
-        side = read_side_file(storage, recording_id)
-        for row in side.rows["analyses"] if side else ():
-            storage.drop_analysis(str(row["id"]))
         storage.drop_recording(recording_id)
 
 

@@ -91,10 +91,11 @@ def purge(store: JobStore, recording_id: str) -> None:
 
 
 @pytest.fixture
-def finished(store: JobStore, add_job: AddJob, bench: OpenBench) -> Job:
+def finished(store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench) -> Job:
     """An analysis with its files."""
     job = add_job(b"the recording", file_name="Équipe 1.gt3x")
     run_next(bench(stand_ins.write_report))
+    catch_up(store, storage)
     return store.get(job.id)
 
 

@@ -151,7 +151,7 @@ def test_the_command_lists_the_accounts_and_tokens_that_came_back(
     accounts.add_token(add_person().id, "nightly", ["read"], move.clock() + 3600)
     move.back_up()
 
-    words = ["restore", str(move.file), "--keys", str(move.file.with_suffix(".keys"))]
+    words = ["restore", str(move.file)]
     told = CliRunner().invoke(app, [*words, "--data", str(move.new.data_dir)]).output
 
     assert "Account: clara (clinician)" in told

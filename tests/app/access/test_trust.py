@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
-from app.api.housekeeping import grow_older
+from app.api.housekeeping import grow_older, write_side_files
 from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.database.tables import analyses, answers
 from app.jobs.governance.aggregate import AggregateStore
@@ -447,6 +447,7 @@ def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: 
 
 
 def test_a_hold_is_in_the_side_file(house: House, held: tuple[str, dict[str, str]]) -> None:
+    write_side_files(house.services)
     side = house.services.storage.read_small(f"recordings/{held[0]}.json")
 
     assert json.loads(side or b"")["rows"]["recordings"][0]["hold"] == "legal"

@@ -59,7 +59,6 @@ def test_backup_verify_and_restore_leave_a_line(
     store.close()
     run(settings, "verify")
     run(settings, "backup", str(tmp_path / "copy.zip"))
-    run(settings, "backup-keys", str(tmp_path / "keys.zip"))
     there = settings.model_copy(
         update={
             "data_dir": tmp_path / "there",
@@ -67,7 +66,7 @@ def test_backup_verify_and_restore_leave_a_line(
         }
     )
 
-    run(there, "restore", str(tmp_path / "copy.zip"), "--keys", str(tmp_path / "keys.zip"))
+    run(there, "restore", str(tmp_path / "copy.zip"))
 
     restored = JobStore(there)
     lines = [(line.who, line.act) for line in find_lines(restored.reader, AuditQuestion(who="machine"))]
@@ -77,12 +76,6 @@ def test_backup_verify_and_restore_leave_a_line(
         ("machine", "store.backed_up"),
         ("machine", "store.verified"),
     ]
-
-
-def test_the_backup_of_the_keys_leaves_a_line(settings: Settings, store: JobStore, tmp_path: Path) -> None:
-    run(settings, "backup-keys", str(tmp_path / "keys.zip"))
-
-    assert [line.act for line in find_lines(store.reader, AuditQuestion(who="machine"))] == ["keys.backed_up"]
 
 
 def test_a_place_without_a_database_is_refused_and_gets_none(settings: Settings, tmp_path: Path) -> None:
