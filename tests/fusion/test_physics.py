@@ -1,4 +1,4 @@
-"""Unit and hand of the frame are found from the samples and changed on strong evidence only; a scale is doubted."""
+"""Unit and hand are found from the samples and changed on strong evidence only; a scale is doubted."""
 
 import numpy as np
 import pytest
