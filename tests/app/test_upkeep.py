@@ -649,7 +649,7 @@ def test_a_backup_says_its_format_and_its_revision(finished: Job, acromion: Acro
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         manifest = json.loads(archive.read("manifest.json"))
 
-    assert (manifest["format"], manifest["revision"]) == ("acromion.backup/2", REVISION)
+    assert (manifest["format"], manifest["revision"]) == ("acromion.backup/3", REVISION)
 
 
 def test_an_analysis_that_ran_waits_again_after_a_restore(

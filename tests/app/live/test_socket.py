@@ -25,6 +25,7 @@ from app.live.session_files import SessionFiles, begin_files
 from app.live.source import SourceFacts
 from app.main import create_app
 from app.settings import Settings
+from app.storage.server_secret import ServerSecret
 from app.storage.store import Storage
 from fusion.live import LiveElevation, replay_frames
 from fusion.live.cues import CueRule
@@ -447,11 +448,12 @@ def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -
 
 
 def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
-    client: TestClient, recording_id: str, store: JobStore
+    client: TestClient, recording_id: str, store: JobStore, settings: Settings
 ) -> None:
     hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
-    told = hooks.add("https://hooks.example/cues", ("live.cue",))
-    hooks.add("https://hooks.example/ends", ("analysis.finished",))
+    server = ServerSecret(settings.data_dir)
+    told = hooks.add("https://hooks.example/cues", ("live.cue",), server)
+    hooks.add("https://hooks.example/ends", ("analysis.finished",), server)
 
     play(client, recording_id, cues=[HOLD])
 
