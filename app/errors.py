@@ -510,6 +510,13 @@ class StoreMismatch(ServerRefused):
     fact_meanings = name_facts(found="store", needed="store")
 
 
+class AccountsLost(ServerRefused):
+    """The server of this data folder has accounts, and its database holds none."""
+
+    code = "E-ACCOUNTS-LOST"
+    fact_meanings = name_facts(file="path")
+
+
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 
@@ -529,20 +536,6 @@ class BackupRefused(ServerRefused):
 
     code = "E-BACKUP"
     fact_meanings = name_facts(why="by the system")
-
-
-class NoHead(ServerRefused):
-    """A file named as the trail's anchor cannot be read, or holds no head of this trail."""
-
-    code = "E-TRAIL-ANCHOR"
-    fact_meanings = name_facts(file="path", organisation="whose trail")
-
-
-class OtherOrganisation(ServerRefused):
-    """A backup is restored into the organisation that it is of, and into no other."""
-
-    code = "E-BACKUP-OTHER"
-    fact_meanings = name_facts(found="organisation of the backup", asked="organisation that was asked for")
 
 
 class NotInstalled(ServerRefused):

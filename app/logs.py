@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from types import TracebackType
 
 FORMAT = "%(asctime)s %(levelname)s %(message)s"
+AUDIT_LOGGER = "acromion.audit"
+"""Its records are JSON, one a line, without anything before."""
 _BREAKS = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
 _CONTROLS = re.compile(f"[{_BREAKS}]")
 """Control characters, line ends, marks of text direction, and lone surrogates."""
@@ -39,8 +41,10 @@ class LineFormatter(logging.Formatter):
         return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name
-        """Give the line itself."""
-        return escape_controls(super().formatMessage(record))
+        """Return the line itself."""
+        return (
+            record.message if record.name == AUDIT_LOGGER else escape_controls(super().formatMessage(record))
+        )
 
     def formatException(  # noqa: N802
         self,

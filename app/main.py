@@ -8,7 +8,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -16,21 +16,17 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
-from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from app.access.acts import carry_acts
-from app.access.database import AccountDatabase
-from app.access.gate import Gate
+from app.access.accounts import AccountStore
+from app.access.gate import Gate, open_gate
 from app.access.logins import Logins
-from app.access.opening import open_accounts, open_gate
 from app.api.about import router as about_routes
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library.analyses import router as analysis_routes
-from app.api.library.analyses import run_to_end
 from app.api.library.batches import router as batch_routes
 from app.api.library.mappings import router as mapping_routes
 from app.api.library.recordings import router as recording_routes
@@ -69,12 +65,10 @@ from app.jobs.database.connect import (
     find_database_file,
     translate_start_errors,
 )
-from app.jobs.organisations import find_organisations
 from app.jobs.processes.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
-from app.organisation import OWN_ORGANISATION
-from app.services import Offices, Services, find_services, open_services
+from app.services import Services, find_services, open_services
 from app.settings import Settings
 from app.start_checks import (
     SOCKET_PREFIX,
@@ -154,7 +148,6 @@ MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
-HOUSE_LOOK_S = 1.0
 TLS_CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2; uvicorn's own choice takes in those without forward secrecy."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -173,15 +166,20 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         generate_unique_id_function=_find_operation_id,
         lifespan=_live,
     )
-    offices = application.state.offices = Offices(open_services(settings), prepare_house)
-    accounts = open_accounts(settings, clock)
+    services = application.state.services = open_services(settings)
+    accounts = AccountStore(settings, clock, services.store.engine)
+    try:
+        accounts.check_kept()
+    except BaseException:
+        services.store.close()
+        raise
     gate = application.state.gate = open_gate(settings, accounts)
     application.state.logins = Logins(accounts, settings)
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_error_handlers(application)
-    application.add_middleware(Access, gate=gate, offices=offices, respond=respond_to_error)
+    application.add_middleware(Access, gate=gate, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)
     application.add_middleware(
         Guard,
@@ -206,7 +204,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_passwords(settings)
     start_logging()
     with translate_start_errors(settings):
-        check_exposure(settings, has_accounts=_have_accounts(settings))
+        check_exposure(settings, has_accounts=AccountStore(settings).exist())
     listener = listen(settings)
     application = _prepare(settings, listener)
     address = _write_address(settings, listener)
@@ -238,14 +236,6 @@ def _prepare(settings: Settings, listener: socket.socket) -> FastAPI:
         raise
 
 
-def _have_accounts(settings: Settings) -> bool:
-    accounts = open_accounts(settings)
-    try:
-        return accounts.exist()
-    finally:
-        accounts.database.close()
-
-
 def _make_way_in(gate: Gate) -> str:
     """Make the part of the address by which a browser gets in once; "" where none is needed."""
     if gate.secret is None or gate.needs_accounts:
@@ -253,16 +243,10 @@ def _make_way_in(gate: Gate) -> str:
     return f"login/once/{gate.secret.make_address()}"
 
 
-def find_own_services(application: FastAPI) -> Services:
-    """Give the services of the organisation "own"."""
-    offices: Offices = application.state.offices
-    return offices.own
-
-
 def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | None:
     if settings.watch_dir is None:
         return None
-    services = find_own_services(application)
+    services: Services = application.state.services
     watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
     watch.start()
     return watch
@@ -366,74 +350,24 @@ def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
 
 @asynccontextmanager
 async def _live(application: FastAPI) -> AsyncIterator[None]:
-    """Look after every organisation while the server runs; first repair what a crash has left."""
-    offices: Offices = application.state.offices
-    accounts: AccountDatabase = application.state.logins.accounts.database
-    try:
-        offices.prepare(OWN_ORGANISATION, offices.own)
-        house = asyncio.create_task(_keep_houses(offices, accounts))
+    """Look after the server while it runs; first repair what a crash has left."""
+    services: Services = application.state.services
+    with ExitStack() as stack:
+        stack.callback(services.store.close)
+        stack.callback(prepare_house(services).release)
+        house = asyncio.create_task(keep_house(services))
         try:
             yield
         finally:
             house.cancel()
-            with suppress(asyncio.CancelledError):
-                await house
-            for services in offices.find_open().values():
-                if services.live.made is not None:
-                    await asyncio.to_thread(services.live.made.close)
-            await asyncio.to_thread(_carry_acts, accounts, offices)
-            for services in offices.find_open().values():
-                await asyncio.to_thread(write_side_files, services)
-    finally:
-        offices.close()
-        accounts.close()
-
-
-async def _keep_houses(offices: Offices, accounts: AccountDatabase) -> None:
-    """Keep house for every organisation, also for those that nobody has asked for since the start."""
-    kept: dict[str, asyncio.Task[None]] = {}
-    try:
-        while True:
-            for organisation, services in offices.find_open().items():
-                if organisation not in kept:
-                    kept[organisation] = asyncio.create_task(keep_house(services))
-            await asyncio.sleep(HOUSE_LOOK_S)
-            await run_to_end(_open_all, offices)
-            await run_to_end(_carry_acts, accounts, offices)
-    finally:
-        for task in kept.values():
-            task.cancel()
-        await asyncio.gather(*kept.values(), return_exceptions=True)
-
-
-def _open_all(offices: Offices) -> None:
-    try:
-        found = find_organisations(offices.own.settings, offices.own.store.reader)
-    except DBAPIError:
-        logger.exception("the organisations cannot be looked up; trying again")
-        return
-    for organisation in found:
-        try:
-            offices.find(organisation)
-        except (AppError, OSError, DBAPIError):
-            logger.exception("organisation %s cannot be opened; trying again", organisation)
-
-
-def _carry_acts(accounts: AccountDatabase, offices: Offices) -> None:
-    """Write the lines of what was done about accounts; of an organisation that cannot be opened they wait."""
-
-    def find_engine(organisation: str) -> Engine | None:
-        found = offices.find_open().get(organisation)
-        return found.store.engine if found is not None else None
-
-    try:
-        carry_acts(accounts, find_engine)
-    except (DBAPIError, AppError):
-        logger.exception("what was done about accounts is not in the trail yet; trying again")
+            await asyncio.gather(house, return_exceptions=True)
+            if services.live.made is not None:
+                await asyncio.to_thread(services.live.made.close)
+            await asyncio.to_thread(write_side_files, services)
 
 
 def prepare_house(services: Services) -> FolderLock:
-    """Lock the folder of an organisation, and repair what a crash has left."""
+    """Lock the data folder, and repair what a crash has left."""
     lock = FolderLock(services.storage.root)
     try:
         reconcile(services)

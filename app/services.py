@@ -17,7 +17,7 @@ from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, S
 from app.jobs.batches import BatchStore
 from app.jobs.children.inspecting import Inspector
 from app.jobs.children.pairs import PairReports
-from app.jobs.database.connect import bring_up_to_date, check_writable, make_schema
+from app.jobs.database.connect import check_writable
 from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
 from app.jobs.governance.retention import RetentionStore
@@ -29,14 +29,12 @@ from app.jobs.results import ResultReader
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.webhooks import WebhookStore
-from app.organisation import OWN_ORGANISATION
 from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
-from app.storage.permissions import make_folder
-from app.storage.store import FolderLock, Storage, check_folder
+from app.storage.store import Storage, check_folder
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
@@ -223,65 +221,13 @@ def open_services(settings: Settings) -> Services:
     )
 
 
-SERVICES = "acromion.services"
 SUBJECT = "acromion.subject"
-"""The keys of the services and of whoever asks in the scope of a request."""
-
-
-class Offices:
-    """The services of every organisation; those of others than "own" are opened when first asked for.
-
-    ``prepare`` locks an organisation's folder and repairs what a crash has left, before anybody is served.
-    """
-
-    def __init__(self, own: Services, prepare: Callable[[Services], FolderLock]) -> None:
-        self.own = own
-        self._prepare = prepare
-        self._open = {OWN_ORGANISATION: own}
-        self._locks: list[FolderLock] = []
-        self._turn = threading.Lock()
-
-    def prepare(self, organisation: str, services: Services) -> Services:
-        """Prepare services, and hold their folder until the end."""
-        self._locks.append(self._prepare(services))
-        self._open[organisation] = services
-        return services
-
-    def find(self, organisation: str) -> Services:
-        """Give the services of an organisation, with its folder and tables made and brought up to date."""
-        known = self._open.get(organisation)
-        if known is not None:
-            return known
-        with self._turn:
-            known = self._open.get(organisation)
-            if known is not None:
-                return known
-            return self.prepare(organisation, _open_office(self.own.settings, organisation))
-
-    def find_open(self) -> Mapping[str, Services]:
-        """Give those that are open, by organisation."""
-        return dict(self._open)
-
-    def close(self) -> None:
-        """Let go of every folder and database."""
-        for lock in self._locks:
-            lock.release()
-        self._locks.clear()
-        for services in self.find_open().values():
-            services.store.close()
-
-
-def _open_office(settings: Settings, organisation: str) -> Services:
-    place = settings.for_organisation(organisation)
-    make_folder(place.data_dir)
-    make_schema(place.database_url)
-    bring_up_to_date(place)
-    return open_services(place)
+"""The key of whoever asks in the scope of a request."""
 
 
 def find_services(connection: HTTPConnection) -> Services:
-    """Give the services of the organisation of whoever asks; for what is public, those of "own"."""
-    return cast("Services", connection.scope.get(SERVICES) or connection.scope["app"].state.offices.own)
+    """Return the services of the application that answers."""
+    return cast("Services", connection.scope["app"].state.services)
 
 
 def choose_language(request: Request) -> Language:

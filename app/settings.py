@@ -6,7 +6,6 @@ from typing import Any, Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from app.organisation import OWN_ORGANISATION
 from app.request import Paper
 from fusion.conventions import PoseHeld
 
@@ -15,13 +14,6 @@ GIB = 1 << 30
 
 def _build_database_url(known: dict[str, Any]) -> str:
     return f"sqlite:///{known['data_dir'] / 'acromion.sqlite3'}"
-
-
-def _build_own_database_url(url: str, folder: Path, organisation: str) -> str:
-    """Build the address of an organisation's database: a file, or a schema of the same server."""
-    if url.startswith("sqlite"):
-        return f"sqlite:///{folder / 'acromion.sqlite3'}"
-    return f"{url}{'&' if '?' in url else '?'}options=-csearch_path%3D{organisation}"
 
 
 class Settings(BaseSettings):
@@ -55,8 +47,6 @@ class Settings(BaseSettings):
     oidc_claim, oidc_roles
         The claim of the ID token that says somebody's roles, and its values as ``value=role`` with commas
         between; without ``oidc_roles`` the values are the names of the roles.
-    oidc_organisation
-        The organisation of those who log in by the provider.
     no_secret
         Whether anybody on this computer may use a server without accounts: a stated choice.
     tls_cert, tls_key
@@ -102,9 +92,6 @@ class Settings(BaseSettings):
     upload_term_s, trash_term_s
         How long the server keeps, while it runs, an upload that nobody goes on with, and what is
         in the trash.
-    trail_anchor
-        Where the head of the trail is written down daily and at each start and stop: a file outside the data
-        folder, or an ``https://`` address; empty: nowhere.
     """
 
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
@@ -123,7 +110,6 @@ class Settings(BaseSettings):
     oidc_client_secret: str = Field(default="", repr=False)
     oidc_claim: str = "roles"
     oidc_roles: str = ""
-    oidc_organisation: str = OWN_ORGANISATION
     no_secret: bool = False
     tls_cert: Path | None = None
     tls_key: Path | None = None
@@ -150,7 +136,6 @@ class Settings(BaseSettings):
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0
-    trail_anchor: str = ""
 
     @property
     def host_names(self) -> frozenset[str]:
@@ -161,21 +146,6 @@ class Settings(BaseSettings):
     def is_database_inside(self) -> bool:
         """Whether the rows are in the data folder."""
         return self.database_url == _build_database_url({"data_dir": self.data_dir})
-
-    def for_organisation(self, organisation: str) -> "Settings":
-        """Give the settings of one organisation: a folder, a database and a part of the bucket of its own."""
-        if organisation == OWN_ORGANISATION:
-            return self
-        place = f"organisations/{organisation}"
-        folder = self.data_dir / place
-        return self.model_copy(
-            update={
-                "data_dir": folder,
-                "database_url": _build_own_database_url(self.database_url, folder, organisation),
-                "object_store": f"{self.object_store.rstrip('/')}/{place}" if self.object_store else "",
-                "watch_dir": None,
-            }
-        )
 
     def as_environment(self) -> dict[str, str]:
         """Give every setting that was chosen, as a worker process reads it, but for how people log in."""

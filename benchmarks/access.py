@@ -37,10 +37,9 @@ def main() -> None:
 
 def add_people(logins: Logins) -> None:
     """Add as many people as are tried, each once, so that nobody waits."""
-    logins.accounts.add_organisation("own", "own")
     kept = hash_password(PASSWORD)
     for number in range(PAIRS + 1):
-        person = logins.accounts.add_person("own", f"known{number}", "Somebody", ["clinician"])
+        person = logins.accounts.add_person(f"known{number}", "Somebody", ["clinician"])
         logins.credentials.set_password(person.id, kept)
 
 

@@ -167,8 +167,6 @@ class Caveat(StrEnum):
         ),
     )
     MIXED = "W-MIXED", CAUTION, name_facts(percent="% unexplained", turns="stretches")
-    MIXED_PART = "W-MIXED-PART", CAUTION, name_facts(turns="turns unexplained")
-    LAG = "W-LAG", CAUTION, name_facts(lag_ms="ms")
     CLIP = "W-CLIP", NOTE, NO_FACTS, Limit(from_share=0.001)
     SPIKE = "W-SPIKE", CAUTION
     STUCK_PART = "W-STUCK-PART", CAUTION, name_facts(filled=TERM)

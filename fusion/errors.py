@@ -266,11 +266,7 @@ class MixedColumns(UnusableRecording):
 
     code = "E-MIXED"
     fact_meanings = name_facts(
-        percent="% unexplained",
-        turns="stretches",
-        order="order of the axes that would fit",
-        factor="times, that would fit",
-        lag_ms="ms",
+        percent="% unexplained", turns="stretches", factor="times, that would fit; negative: left-handed"
     )
 
 
@@ -295,7 +291,7 @@ class TooLong(UnusableRecording):
 
 
 class DeadSensor(UnusableRecording):
-    """A channel never changes its value, or stops at one row in ten."""
+    """A channel never changes its value."""
 
     code = "E-DEAD"
     fact_meanings = name_facts(sensor=TERM, axis="x, y or z")

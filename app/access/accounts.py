@@ -1,33 +1,37 @@
-"""The accounts of an installation: organisations and people, their sessions and tokens."""
+"""The accounts: people, their sessions and tokens."""
 
 import json
+import os
 import secrets
 import time
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Select, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, Row, Select, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from app.access.acts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
 from app.access.sealed_secrets import SecretSealer
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
-from app.access.tables import known_browsers, organisations, people, sessions, tickets, tokens
-from app.errors import BadParameter, NotHere
+from app.errors import AccountsLost, BadParameter, NotHere
+from app.jobs.audit_log import NOBODY, Act, record
+from app.jobs.database.tables import known_browsers, people, sessions, tickets, tokens
 from app.jobs.queries import format_now
-from app.jobs.trail import NOBODY
-from app.organisation import OWN_ORGANISATION
 from app.settings import Settings
+from app.storage.permissions import create_file, make_folder
 from app.storage.server_secret import ServerSecret
+from app.storage.store import sync_folder
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
 CONFIRMED_S = 10 * 60.0
 """So long after a login, or after the password was given again, what cannot be undone is not asked about."""
+MARKER = "has_accounts"
+"""The file that says that the server of a data folder has accounts, whatever became of its database."""
 LOOK_S = 1.0
 """How long the existence of accounts is not looked up again."""
 NOTE_S = 30.0
@@ -43,7 +47,6 @@ class Person:
     """An account. ``ended_at``: since when it may not log in any more; ``issuer``: who says that it may."""
 
     id: str
-    organisation: str
     login: str
     name: str
     roles: frozenset[Role]
@@ -52,14 +55,6 @@ class Person:
     issuer: str | None
     has_password: bool
     has_second_factor: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Organisation:
-    """A clinic, an employer, a study."""
-
-    id: str
-    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,63 +79,52 @@ class Session:
 
 
 class AccountStore:
-    """Rows of accounts; there is no database before the first account is made."""
+    """Rows of accounts."""
 
-    def __init__(self, settings: Settings, clock: Callable[[], float] = time.time) -> None:
-        self.database, self.clock = AccountDatabase(settings), clock
+    def __init__(
+        self, settings: Settings, clock: Callable[[], float] = time.time, engine: Engine | None = None
+    ) -> None:
+        self.database, self.clock = AccountDatabase(settings, engine), clock
+        self._marker = settings.data_dir / MARKER
         self.secrets = SecretSealer(ServerSecret(settings.data_dir))
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:
-        """Tell whether there is any account; looked up once a second until there is one."""
+        """Tell whether there is any account, or ever was; looked up once a second until there is one."""
         now_s = time.monotonic()
         if not self._exist and now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s
-            count = select(func.count()).select_from(people)
-            self._exist = self.database.is_there and bool(self.database.read_value(count))
+            if self.database.has_people():
+                self.mark()
+            self._exist = self._marker.exists()
         return self._exist
 
-    # Organisations and people.
+    def mark(self) -> None:
+        """Note durably, in the data folder, that there are accounts."""
+        if not self._marker.exists():
+            make_folder(self._marker.parent)
+            with suppress(FileExistsError), create_file(self._marker) as file:
+                os.fsync(file.fileno())
+            sync_folder(self._marker.parent)
 
-    def add_organisation(self, organisation: str, name: str) -> None:
-        """Add an organisation; one that is there stays as it is.
-
-        Raises
-        ------
-        BadParameter
-            A name that is none.
-        """
-        check_name(name)
-        row = {"id": organisation, "name": name, "created_at": format_now()}
-        with self.database.write() as connection:
-            known = select(organisations.c.id).where(organisations.c.id == organisation)
-            if connection.execute(known).scalar() is None:
-                connection.execute(insert(organisations).values(row))
-                note_act(connection, "organisation.added", "", organisation=organisation)
-
-    def note_reading(self, organisation: str) -> None:
-        """Note that the people of an organisation were read, where no request leaves the line."""
-        with self.database.write() as connection:
-            note_act(connection, "people.read", "", organisation=organisation)
-
-    def find_organisations(self) -> Sequence[Organisation]:
-        """Give every organisation."""
-        rows = self.database.read_all(select(organisations).order_by(organisations.c.created_at))
-        return [Organisation(row.id, row.name) for row in rows]
-
-    def get_organisation(self, organisation: str) -> Organisation:
-        """Give one organisation.
+    def check_kept(self) -> None:
+        """Refuse a database that has lost every account: without accounts a server lets others in.
 
         Raises
         ------
-        NotHere
+        AccountsLost
         """
-        row = self.database.read_one(select(organisations).where(organisations.c.id == organisation))
-        if row is None:
-            raise NotHere(id=organisation)
-        return Organisation(row.id, row.name)
+        if self._marker.exists() and not self.database.has_people():
+            raise AccountsLost(file=str(self._marker))
 
-    def add_person(self, organisation: str, login: str, name: str, roles: Collection[Role]) -> Person:
+    # People.
+
+    def note_reading(self) -> None:
+        """Note that the people were read, where no request leaves the line."""
+        with self.database.write() as connection:
+            note_act(connection, "people.read", "")
+
+    def add_person(self, login: str, name: str, roles: Collection[Role]) -> Person:
         """Add a person, who cannot log in before a way to is set.
 
         Raises
@@ -149,12 +133,12 @@ class AccountStore:
             A login that has other signs than an e-mail address, or that somebody has; a name that is none.
         """
         check_name(name)
-        return self._insert_person(organisation, check_login(login), name, roles, {})
+        return self._insert_person(check_login(login), name, roles, {})
 
     def add_person_of(self, issuer: str, subject: str, about: Person) -> Person:
         """Add a person who logs in by a provider: known by its name and the subject's, by nothing else."""
         of_issuer = {"issuer": issuer, "issuer_subject": subject}
-        return self._insert_person(about.organisation, about.login, about.name, about.roles, of_issuer)
+        return self._insert_person(about.login, about.name, about.roles, of_issuer)
 
     def get_person(self, person_id: str) -> Person:
         """Give one person.
@@ -196,11 +180,9 @@ class AccountStore:
         row = self.database.read_one(select(people).where(*is_it))
         return self._read_person(row) if row is not None else None
 
-    def find_people(self, organisation: str | None = None) -> Sequence[Person]:
-        """Give the people of one organisation or of all, those who may log in first."""
+    def find_people(self) -> Sequence[Person]:
+        """Return everybody, those who may log in first."""
         query = select(people).order_by(people.c.ended_at.is_not(None), people.c.login)
-        if organisation is not None:
-            query = query.where(people.c.organisation == organisation)
         return [self._read_person(row) for row in self.database.read_all(query)]
 
     def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
@@ -292,7 +274,7 @@ class AccountStore:
             with self.database.write() as connection:
                 connection.execute(update(sessions).where(sessions.c.hash == digest).values(used_s=now_s))
         permissions = collect_permissions(_read_roles(row.roles))
-        return Subject("person", row.id, row.name, row.organisation, permissions, digest)
+        return Subject("person", row.id, row.name, permissions, digest)
 
     # Tokens.
 
@@ -359,7 +341,7 @@ class AccountStore:
         self._note_use(digest, row.used_at)
         held = collect_permissions(_read_roles(row.roles))
         granted: frozenset[Permission] = frozenset({"own", *json.loads(row.permissions)})
-        return Subject("token", row.token_id, row.token_name, row.organisation, held & granted, row.token_id)
+        return Subject("token", row.token_id, row.token_name, held & granted, row.token_id)
 
     def is_alive(self, subject: Subject) -> bool:
         """Tell whether the subject's session or token still holds; counts as no use of it."""
@@ -377,10 +359,8 @@ class AccountStore:
         with self.database.write() as connection:
             connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
 
-    def _insert_person(
-        self, organisation: str, login: str, name: str, roles: Collection[Role], more: dict[str, str]
-    ) -> Person:
-        row = {"id": f"per_{secrets.token_hex(8)}", "organisation": organisation, "login": login} | more
+    def _insert_person(self, login: str, name: str, roles: Collection[Role], more: dict[str, str]) -> Person:
+        row = {"id": f"per_{secrets.token_hex(8)}", "login": login} | more
         row |= {"name": name, "roles": json.dumps(sorted(roles))}
         row["created_at"] = format_now()
         try:
@@ -389,11 +369,12 @@ class AccountStore:
                 note_act(connection, "person.added", row["id"], roles="+".join(sorted(roles)))
         except IntegrityError:
             raise BadParameter(name="login", value=login, allowed="a free one") from None
+        self.mark()
         self._exist = True
         return self.get_person(row["id"])
 
     def _read_person(self, row: Row[Any]) -> Person:
-        about = (row.id, row.organisation, row.login, row.name, _read_roles(row.roles))
+        about = (row.id, row.login, row.name, _read_roles(row.roles))
         ways = (row.issuer, row.password_hash is not None, row.totp_secret is not None)
         return Person(*about, row.created_at, row.ended_at, *ways)
 
@@ -405,9 +386,15 @@ class AccountStore:
 
     def note_refusal(self, person_id: str) -> None:
         """Note that a login was refused; ``person_id``: whose name was tried, "" for none that is known."""
-        organisation = "" if person_id else OWN_ORGANISATION
         with self.database.write() as connection:
-            note_act(connection, "login.failed", person_id, who=NOBODY, organisation=organisation)
+            note_act(connection, "login.failed", person_id, who=NOBODY)
+
+
+def note_act(
+    connection: Connection, act: Act, person_id: str, *, who: str | None = None, **codes: str
+) -> None:
+    """Note an act in its transaction; ``person_id`` is "" if it is about nobody."""
+    record(connection, act, other={"person": person_id} | codes if person_id else codes, who=who)
 
 
 def normalise_login(login: str) -> str:
@@ -416,7 +403,7 @@ def normalise_login(login: str) -> str:
 
 
 def check_name(name: str) -> None:
-    """Check the name of a person, an organisation or a token.
+    """Check the name of a person or a token.
 
     Raises
     ------
@@ -453,9 +440,7 @@ def _select_sessions(now_s: float) -> Select[Any]:
 
 def _select_tokens(now_s: float) -> Select[Any]:
     named = (tokens.c.id.label("token_id"), tokens.c.name.label("token_name"), tokens.c.permissions)
-    joined = select(people.c.roles, people.c.organisation, *named, tokens.c.used_at).join(
-        people, tokens.c.person_id == people.c.id
-    )
+    joined = select(people.c.roles, *named, tokens.c.used_at).join(people, tokens.c.person_id == people.c.id)
     return joined.where(tokens.c.ended_at.is_(None), tokens.c.expires_s > now_s, people.c.ended_at.is_(None))
 
 

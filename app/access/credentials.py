@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from sqlalchemy import ColumnElement, delete, func, insert, select, update
 
-from app.access.accounts import AccountStore, Person, normalise_login
-from app.access.acts import note_act
+from app.access.accounts import AccountStore, Person, normalise_login, note_act
 from app.access.hashing import hash_secret
-from app.access.tables import known_browsers, link_uses, people, recovery_codes
 from app.errors import SecretUnreadable
+from app.jobs.database.tables import known_browsers, link_uses, people, recovery_codes
 from app.jobs.queries import format_now
 
 UNOPENED = "?"
@@ -90,7 +89,7 @@ class CredentialStore:
 
     def note_told(self, person_id: str) -> None:
         """Note that a person knows of the link."""
-        with self._database.write(is_act=False) as connection:
+        with self._database.write() as connection:
             mine = update(link_uses).where(link_uses.c.person_id == person_id)
             connection.execute(mine.values(told_at=format_now()))
 

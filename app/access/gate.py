@@ -1,10 +1,12 @@
 """Finds who asks by what a request brings: the secret of the start, a session or a token."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
-from app.access.secret import StartSecret
+from app.access.accounts import AccountStore
+from app.access.secret import StartSecret, read_or_create_secret
 from app.access.subjects import AT_THE_MACHINE, MACHINE, Subject
+from app.settings import Settings
+from app.storage.permissions import make_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,31 +21,12 @@ class Credentials:
     is_attended: bool = True
 
 
-class Accounts(Protocol):
-    """People, tokens and sessions of an installation."""
-
-    def exist(self) -> bool:
-        """Tell whether there is any account: from the first one on everybody logs in."""
-
-    def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
-        """Give who holds a session that goes on; note that it was used, if somebody did."""
-
-    def find_by_token(self, bearer: str) -> Subject | None:
-        """Give the token, if it is neither revoked nor expired and its person may still log in."""
-
-    def is_alive(self, subject: Subject) -> bool:
-        """Tell whether the subject's session or token still holds; counts as no use of it."""
-
-    def is_confirmed(self, subject: Subject) -> bool:
-        """Tell whether the person of a session gave the password a short time ago."""
-
-
 @dataclass(frozen=True, slots=True)
 class Gate:
     """Who may come in. ``secret`` is None where the person who started the server chose to have none."""
 
     secret: StartSecret | None
-    accounts: Accounts
+    accounts: AccountStore
 
     @property
     def needs_accounts(self) -> bool:
@@ -71,3 +54,11 @@ class Gate:
     def is_confirmed(self, subject: Subject) -> bool:
         """Tell whether what cannot be undone may be done now; of scripts nobody can ask a password again."""
         return subject.kind != "person" or self.accounts.is_confirmed(subject)
+
+
+def open_gate(settings: Settings, accounts: AccountStore) -> Gate:
+    """Open the gate of a server."""
+    if settings.no_secret:
+        return Gate(None, accounts)
+    make_folder(settings.data_dir)
+    return Gate(read_or_create_secret(settings.data_dir), accounts)

@@ -18,7 +18,7 @@ from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
 from app.access.tickets import Ticket, TicketStore
 from app.errors import LoginRefused, SecondFactorSealed
-from app.jobs.trail import NOBODY, find_actor
+from app.jobs.audit_log import NOBODY, find_actor
 from app.settings import Settings
 from app.storage.open import load_extra
 
@@ -230,9 +230,7 @@ class Logins:
         ------
         WeakPassword, NotInstalled
         """
-        organisation = self.accounts.get_organisation(person.organisation)
-        login = person.login.partition("@")[0]
-        self._passwords.check_password(password, (login, organisation.name, *person.name.split()))
+        self._passwords.check_password(password, (person.login.partition("@")[0], *person.name.split()))
 
     def set_password(self, person: Person, password: str, but: str = "") -> None:
         """Set a password that was checked; every session of the person but one ends."""

@@ -32,7 +32,7 @@ _NOBODY = _HASHER.hash(secrets.token_urlsafe())
 
 
 def check_password(password: str, names: Collection[str]) -> None:
-    """Check a new password; ``names`` (of the person and the organisation) may not be part of it.
+    """Check a new password; ``names`` of the person may not be part of it.
 
     Raises
     ------

@@ -148,10 +148,8 @@ class Provider:
         return self._accounts.get_person(person.id)
 
     def _add_person(self, subject: str, name: str, roles: frozenset[Role]) -> Person:
-        organisation = self._settings.oidc_organisation
-        self._accounts.add_organisation(organisation, organisation)
         login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no login that is typed ends so
-        about = Person("", organisation, login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
+        about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
         return self._accounts.add_person_of(self._issuer, subject, about)
 
     def _read_roles(self, claim: object) -> frozenset[Role]:

@@ -1,287 +1,262 @@
-"""The permission that each route asks for, in one table; a route without a line is refused, and fails a test.
+"""What each route asks for and leaves in the audit log, in one table; a route without a line fails a test.
 
-``public`` routes are answered to anybody. A WebSocket's method is written ``WS``. Where a trash keeps
-nothing, what deletes asks for ``erase``, too (:func:`app.api.library.recordings.check_may_erase`).
+A line names method, path and act. ``public`` routes are answered to anybody. A WebSocket's method is written
+``WS``. If the trash keeps nothing, deleting asks for ``erase`` as well
+(:func:`app.api.library.recordings.check_may_erase`).
+
+The act is what the answer leaves in the audit log (:mod:`app.api.middleware.readings`). ``rows``: what the
+route changes leaves its lines in its own transaction. ``none``: nothing about a person is read.
+
+``again``: a person gives the password again first: to erase; to take out the data of many recordings; to open
+a way out that stays (a token, a webhook); to let people in. The files of one recording, the original and its
+ZIP included, are downloads like its PDF.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, cast
 
 from app.access.subjects import Permission
+from app.jobs.audit_log import ACTS, Act
 
 Needed = Permission | Literal["public"]
 
 _ROUTES: Mapping[Needed, str] = {
     "public": """
-        GET  /healthz
-        GET  /readyz
-        GET  /vendor/{name}
-        GET  /login
-        POST /login
-        GET  /login/once/{ticket}
-        GET  /login/code
-        POST /login/code
-        GET  /login/enrol
-        POST /login/enrol
-        GET  /login/link/{ticket}
-        POST /login/link/{ticket}
-        GET  /login/provider
-        GET  /login/provider/back
+        GET    /healthz                                                   none
+        GET    /readyz                                                    none
+        GET    /vendor/{name}                                             none
+        GET    /login                                                     none
+        POST   /login                                                     rows
+        GET    /login/once/{ticket}                                       none
+        GET    /login/code                                                none
+        POST   /login/code                                                rows
+        GET    /login/enrol                                               none
+        POST   /login/enrol                                               rows
+        GET    /login/link/{ticket}                                       none
+        POST   /login/link/{ticket}                                       rows
+        GET    /login/provider                                            none
+        GET    /login/provider/back                                       none
     """,
     "own": """
-        POST /logout
-        GET  /confirm
-        POST /confirm
-        GET  /confirm/provider
-        GET  /account
-        POST /account/told
-        POST /account/password
-        POST /account/second-factor
-        POST /account/second-factor/drop
-        POST /account/sessions/end
-        POST /account/tokens
-        POST /account/tokens/{token_id}/revoke
-        GET  /api/v1/tokens
-        POST /api/v1/tokens
-        DELETE /api/v1/tokens/{token_id}
-        GET  /api/v1/openapi.json
-        GET  /api/v1/docs
-        GET  /api/v1/formats
-        GET  /api/v1/dictionary
-        GET  /api/v1/problems/{code}
-        GET  /api/v1/version
-        GET  /help
-        GET  /help/poses
-        GET  /help/reading
-        GET  /help/export
-        GET  /problems/{code}
-        GET  /example
-        GET  /example/report.html
-        GET  /example/report.pdf
+        POST   /logout                                                    rows
+        GET    /confirm                                                   none
+        POST   /confirm                                                   none
+        GET    /confirm/provider                                          none
+        GET    /account                                                   none
+        POST   /account/told                                              rows
+        POST   /account/password                                          rows
+        POST   /account/second-factor                                     rows again
+        POST   /account/second-factor/drop                                rows again
+        POST   /account/sessions/end                                      rows again
+        POST   /account/tokens                                            rows again
+        POST   /account/tokens/{token_id}/revoke                          rows
+        GET    /api/v1/tokens                                             none
+        POST   /api/v1/tokens                                             rows again
+        DELETE /api/v1/tokens/{token_id}                                  rows
+        GET    /api/v1/openapi.json                                       none
+        GET    /api/v1/docs                                               none
+        GET    /api/v1/formats                                            none
+        GET    /api/v1/dictionary                                         none
+        GET    /api/v1/problems/{code}                                    none
+        GET    /api/v1/version                                            none
+        GET    /help                                                      none
+        GET    /help/poses                                                none
+        GET    /help/reading                                              none
+        GET    /help/export                                               none
+        GET    /problems/{code}                                           none
+        GET    /example                                                   none
+        GET    /example/report.html                                       none
+        GET    /example/report.pdf                                        none
     """,
     "upload": """
-        OPTIONS /api/v1/uploads
-        OPTIONS /api/v1/uploads/{upload_id}
-        POST   /api/v1/uploads
-        GET    /api/v1/uploads/{upload_id}
-        PATCH  /api/v1/uploads/{upload_id}
-        DELETE /api/v1/uploads/{upload_id}
-        PUT    /api/v1/uploads/{upload_id}/words
-        GET    /api/v1/uploads/{upload_id}/inspection
-        POST   /api/v1/recordings
-        POST   /api/v1/analyze
-        PUT    /api/v1/analyze
-        POST   /api/v1/analyses
-        POST   /api/v1/analyses/{analysis_id}/cancel
-        POST   /api/v1/analyses/{analysis_id}/retry
-        POST   /api/v1/batches
-        POST   /api/v1/batches/{batch_id}/retry-failed
-        POST   /api/v1/validations
-        WS     /api/v1/live
-        POST   /analyses/{analysis_id}/cancel
-        POST   /analyses/{analysis_id}/retry
-        POST   /batches/{batch_id}/retry
-        POST   /sample
-        GET    /validations
-        POST   /validations
-        GET    /live
+        OPTIONS /api/v1/uploads                                            none
+        OPTIONS /api/v1/uploads/{upload_id}                                none
+        POST   /api/v1/uploads                                            rows
+        GET    /api/v1/uploads/{upload_id}                                none
+        PATCH  /api/v1/uploads/{upload_id}                                rows
+        DELETE /api/v1/uploads/{upload_id}                                rows
+        PUT    /api/v1/uploads/{upload_id}/words                          rows
+        GET    /api/v1/uploads/{upload_id}/inspection                     none
+        POST   /api/v1/recordings                                         rows
+        POST   /api/v1/analyze                                            rows
+        PUT    /api/v1/analyze                                            rows
+        POST   /api/v1/analyses                                           rows
+        POST   /api/v1/analyses/{analysis_id}/cancel                      rows
+        POST   /api/v1/analyses/{analysis_id}/retry                       rows
+        POST   /api/v1/batches                                            rows
+        POST   /api/v1/batches/{batch_id}/retry-failed                    rows
+        POST   /api/v1/validations                                        rows
+        WS     /api/v1/live                                               rows
+        POST   /analyses/{analysis_id}/cancel                             rows
+        POST   /analyses/{analysis_id}/retry                              rows
+        POST   /batches/{batch_id}/retry                                  rows
+        POST   /sample                                                    rows
+        GET    /validations                                               none
+        POST   /validations                                               rows
+        GET    /live                                                      none
     """,
     "read": """
-        GET  /api/v1/recordings
-        GET  /api/v1/recordings/{recording_id}
-        GET  /api/v1/recordings/{recording_id}/inspection
-        GET  /api/v1/recordings/{recording_id}/periods
-        GET  /api/v1/analyses
-        GET  /api/v1/analyses/{analysis_id}
-        GET  /api/v1/analyses/{analysis_id}/events
-        GET  /api/v1/analyses/{analysis_id}/report.html
-        GET  /api/v1/analyses/{analysis_id}/report.pdf
-        GET  /api/v1/analyses/{analysis_id}/answer.txt
-        GET  /api/v1/analyses/{analysis_id}/settings.yaml
-        GET  /api/v1/batches/{batch_id}
-        GET  /api/v1/validations/{validation_id}
-        GET  /api/v1/columns
-        GET  /api/v1/columns/{header}
-        GET  /api/v1/columns/{header}/profile.json
-        GET  /api/v1/compare/{name}
-        GET  /api/v1/pair/{name}
-        GET  /api/v1/profile/{name}
-        GET  /api/v1/live/{session_id}/difference
-        GET  /
-        GET  /rows
-        GET  /analyses/{analysis_id}
-        GET  /analyses/{analysis_id}/curve
-        GET  /analyses/{analysis_id}/report.html
-        GET  /analyses/{analysis_id}/stillness
-        GET  /analyses/{analysis_id}/share
-        GET  /analyses/{analysis_id}/columns
-        GET  /batches
-        GET  /batches/{batch_id}
-        POST /library/views
-        POST /library/views/{view_id}/drop
-        GET  /trash
-        GET  /beside/{kind}
-        GET  /beside/{kind}/report.{form}
-        GET  /days
-        GET  /days/report.{form}
-        GET  /columns
-        GET  /validations/{validation_id}
-        GET  /validations/{validation_id}/curve
-        GET  /validations/{validation_id}/plot.svg
-        GET  /api/v1/analyses/{analysis_id}/release
-        GET  /api/v1/recordings/{recording_id}/hold
-        GET  /api/v1/retention
-        GET  /retention
+        GET    /api/v1/recordings                                         list.read
+        GET    /api/v1/recordings/{recording_id}                          recording.read
+        GET    /api/v1/recordings/{recording_id}/inspection               recording.read
+        GET    /api/v1/recordings/{recording_id}/periods                  recording.read
+        GET    /api/v1/analyses                                           list.read
+        GET    /api/v1/analyses/{analysis_id}                             report.read
+        GET    /api/v1/analyses/{analysis_id}/events                      report.read
+        GET    /api/v1/analyses/{analysis_id}/report.html                 report.read
+        GET    /api/v1/analyses/{analysis_id}/report.pdf                  file.exported
+        GET    /api/v1/analyses/{analysis_id}/answer.txt                  file.exported
+        GET    /api/v1/analyses/{analysis_id}/settings.yaml               file.exported
+        GET    /api/v1/batches/{batch_id}                                 list.read
+        GET    /api/v1/validations/{validation_id}                        report.read
+        GET    /api/v1/columns                                            list.read
+        GET    /api/v1/columns/{header}                                   list.read
+        GET    /api/v1/columns/{header}/profile.json                      file.exported
+        GET    /api/v1/compare/{name}                                     report.read
+        GET    /api/v1/pair/{name}                                        report.read
+        GET    /api/v1/profile/{name}                                     report.read
+        GET    /api/v1/live/{session_id}/difference                       report.read
+        GET    /                                                          list.read
+        GET    /rows                                                      list.read
+        GET    /analyses/{analysis_id}                                    report.read
+        GET    /analyses/{analysis_id}/curve                              report.read
+        GET    /analyses/{analysis_id}/report.html                        report.read
+        GET    /analyses/{analysis_id}/stillness                          report.read
+        GET    /analyses/{analysis_id}/share                              report.read
+        GET    /analyses/{analysis_id}/columns                            report.read
+        GET    /batches                                                   list.read
+        GET    /batches/{batch_id}                                        list.read
+        POST   /library/views                                             rows
+        POST   /library/views/{view_id}/drop                              rows
+        GET    /trash                                                     list.read
+        GET    /beside/{kind}                                             report.read
+        GET    /beside/{kind}/report.{form}                               report.read
+        GET    /days                                                      report.read
+        GET    /days/report.{form}                                        report.read
+        GET    /columns                                                   list.read
+        GET    /validations/{validation_id}                               report.read
+        GET    /validations/{validation_id}/curve                         report.read
+        GET    /validations/{validation_id}/plot.svg                      report.read
+        GET    /api/v1/analyses/{analysis_id}/release                     report.read
+        GET    /api/v1/recordings/{recording_id}/hold                     recording.read
+        GET    /api/v1/retention                                          list.read
+        GET    /retention                                                 list.read
     """,
     "correct": """
-        PATCH  /api/v1/recordings/{recording_id}
-        DELETE /api/v1/recordings/{recording_id}
-        POST   /api/v1/recordings/{recording_id}/restore
-        PUT    /api/v1/recordings/{recording_id}/periods
-        PATCH  /api/v1/columns/{header}
-        DELETE /api/v1/columns/{header}
-        POST   /analyses/{analysis_id}/withdraw
-        POST   /analyses/{analysis_id}/again
-        POST   /analyses/{analysis_id}/pose
-        POST   /analyses/{analysis_id}/moved
-        POST   /analyses/{analysis_id}/other-pose
-        POST   /analyses/{analysis_id}/diary
-        POST   /analyses/{analysis_id}/diary.csv
-        POST   /analyses/{analysis_id}/columns
-        POST   /analyses/{analysis_id}/columns/use
-        POST   /batches/{batch_id}/participants
-        POST   /library/acts/{act}
-        GET    /recordings/{recording_id}/delete
-        POST   /recordings/{recording_id}/delete
-        POST   /recordings/{recording_id}/restore
-        POST   /beside/compare/align
-        POST   /columns/{header}
-        POST   /columns/{header}/delete
+        PATCH  /api/v1/recordings/{recording_id}                          rows
+        DELETE /api/v1/recordings/{recording_id}                          rows
+        POST   /api/v1/recordings/{recording_id}/restore                  rows
+        PUT    /api/v1/recordings/{recording_id}/periods                  rows
+        PATCH  /api/v1/columns/{header}                                   rows
+        DELETE /api/v1/columns/{header}                                   rows
+        POST   /analyses/{analysis_id}/withdraw                           rows
+        POST   /analyses/{analysis_id}/again                              rows
+        POST   /analyses/{analysis_id}/pose                               rows
+        POST   /analyses/{analysis_id}/moved                              rows
+        POST   /analyses/{analysis_id}/other-pose                         rows
+        POST   /analyses/{analysis_id}/diary                              rows
+        POST   /analyses/{analysis_id}/diary.csv                          file.exported
+        POST   /analyses/{analysis_id}/columns                            rows
+        POST   /analyses/{analysis_id}/columns/use                        rows
+        POST   /batches/{batch_id}/participants                           rows
+        POST   /library/acts/{act}                                        rows
+        GET    /recordings/{recording_id}/delete                          recording.read
+        POST   /recordings/{recording_id}/delete                          rows
+        POST   /recordings/{recording_id}/restore                         rows
+        POST   /beside/compare/align                                      rows
+        POST   /columns/{header}                                          rows
+        POST   /columns/{header}/delete                                   rows
     """,
     "release": """
-        POST /analyses/{analysis_id}/conclude
-        POST /analyses/{analysis_id}/dismiss
-        DELETE /api/v1/analyses/{analysis_id}/conclusion-draft
-        POST /analyses/{analysis_id}/release
-        POST /api/v1/analyses/{analysis_id}/release
-        DELETE /api/v1/analyses/{analysis_id}/release
+        POST   /analyses/{analysis_id}/conclude                           rows
+        POST   /analyses/{analysis_id}/dismiss                            rows
+        DELETE /api/v1/analyses/{analysis_id}/conclusion-draft            rows
+        POST   /analyses/{analysis_id}/release                            rows
+        POST   /api/v1/analyses/{analysis_id}/release                     rows
+        DELETE /api/v1/analyses/{analysis_id}/release                     rows
     """,
     "export": """
-        GET  /api/v1/recordings/{recording_id}/file
-        GET  /api/v1/analyses/{analysis_id}/results.json
-        GET  /api/v1/analyses/{analysis_id}/elevation.parquet
-        GET  /api/v1/analyses/{analysis_id}/fhir.json
-        GET  /api/v1/analyses/{analysis_id}/datapackage.json
-        GET  /api/v1/analyses/{analysis_id}/bundle.zip
-        GET  /api/v1/analyses/{analysis_id}/periods.csv
-        GET  /api/v1/analyses/{analysis_id}/elevation.csv.gz
-        GET  /api/v1/analyses/{analysis_id}/summary.csv
-        GET  /api/v1/analyses/{analysis_id}/summary_fr.csv
-        GET  /api/v1/analyses/{analysis_id}/summary.xlsx
-        GET  /api/v1/analyses/{analysis_id}/summary.parquet
-        GET  /api/v1/analyses/{analysis_id}/dictionary.csv
-        GET  /api/v1/analyses/{analysis_id}/redcap_import.csv
-        GET  /api/v1/analyses/{analysis_id}/redcap_dictionary.csv
-        GET  /api/v1/batches/{batch_id}/summary.csv
-        GET  /api/v1/batches/{batch_id}/problems.csv
-        GET  /api/v1/validations/{validation_id}/{name}
-        GET  /api/v1/compare/comparison.json
-        GET  /api/v1/pair/pair.json
-        GET  /api/v1/profile/profile.json
-        GET  /api/v1/profile/{name}.csv
-        GET  /library/{name}.csv
-        GET  /library/reports.zip
-        GET  /library/recordings.zip
-        POST /library/acts/reports.zip
-        POST /library/acts/{name}.csv
-        GET  /days/{name}.csv
-        GET  /api/v1/webhooks
-        POST /api/v1/webhooks
-        DELETE /api/v1/webhooks/{webhook_id}
+        GET    /api/v1/recordings/{recording_id}/file                     file.exported
+        GET    /api/v1/analyses/{analysis_id}/results.json                file.exported
+        GET    /api/v1/analyses/{analysis_id}/elevation.parquet           file.exported
+        GET    /api/v1/analyses/{analysis_id}/fhir.json                   file.exported
+        GET    /api/v1/analyses/{analysis_id}/datapackage.json            file.exported
+        GET    /api/v1/analyses/{analysis_id}/bundle.zip                  file.exported
+        GET    /api/v1/analyses/{analysis_id}/periods.csv                 file.exported
+        GET    /api/v1/analyses/{analysis_id}/elevation.csv.gz            file.exported
+        GET    /api/v1/analyses/{analysis_id}/summary.csv                 file.exported
+        GET    /api/v1/analyses/{analysis_id}/summary_fr.csv              file.exported
+        GET    /api/v1/analyses/{analysis_id}/summary.xlsx                file.exported
+        GET    /api/v1/analyses/{analysis_id}/summary.parquet             file.exported
+        GET    /api/v1/analyses/{analysis_id}/dictionary.csv              file.exported
+        GET    /api/v1/analyses/{analysis_id}/redcap_import.csv           file.exported
+        GET    /api/v1/analyses/{analysis_id}/redcap_dictionary.csv       file.exported
+        GET    /api/v1/batches/{batch_id}/summary.csv                     file.exported again
+        GET    /api/v1/batches/{batch_id}/problems.csv                    file.exported again
+        GET    /api/v1/validations/{validation_id}/{name}                 file.exported
+        GET    /api/v1/compare/comparison.json                            file.exported
+        GET    /api/v1/pair/pair.json                                     file.exported
+        GET    /api/v1/profile/profile.json                               file.exported again
+        GET    /api/v1/profile/{name}.csv                                 file.exported again
+        GET    /library/{name}.csv                                        file.exported again
+        GET    /library/reports.zip                                       file.exported again
+        GET    /library/recordings.zip                                    file.exported again
+        POST   /library/acts/reports.zip                                  file.exported again
+        POST   /library/acts/{name}.csv                                   file.exported again
+        GET    /days/{name}.csv                                           file.exported again
+        GET    /api/v1/webhooks                                           list.read
+        POST   /api/v1/webhooks                                           rows again
+        DELETE /api/v1/webhooks/{webhook_id}                              rows
     """,
     "erase": """
-        GET  /recordings/{recording_id}/purge
-        POST /recordings/{recording_id}/purge
-        POST /recordings/{recording_id}/hold
-        PUT    /api/v1/recordings/{recording_id}/hold
-        DELETE /api/v1/recordings/{recording_id}/hold
-        PUT  /api/v1/retention/{kind}
-        POST /retention
+        GET    /recordings/{recording_id}/purge                           recording.read again
+        POST   /recordings/{recording_id}/purge                           rows again
+        POST   /recordings/{recording_id}/hold                            rows again
+        PUT    /api/v1/recordings/{recording_id}/hold                     rows
+        DELETE /api/v1/recordings/{recording_id}/hold                     rows again
+        PUT    /api/v1/retention/{kind}                                   rows again
+        POST   /retention                                                 rows again
     """,
     "aggregate": """
-        GET /aggregate
-        GET /api/v1/studies/{study_id}/aggregate.json
+        GET    /aggregate                                                 aggregate.read
+        GET    /api/v1/studies/{study_id}/aggregate.json                  aggregate.read
     """,
     "people": """
-        GET  /people
-        POST /people
-        POST /people/{person_id}/roles
-        POST /people/{person_id}/link
-        POST /people/{person_id}/end
-        POST /people/{person_id}/resume
+        GET    /people                                                    people.read again
+        POST   /people                                                    rows again
+        POST   /people/{person_id}/roles                                  rows again
+        POST   /people/{person_id}/link                                   rows again
+        POST   /people/{person_id}/end                                    rows again
+        POST   /people/{person_id}/resume                                 rows again
     """,
     "trail": """
-        GET /metrics
-        GET /trail
-        GET /api/v1/trail
-        GET /api/v1/trail/proof
-        GET /api/v1/trail/trail.csv
-        GET /api/v1/trail/trail.jsonl
+        GET    /metrics                                                   none
+        GET    /trail                                                     trail.read
+        GET    /api/v1/trail                                              trail.read
+        GET    /api/v1/trail/trail.csv                                    trail.exported
+        GET    /api/v1/trail/trail.jsonl                                  trail.exported
     """,
 }
 
 
-_CONFIRMED = """
-    GET  /recordings/{recording_id}/purge
-    POST /recordings/{recording_id}/purge
-    POST /recordings/{recording_id}/hold
-    DELETE /api/v1/recordings/{recording_id}/hold
-    POST /retention
-    PUT  /api/v1/retention/{kind}
-    GET  /library/{name}.csv
-    GET  /library/reports.zip
-    GET  /library/recordings.zip
-    POST /library/acts/reports.zip
-    POST /library/acts/{name}.csv
-    GET  /api/v1/batches/{batch_id}/summary.csv
-    GET  /api/v1/batches/{batch_id}/problems.csv
-    GET  /days/{name}.csv
-    GET  /api/v1/profile/profile.json
-    GET  /api/v1/profile/{name}.csv
-    POST /api/v1/webhooks
-    GET  /people
-    POST /people
-    POST /people/{person_id}/roles
-    POST /people/{person_id}/link
-    POST /people/{person_id}/end
-    POST /people/{person_id}/resume
-    POST /account/second-factor
-    POST /account/second-factor/drop
-    POST /account/sessions/end
-    POST /account/tokens
-    POST /api/v1/tokens
-"""
-"""What a person is asked the password for again.
+@dataclass(frozen=True, slots=True)
+class Route:
+    """What a route asks for; ``act``: what its answer leaves, None for nothing."""
 
-To erase; to take the data of many recordings out; to open a way out that stays (a token, a webhook); to let
-people in. The files of one recording, the original and its ZIP too, are downloads like its PDF: they are not
-asked about.
-"""
+    needed: Needed
+    act: Act | None
+    asks_again: bool
 
 
-def _read_lines(lines: str) -> Iterator[tuple[str, str]]:
-    for line in filter(None, map(str.split, lines.splitlines())):
-        yield line[0], line[1]
+def _read_routes() -> Iterator[tuple[tuple[str, str], Route]]:
+    for needed, lines in _ROUTES.items():
+        for method, path, act, *marks in filter(None, map(str.split, lines.splitlines())):
+            if act not in (*ACTS, "rows", "none") or marks not in ([], ["again"]):
+                raise ValueError(f"{method} {path}")
+            yield (method, path), Route(needed, cast("Act", act) if act in ACTS else None, bool(marks))
 
 
-NEEDED: Mapping[tuple[str, str], Needed] = MappingProxyType(
-    {route: needed for needed, lines in _ROUTES.items() for route in _read_lines(lines)}
-)
+ROUTE_TABLE: Mapping[tuple[str, str], Route] = MappingProxyType(dict(_read_routes()))
 """By method and path, as the route is declared."""
-CONFIRMED = frozenset(_read_lines(_CONFIRMED))
-
-
-def find_needed(method: str, path: str) -> Needed | None:
-    """Give what a route asks for; None for one that the table does not know."""
-    return NEEDED.get((method, path))

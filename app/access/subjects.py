@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from app.organisation import OWN_ORGANISATION
-
 Permission = Literal[
     "upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail", "own"
 ]
@@ -34,7 +32,7 @@ SubjectKind = Literal["person", "token", "machine"]
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Who asks. ``id`` stands in rows and in the trail: ``per_…``, ``tok_…`` or ``machine``.
+    """Who asks. ``id`` stands in rows and in the audit log: ``per_…``, ``tok_…`` or ``machine``.
 
     ``session``: what ends the moment the login ends: an id of the session or token, "" for the machine.
     """
@@ -42,7 +40,6 @@ class Subject:
     kind: SubjectKind
     id: str
     name: str
-    organisation: str
     permissions: frozenset[Permission]
     session: str = ""
 
@@ -51,7 +48,7 @@ class Subject:
         return permission in self.permissions
 
 
-AT_THE_MACHINE = Subject("machine", MACHINE, MACHINE, OWN_ORGANISATION, frozenset(PERMISSIONS))
+AT_THE_MACHINE = Subject("machine", MACHINE, MACHINE, frozenset(PERMISSIONS))
 """Whoever holds the secret of the start, or runs the command line."""
 
 

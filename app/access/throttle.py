@@ -2,7 +2,7 @@
 
 A try counts before it is looked at, so that many at once get no more than many in a row. Who knows a password
 gets his try back. A stranger's tries delay the account and his address, never a browser that is known.
-Tries that had to wait are a line of the trail, once for each account, address or browser in 15 minutes.
+Tries that had to wait are a line of the audit log, once for each account, address or browser in 15 minutes.
 """
 
 import time
@@ -13,12 +13,11 @@ from math import ceil
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from app.access.acts import note_act
+from app.access.accounts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
-from app.access.tables import tries
 from app.errors import TooManyTries
-from app.organisation import OWN_ORGANISATION
+from app.jobs.database.tables import tries
 
 FORGET_S = 3600.0
 """So long after the last wrong try nothing is held against anybody."""
@@ -131,12 +130,11 @@ def _write(connection: Connection, budget: Budget, failures: int, until_s: float
 def _tell(connection: Connection, budget: Budget, person_id: str, now_s: float) -> None:
     """Note that tries had to wait, unless that was noted a short time ago.
 
-    An address says nothing of a person: its line lies with "own", as that of a name that nobody has.
+    An address says nothing of a person.
     """
     told, kind = replace(budget, key=f"told:{budget.key}"), budget.key.partition(":")[0]
     if _read(connection, told)[1] > now_s:
         return
     _write(connection, told, 0, now_s + TOLD_S)
     about = "" if budget.key.startswith(_ADDRESS) else person_id
-    organisation = "" if about else OWN_ORGANISATION
-    note_act(connection, "login.throttled", about, organisation=organisation, by=kind)
+    note_act(connection, "login.throttled", about, by=kind)

@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 from sqlalchemy import delete, insert, select, update
 
-from app.access.acts import note_act
+from app.access.accounts import note_act
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
-from app.access.tables import tickets
 from app.errors import TicketSpent
+from app.jobs.database.tables import tickets
 
 Purpose = Literal["password", "code", "enrol", "provider"]
 """``password``: set one; ``code``, ``enrol``: give or set up the second factor; ``provider``: return."""

@@ -10,8 +10,6 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, ProcessCol
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from app.api.middleware.access import UsedSubject
-from app.organisation import OWN_ORGANISATION
 from app.services import GOOD, Services, UsedServices
 
 router = APIRouter(include_in_schema=False)
@@ -37,23 +35,19 @@ async def readyz(services: UsedServices) -> JSONResponse:
 
 
 @router.get("/metrics")
-def metrics(services: UsedServices, subject: UsedSubject) -> Response:
-    """Give queue, failures by code, uploads under way; to those of "own" disk and process, too.
-
-    The machine is that of "own"; a further organisation sees its own counts alone.
-    """
-    registry, is_own = CollectorRegistry(), subject.organisation == OWN_ORGANISATION
-    registry.register(_Rows(services, has_disk=is_own))
-    if is_own:
-        ProcessCollector(registry=registry)
+def metrics(services: UsedServices) -> Response:
+    """Return queue, failures by code, uploads under way, disk and process."""
+    registry = CollectorRegistry()
+    registry.register(_Rows(services))
+    ProcessCollector(registry=registry)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
 class _Rows(Collector):
     """Counts rows at the moment of asking."""
 
-    def __init__(self, services: Services, *, has_disk: bool) -> None:
-        self._services, self._has_disk = services, has_disk
+    def __init__(self, services: Services) -> None:
+        self._services = services
 
     def collect(self) -> Iterable[GaugeMetricFamily]:
         """Give every gauge."""
@@ -68,7 +62,5 @@ class _Rows(Collector):
         yield problems
         growing = len(services.uploads.find_growing())
         yield GaugeMetricFamily("acromion_uploads_under_way", "Uploads under way.", growing)
-        if not self._has_disk:
-            return
         free_bytes = shutil.disk_usage(services.settings.data_dir).free
         yield GaugeMetricFamily("acromion_free_disk_bytes", "Free space for recordings.", free_bytes)

@@ -18,13 +18,12 @@ from app.api.library.recordings import finish_purge, forget_samples, purge_recor
 from app.api.library.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold, SecretUnreadable
+from app.jobs.audit_log import Act, AuditQuestion, find_lines, record_alone
 from app.jobs.processes.leader import Leader
-from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
 from app.jobs.webhooks import SECRET_OF_WEBHOOK, Delivery
 from app.services import Services
 from app.storage.server_secret import SECRET_FILE, ServerSecret
 from app.storage.store import TEMPORARY_S
-from app.upkeep.anchors import anchor_trail
 from app.upkeep.copies import keep_daily_copy, renew_copies
 from app.upkeep.recover import (
     Unknown,
@@ -40,7 +39,6 @@ from app.upkeep.recover import (
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
-ANCHOR_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
 MOST_AT_ONCE = 16
@@ -52,27 +50,25 @@ logger = logging.getLogger(__name__)
 async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
-    await _anchor(services, "server.started")
+    await _note(services, "server.started")
     try:
         await _run_rounds(services, leader, sender)
     finally:
         await sender.stop()
         leader.close()
-        await asyncio.shield(_anchor(services, "server.stopped"))
+        await asyncio.shield(_note(services, "server.stopped"))
 
 
-async def _anchor(services: Services, act: Act | None = None) -> None:
-    """Write the head of the trail down; trouble with that stops no server."""
+async def _note(services: Services, act: Act) -> None:
+    """Write a line about the server itself; trouble with that stops no server."""
     try:
-        if act is not None:
-            await run_to_end(record_alone, services.store.engine, act)
-        await anchor_trail(services.settings, services.store.reader)
+        await run_to_end(record_alone, services.store.engine, act)
     except SQLAlchemyError:
-        logger.exception("the trail cannot be read or written; the head is not written down")
+        logger.exception("the audit log cannot be written")
 
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
-    looked_s = aged_s = anchored_s = time.monotonic()
+    looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
@@ -87,9 +83,6 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                 await run_to_end(grow_older, services, now_s - aged_s)
                 aged_s = now_s
                 await run_to_end(keep_daily_copy, services.settings, services.store.engine)
-            if now_s - anchored_s > ANCHOR_S:
-                await _anchor(services)
-                anchored_s = now_s
         except OperationalError:
             logger.exception("the database does not answer; trying again")
         except (AppError, OSError):
@@ -147,7 +140,7 @@ def _finish_dropped(services: Services) -> int:
     strays = there - services.store.find_analyses()
     if not strays:
         return 0
-    lines = find_lines(services.store.reader, TrailQuestion(act="analysis.purged"))
+    lines = find_lines(services.store.reader, AuditQuestion(act="analysis.purged"))
     dropped = strays & {line.analysis_id for line in lines}
     for analysis_id in dropped:
         services.storage.drop_analysis(analysis_id)
@@ -249,7 +242,7 @@ def grow_older(services: Services, elapsed_s: float) -> None:
         services.storage.drop_analysis(analysis_id)
     if dropped:
         renew_copies(settings, services.store.engine, ())
-    services.retention.shorten_trail()
+    services.retention.shorten_audit_log()
     forget_samples(services)  # a child may have written some while its recording was being purged
     services.recordings.forget_purged()
     services.storage.drop_temporary(TEMPORARY_S)

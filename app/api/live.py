@@ -22,7 +22,7 @@ from app.api.live_library import LIVE_FOLDER, LiveLibrary
 from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
-from app.jobs.trail import record
+from app.jobs.audit_log import record
 from app.live.early import EarlyFile, EarlyPort
 from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
 from app.live.session_files import SessionFiles, begin_files

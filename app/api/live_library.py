@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, get_args
 
 from app.errors import AppError
 from app.intake import Intake
+from app.jobs.audit_log import record
 from app.jobs.job import Job
-from app.jobs.trail import record
 from app.live.session_files import PLAYED, RAW, SessionFiles, find_left
 from app.request import LONGEST_SUBJECT, ReportRequest
 from app.services import Services

@@ -351,9 +351,6 @@ REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
 }
 
 
-TABLE_RESPONSE: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {}}}}
-
-
 @router.get(
     "/compare/comparison.json",
     tags=["pairs"],

@@ -1,8 +1,7 @@
-"""Releases, holds, terms, group figures and the trail, for scripts."""
+"""Releases, holds, terms, group figures and the audit log, for scripts."""
 
 import json
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -12,17 +11,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app.api.middleware.access import UsedSubject
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.errors import NoHead
+from app.jobs.audit_log import AUDIT_COLUMNS, AuditLine, AuditQuestion, find_lines, parse_moment
 from app.jobs.governance.aggregate import StudyGroup
 from app.jobs.governance.releases import Release
 from app.jobs.recordings import HoldReason
-from app.jobs.trail import TrailLine, TrailQuestion, check_chain, find_lines, parse_moment
 from app.report.export.csv import INTERNATIONAL, encode_table
 from app.services import Services, UsedServices
-from app.upkeep.anchors import find_anchors
 
 MOST_LINES = 500
-COLUMNS = ("seq", "at", "who", "act", "recording_id", "analysis_id", "other", "prev", "hash")
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 
@@ -166,7 +162,7 @@ def view_group(group: StudyGroup) -> AggregateView:
 Moment = Annotated[str, AfterValidator(parse_moment)]
 
 
-class TrailQuery(BaseModel):
+class AuditQuery(BaseModel):
     """Which lines are asked for. ``subject`` stands for its recordings of now; an erased one by its id."""
 
     model_config = ConfigDict(extra="forbid")
@@ -181,25 +177,25 @@ class TrailQuery(BaseModel):
     lang: str | None = None
 
 
-def build_question(services: Services, asked: TrailQuery) -> TrailQuestion:
+def build_question(services: Services, asked: AuditQuery) -> AuditQuestion:
     """Turn what is asked into what the lines hold: a subject code into ids of recordings."""
     ids: frozenset[str] | None = None
     if asked.recording:
         ids = frozenset({asked.recording})
     elif asked.subject:
         ids = services.recordings.find_of_subject(asked.subject)
-    return TrailQuestion(ids, asked.who, asked.act, asked.begin, asked.end)
+    return AuditQuestion(ids, asked.who, asked.act, asked.begin, asked.end)
 
 
-class TrailView(BaseModel):
-    """Lines of the trail, the newest first; ``next_before`` asks for the next page, null ends."""
+class AuditView(BaseModel):
+    """Lines of the audit log, the newest first; ``next_before`` asks for the next page, null ends."""
 
     items: list[dict[str, str | int]]
     next_before: int | None
 
 
 @router.get("/trail", tags=["trail"])
-def get_trail(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> TrailView:
+def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> AuditView:
     """Answer who touched a subject, or what somebody did, between two moments."""
     found = list(
         find_lines(
@@ -207,58 +203,30 @@ def get_trail(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> 
         )
     )
     following = found[-1].seq if len(found) == MOST_LINES else None
-    return TrailView(items=[asdict(line) for line in found], next_before=following)
-
-
-class ProofView(BaseModel):
-    """The proof of the chain.
-
-    ``is_anchored``: a head that was written down elsewhere was compared; false, too, where a file is named
-    that cannot be read or holds none.
-    """
-
-    lines: int
-    is_whole: bool
-    is_anchored: bool
-    faults: list[dict[str, str | int]]
-
-
-@router.get("/trail/proof", tags=["trail"])
-def get_proof(services: UsedServices) -> ProofView:
-    """Prove the chain: one line altered, one removed, or the end cut off is named."""
-    anchors = None
-    with suppress(NoHead):
-        anchors = find_anchors(services.settings)
-    number, faults = check_chain(services.store.reader, anchors or ())
-    return ProofView(
-        lines=number,
-        is_whole=not faults,
-        is_anchored=anchors is not None,
-        faults=[asdict(fault) for fault in faults],
-    )
+    return AuditView(items=[asdict(line) for line in found], next_before=following)
 
 
 @router.get("/trail/trail.csv", tags=["trail"])
-def export_csv(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> Response:
+def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
     """Give the lines as a table."""
     rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
-    body = encode_table(COLUMNS, rows, INTERNATIONAL)
-    headers = {"Content-Disposition": 'attachment; filename="trail.csv"', "Cache-Control": "no-store"}
+    body = encode_table(AUDIT_COLUMNS, rows, INTERNATIONAL)
+    headers = {"Content-Disposition": 'attachment; filename="audit_log.csv"', "Cache-Control": "no-store"}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 
 
 @router.get("/trail/trail.jsonl", tags=["trail"])
-def export_lines(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> Response:
+def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
     """Give the lines as JSON, one each."""
 
     def write() -> Iterator[bytes]:
         for line in find_export(services, asked):
             yield json.dumps(asdict(line)).encode() + b"\n"
 
-    headers = {"Content-Disposition": 'attachment; filename="trail.jsonl"', "Cache-Control": "no-store"}
+    headers = {"Content-Disposition": 'attachment; filename="audit_log.jsonl"', "Cache-Control": "no-store"}
     return StreamingResponse(write(), media_type="application/jsonl", headers=headers)
 
 
-def find_export(services: Services, asked: TrailQuery) -> Iterator[TrailLine]:
+def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
     """Give every line that is asked for."""
     return find_lines(services.store.reader, build_question(services, asked), before=asked.before)

@@ -1,6 +1,5 @@
-"""``acromion account``: organisations and people, by whoever runs the server."""
+"""``acromion account``: people, by whoever runs the server."""
 
-import secrets
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,16 +12,13 @@ from app.access.subjects import PERMISSIONS, Permission, Role, Subject, collect_
 from app.cli.admin import DataOption, LanguageOption, find_settings, refusals_printed
 from app.errors import BadParameter, NotHere
 from app.logs import escape_controls
-from app.organisation import OWN_ORGANISATION
 from app.report.words.wording import Language, fill, load_wording
 
 if TYPE_CHECKING:
     from app.access.accounts import Person
     from app.access.logins import Logins
 
-account = typer.Typer(
-    help="Who may log in: organisations, people, their roles, links and tokens.", no_args_is_help=True
-)
+account = typer.Typer(help="Who may log in: people, their roles, links and tokens.", no_args_is_help=True)
 
 LoginArgument = Annotated[str, typer.Argument(metavar="LOGIN")]
 RolesOption = Annotated[
@@ -64,23 +60,11 @@ class _Desk:
         self.say("password", login=person.login)
 
 
-@account.command("add-organisation")
-def add_organisation(
-    name: Annotated[str, typer.Argument(metavar="NAME")], data: DataOption = None, lang: LanguageOption = "en"
-) -> None:
-    """Add an organisation: a folder, a database and people of its own."""
-    with _open(data, lang, may_begin=True) as desk:
-        organisation = f"org_{secrets.token_hex(8)}"
-        desk.logins.accounts.add_organisation(organisation, name)
-        desk.say("organisation", name=name, id=organisation)
-
-
 @account.command()
 def add(
     login: LoginArgument,
     role: RolesOption,
     name: Annotated[str, typer.Option(help="Of the person; else the login.")] = "",
-    organisation: Annotated[str, typer.Option(metavar="ID", help="Else the first one.")] = OWN_ORGANISATION,
     password: Annotated[
         bool, typer.Option("--password", help="Ask for a password now, instead of printing a link.")
     ] = False,
@@ -91,12 +75,9 @@ def add(
     from app.access.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang, may_begin=True) as desk:
-        accounts, roles = desk.logins.accounts, _read_roles(role)
-        if organisation == OWN_ORGANISATION:
-            accounts.add_organisation(OWN_ORGANISATION, OWN_ORGANISATION)
-        person = accounts.add_person(accounts.get_organisation(organisation).id, login, name or login, roles)
-        told = {"login": person.login, "organisation": organisation, "roles": ", ".join(sorted(roles))}
-        desk.say("added", **told)
+        roles = _read_roles(role)
+        person = desk.logins.accounts.add_person(login, name or login, roles)
+        desk.say("added", login=person.login, roles=", ".join(sorted(roles)))
         if password:
             desk.ask_password(person)
         else:
@@ -105,17 +86,15 @@ def add(
 
 @account.command("list")
 def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
-    """List organisations and people."""
+    """List the people."""
     with _open(data, lang) as desk:
-        for found in desk.logins.accounts.find_organisations():
-            desk.logins.accounts.note_reading(found.id)
-            desk.say("organisation", name=found.name, id=found.id)
+        desk.logins.accounts.note_reading()
         words = load_wording(lang, "access")
         for person in desk.logins.accounts.find_people():
             state = words["ended"] if person.ended_at else words["command"]["open"]
             about = {"id": person.id, "login": person.login, "name": person.name, "state": state}
             roles = ", ".join(sorted(person.roles))
-            desk.say("person", organisation=person.organisation, roles=roles, **about)
+            desk.say("person", roles=roles, **about)
 
 
 @account.command()
@@ -180,7 +159,7 @@ def token(
     with _open(data, lang) as desk:
         person, chosen = desk.find(login), _read_permissions(permission)
         may = collect_permissions(person.roles)
-        subject = Subject("person", person.id, person.name, person.organisation, may)
+        subject = Subject("person", person.id, person.name, may)
         made, bearer = make_token(desk.logins.accounts, subject, name, chosen, days)
         typer.echo(bearer)
         desk.say("token_once", end=format_end(made))
@@ -203,22 +182,20 @@ def _read_permissions(given: list[str]) -> list[Permission]:
 @contextmanager
 def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
     """Open the accounts; ``may_begin``: the installation may begin with them."""
-    from app.access.acts import carry_acts_by_command  # noqa: PLC0415  the database, and only this needs it
+    from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
     from app.access.logins import Logins  # noqa: PLC0415
-    from app.access.opening import open_accounts  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
+    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.storage.permissions import make_folder  # noqa: PLC0415
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        find_place(settings, OWN_ORGANISATION, is_new=may_begin)
+        if not may_begin:
+            check_used(settings)
         make_folder(settings.data_dir)
-        accounts = open_accounts(settings)
+        accounts = AccountStore(settings)
         try:
             with acting(AT_MACHINE):
                 yield _Desk(Logins(accounts, settings), lang)
         finally:
-            if accounts.database.is_there:
-                carry_acts_by_command(accounts.database, settings)
             accounts.database.close()

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,15 +12,13 @@ import typer
 from app.cli.output import Exit, print_problem
 from app.errors import AppError, BackupRefused, DatabaseAway
 from app.logs import escape_controls, start_logging
-from app.organisation import OWN_ORGANISATION
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
 from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
-    from app.access.accounts import Organisation
     from app.settings import Settings
-    from app.upkeep.account_rows import CopiedPeople
+    from app.upkeep.account_rows import Accounts
     from app.upkeep.backup import Copied
     from app.upkeep.verify import Fault
 
@@ -102,7 +101,6 @@ DataOption = Annotated[
     typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
 ]
 LanguageOption = Annotated[Language, typer.Option("--lang")]
-OrganisationOption = Annotated[str, typer.Option("--organisation", metavar="ID", help="Another than own.")]
 RecipientOption = Annotated[
     list[str] | None,
     typer.Option("--recipient", metavar="age1...", help="Who may read it (age); again for several."),
@@ -122,7 +120,6 @@ def backup(
         ),
     ] = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Write every row and every file into one file; the server may run meanwhile.
@@ -134,23 +131,21 @@ def backup(
     from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415
     from app.upkeep.backup_term import record_backup  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.organisations import find_further, find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        record_command(find_place(settings, organisation), "store.backed_up")
-        copied = back_up(settings, file, Recipients(tuple(recipient or ())), organisation)
+        check_used(settings)
+        record_command(settings, "store.backed_up")
+        copied = back_up(settings, file, Recipients(tuple(recipient or ())))
         dropped = drop_older_backups(file, keep) if keep and not copied.faults else ()
-        record_backup(open_storage(find_place(settings, organisation)), keep)
-        further = find_further(settings) if organisation == OWN_ORGANISATION else ()
+        record_backup(open_storage(settings), keep)
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
-    _print_people(lang, "backup", copied.people)
     _print_copied(lang, "backup", copied, file=str(file))
     if dropped:
         print_sentence(lang, "backup", "dropped", keep=str(keep), names=", ".join(dropped))
-    _print_further(lang, further)
     _exit_by(copied)
 
 
@@ -176,7 +171,6 @@ def restore(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to read.")],
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Put a backup into an empty data folder (or an empty database and bucket).
@@ -184,13 +178,11 @@ def restore(
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        find_place(settings, organisation, is_new=True)
-        copied = put_back(settings, file, identity, organisation)
-    _print_people(lang, "restore", copied.people)
+        copied = put_back(settings, file, identity)
+    _print_accounts(lang, copied.accounts)
     if copied.erased:
         print_sentence(lang, "restore", "erased", number=str(copied.erased))
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
@@ -201,12 +193,12 @@ def verify(
     file: Annotated[Path | None, typer.Argument(metavar="FILE", help="A backup; else what is kept.")] = None,
     identity: IdentityOption = None,
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
     with refusals_printed(lang, find_settings(data)):
-        number, faults = _verify_kept(data, organisation) if file is None else _verify_backup(file, identity)
+        settings = find_settings(data)
+        number, faults = _verify_kept(settings) if file is None else _verify_backup(file, identity)
     _print_faults(lang, faults)
     if faults:
         print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
@@ -216,16 +208,16 @@ def verify(
 
 def recover(
     data: DataOption = None,
-    organisation: OrganisationOption = OWN_ORGANISATION,
     lang: LanguageOption = "en",
 ) -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.organisations import find_lost_place  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
-        done = bring_back(find_lost_place(settings, organisation))
+        check_recoverable(settings)
+        done = bring_back(settings)
     for trouble in done.troubles:
         print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
@@ -233,8 +225,7 @@ def recover(
     if done.copied_at:
         print_sentence(lang, "recover", "copy", at=done.copied_at)
     print_sentence(lang, "recover", "done", **facts)
-    if done.is_trail_new:
-        print_sentence(lang, "recover", "trail_new")
+    _print_accounts(lang, done.accounts)
     if done.troubles:
         print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
         raise typer.Exit(Exit.SOME_FAILED)
@@ -254,13 +245,13 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _verify_kept(data: Path | None, organisation: str) -> "tuple[int, Sequence[Fault]]":
+def _verify_kept(settings: "Settings") -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.acts import record_command  # noqa: PLC0415
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
-    settings = find_place(find_settings(data), organisation)
+    check_used(settings)
     check_whole(settings.database_url)
     record_command(settings, "store.verified")
     kept = find_kept(settings)
@@ -298,18 +289,13 @@ def _exit_by(copied: "Copied") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _print_people(language: Language, command: str, people: "CopiedPeople | None") -> None:
-    if people is not None:
-        sentence = "people_kept" if people.present else "people"
-        facts = {"number": str(people.number), "present": str(people.present)}
-        print_sentence(language, command, sentence, **facts)
-
-
-def _print_further(language: Language, further: "Sequence[Organisation]") -> None:
-    """Print which organisations have a backup of their own."""
-    if further:
-        names = ", ".join(f"{one.name} ({one.id})" for one in further)
-        print_sentence(language, "backup", "further", names=names)
+def _print_accounts(language: Language, accounts: "Accounts") -> None:
+    """Print who may sign in, and which tokens work."""
+    for login, roles in accounts.people:
+        print_sentence(language, "restore", "person", login=login, roles=roles)
+    for name, login, permissions, expires_s in accounts.tokens:
+        end = datetime.fromtimestamp(expires_s, UTC).isoformat(timespec="minutes")
+        print_sentence(language, "restore", "token", name=name, login=login, permissions=permissions, end=end)
 
 
 def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:

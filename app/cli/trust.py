@@ -1,4 +1,4 @@
-"""The commands of trust: the trail proved and asked, terms, holds; and the original of a recording."""
+"""The commands of trust: the audit log, terms, holds; and the original of a recording."""
 
 import hashlib
 import json
@@ -14,7 +14,6 @@ import typer
 from app.cli.admin import (
     DataOption,
     LanguageOption,
-    OrganisationOption,
     find_settings,
     print_sentence,
     refusals_printed,
@@ -30,33 +29,8 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 1000
 
-trail = typer.Typer(help="Who did what: prove the trail, ask it, export it.", no_args_is_help=True)
+trail = typer.Typer(help="The audit log: who did what.", no_args_is_help=True)
 hold = typer.Typer(help="Keep a recording whatever happens.", no_args_is_help=True)
-
-
-@trail.command("verify")
-def verify_trail(
-    data: DataOption = None,
-    organisation: OrganisationOption = "own",
-    anchor: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Heads written down; else ACROMION_TRAIL_ANCHOR.")
-    ] = None,
-    lang: LanguageOption = "en",
-) -> None:
-    """Prove the chain: a line altered, a line removed or the end cut off is named."""
-    from app.jobs.trail import check_chain  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.anchors import find_anchors  # noqa: PLC0415
-
-    with _opened(lang, data, organisation) as (settings, store):
-        anchors = find_anchors(settings, anchor)
-        number, faults = check_chain(store.reader, anchors or ())
-    for fault in faults:
-        print_sentence(lang, "trail", fault.finding, first=str(fault.first), last=str(fault.last))
-    if anchors is None:
-        print_sentence(lang, "trail", "unanchored")
-    if faults:
-        raise typer.Exit(Exit.SOME_FAILED)
-    print_sentence(lang, "trail", "whole", number=str(number))
 
 
 @trail.command("show")
@@ -68,21 +42,20 @@ def show_trail(
     end: Annotated[str, typer.Option("--to", metavar="TIME")] = "",
     form: Annotated[str, typer.Option(help="text, csv or jsonl; the last two give every line.")] = "text",
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
+    from app.jobs.audit_log import AuditQuestion, find_lines  # noqa: PLC0415
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
-    from app.jobs.trail import TrailQuestion, find_lines  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
         if not value.isprintable():  # a broken byte of the terminal, which no database takes
             raise typer.BadParameter("signs that cannot be printed", param_hint=option)
-    with _opened(lang, data, organisation) as (_, store):
+    with _opened(lang, data) as (_, store):
         ids = frozenset({recording}) if recording else None
         if subject and ids is None:
             ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
-        question = TrailQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
+        question = AuditQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
         _record_asked(store)
         _print_lines(
             form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
@@ -94,14 +67,13 @@ def begin_hold(
     recording: Annotated[str, typer.Argument(metavar="RECORDING")],
     reason: Annotated[str, typer.Option(help="legal, complaint, insurance, study or other")] = "legal",
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Put a recording on hold: nothing of it is deleted for good."""
+    from app.jobs.audit_log import AT_MACHINE  # noqa: PLC0415
     from app.jobs.recordings import HOLD_REASONS  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE  # noqa: PLC0415
 
-    with _opened_recordings(lang, data, organisation) as recordings:
+    with _opened_recordings(lang, data) as recordings:
         code = next((one for one in HOLD_REASONS if one == reason), None)
         if code is None:
             raise BadParameter(name="reason", value=reason[:20], allowed=", ".join(HOLD_REASONS))
@@ -113,11 +85,10 @@ def begin_hold(
 def end_hold(
     recording: Annotated[str, typer.Argument(metavar="RECORDING")],
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """End the hold of a recording."""
-    with _opened_recordings(lang, data, organisation) as recordings:
+    with _opened_recordings(lang, data) as recordings:
         recordings.let_go(recording)
     print_sentence(lang, "trail", "let_go", id=recording)
 
@@ -129,12 +100,11 @@ def get(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The file to write.")],
     force: Annotated[bool, typer.Option("--force", help="Replace FILE.")] = False,
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
+    from app.jobs.audit_log import record_readings  # noqa: PLC0415
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
-    from app.jobs.trail import record_readings  # noqa: PLC0415
     from app.storage.open import open_storage  # noqa: PLC0415
     from app.storage.store import borrow_recording  # noqa: PLC0415
 
@@ -142,7 +112,7 @@ def get(
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
     if not recording.isprintable():  # a broken byte of the terminal, which no database takes
         raise typer.BadParameter("characters that cannot be printed", param_hint="ID")
-    with _opened(lang, data, organisation) as (place, store):
+    with _opened(lang, data) as (place, store):
         recording_id = store.find_recording(recording) or recording
         row = RecordingStore(store.engine, store.reader).get(recording_id)
         storage = open_storage(place)
@@ -187,13 +157,12 @@ def retention(
     kind: Annotated[str, typer.Argument(metavar="[KIND]", help="recordings, results, trash, trail")] = "",
     days: Annotated[str, typer.Argument(metavar="[DAYS]", help='Days of running time, or "never".')] = "",
     data: DataOption = None,
-    organisation: OrganisationOption = "own",
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
     from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
 
-    with _opened(lang, data, organisation) as (_, store):
+    with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
             terms.put(kind, _read_days(days))
@@ -212,7 +181,7 @@ def _read_days(text: str) -> int | None:
 
 
 def _read_moment(text: str) -> str:
-    from app.jobs.trail import parse_moment  # noqa: PLC0415
+    from app.jobs.audit_log import parse_moment  # noqa: PLC0415
 
     try:
         return parse_moment(text)
@@ -221,17 +190,19 @@ def _read_moment(text: str) -> str:
 
 
 def _record_asked(store: "JobStore") -> None:
-    from app.jobs.trail import record_alone  # noqa: PLC0415
+    from app.jobs.audit_log import record_alone  # noqa: PLC0415
 
     record_alone(store.engine, "trail.read")
 
 
 def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
+    from app.jobs.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
+
     if form not in ("text", "csv", "jsonl"):
         raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
     acts, names = load_wording(language, "trail")["act"], load_wording(language, "trail")["who"]
     if form == "csv":
-        typer.echo("seq,at,who,act,recording_id,analysis_id,other,prev,hash")
+        typer.echo(",".join(AUDIT_COLUMNS))
     for line in lines:
         if form == "jsonl":
             typer.echo(json.dumps(line))
@@ -249,30 +220,26 @@ def _quote(value: str) -> str:
 
 
 @contextmanager
-def _opened(
-    language: Language, data: Path | None, organisation: str
-) -> "Iterator[tuple[Settings, JobStore]]":
-    """Open an organisation's database for whoever sits at the machine; a place without one is refused."""
+def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
+    """Open the database for whoever sits at the machine; a place without one is refused."""
+    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.jobs.database.connect import find_database_file  # noqa: PLC0415
     from app.jobs.store import JobStore  # noqa: PLC0415
-    from app.jobs.trail import AT_MACHINE, acting  # noqa: PLC0415
-    from app.upkeep.organisations import find_place  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(language, settings), acting(AT_MACHINE):
-        place = find_place(settings, organisation)
-        file = find_database_file(place.database_url)
+        check_used(settings)
+        file = find_database_file(settings.database_url)
         if file and not Path(file).exists():
-            raise NotHere(id=str(place.data_dir))
-        with closing(JobStore(place)) as store:
-            yield place, store
+            raise NotHere(id=str(settings.data_dir))
+        with closing(JobStore(settings)) as store:
+            yield settings, store
 
 
 @contextmanager
-def _opened_recordings(
-    language: Language, data: Path | None, organisation: str
-) -> "Iterator[RecordingStore]":
+def _opened_recordings(language: Language, data: Path | None) -> "Iterator[RecordingStore]":
     from app.jobs.recordings import RecordingStore  # noqa: PLC0415
 
-    with _opened(language, data, organisation) as (_, store):
+    with _opened(language, data) as (_, store):
         yield RecordingStore(store.engine, store.reader)

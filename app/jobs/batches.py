@@ -10,13 +10,13 @@ from typing import Any
 from sqlalchemy import Connection, Select, func, insert, select, update
 
 from app.errors import NotHere
+from app.jobs.audit_log import record
 from app.jobs.database.connect import lock_tables
 from app.jobs.database.tables import analyses, answers, batch_items, batches
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.trail import record
 from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same, settle_conclusion
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest

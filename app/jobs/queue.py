@@ -14,11 +14,11 @@ from sqlalchemy import ColumnElement, Connection, Float, Update, exists, func, i
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
+from app.jobs.audit_log import Act, find_actor, record
 from app.jobs.database.tables import analyses, batch_items, recordings
 from app.jobs.job import TRANSITIONS, JobState, find_sources
 from app.jobs.queries import format_now, select_running_s
 from app.jobs.side_files import increment_revision, increment_revision_of
-from app.jobs.trail import Act, find_actor, record
 from app.jobs.versions import identify_work, number_versions
 from app.jobs.webhooks import announce_end
 from app.request import ReportRequest

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
+from app.jobs.audit_log import Act, find_actor, record
 from app.jobs.database.tables import (
     analyses,
     batch_items,
@@ -36,14 +37,13 @@ from app.jobs.queries import (
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, find_actor, record
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
 
 HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
-"""Why a recording is kept whatever happens: codes, for the trail holds no sentence."""
+"""Why a recording is kept whatever happens: codes, for the audit log holds no sentence."""
 HOLD_REASONS: tuple[HoldReason, ...] = get_args(HoldReason)
 
 REPETITION_S = 24 * 3600.0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import NoSuchFile, NotFinished, ResultDamaged
+from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
-from app.jobs.trail import touch
 from app.storage.store import ResultFile, Storage, borrow_result
 
 

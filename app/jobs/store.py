@@ -16,11 +16,13 @@ from sqlalchemy import (
     insert,
     or_,
     select,
+    tuple_,
     update,
 )
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
+from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.tables import analyses, facts, recordings, result_files
 from app.jobs.job import Job, JobState
@@ -41,7 +43,6 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
@@ -142,23 +143,25 @@ class JobStore(RowStore):
         StaleVersion
             ``job`` is not the current version any more.
         """
-        counted = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED, JobState.FAILED)
-        mine = (analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None))
+        counted = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
+        own = tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
+        is_later = tuple_(analyses.c.created_at, analyses.c.id) > own
         newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         with self._engine.begin() as connection:
             # nobody else corrects this recording until the end of the transaction
             of_it = select(recordings.c.id).where(recordings.c.id == job.recording_id)
             connection.execute(of_it.with_for_update())
-            query = select_jobs().where(*mine, analyses.c.state.in_(counted)).order_by(*newest_first)
-            jobs = (read_job(row) for row in connection.execute(query).all())
-            newest = next((one for one in jobs if one.request.reference is None), job)
-            if newest.id != job.id:
+            counts = (analyses.c.state.in_(counted), analyses.c.replaced_by.is_(None), is_later)
+            query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
+            jobs = [read_job(row) for row in connection.execute(query.order_by(*newest_first)).all()]
+            newest = next((one for one in jobs if one.request.reference is None), None)
+            if newest is not None:
                 key = identify_work(job.sha256, settle_conclusion(connection, job, asked))
                 same = select(analyses.c.id).where(analyses.c.id == newest.id, analyses.c.key == key)
                 if connection.execute(same).first() is not None:
                     return newest
-            if newest.request.version != job.request.version:
-                raise StaleVersion
+                if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
+                    raise StaleVersion
             analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 

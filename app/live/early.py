@@ -92,13 +92,7 @@ class EarlyPort:
         return not self._pieces.empty()
 
     def read(self) -> bytes:
-        """Wait a moment for bytes.
-
-        Raises
-        ------
-        OSError
-            The disk takes no more.
-        """
+        """Wait a moment for bytes. Raises OSError if the disk takes no more."""
         self._came_s = None
         if not self._thread.is_alive() and self._pieces.empty():
             if self._error is not None:
@@ -134,13 +128,15 @@ class EarlyPort:
     def _pump(self) -> None:
         try:
             while self._is_open:
-                self._take(self.inner.read() if self._has_room() else _wait())
+                with self._guard:
+                    has_room = self._file is None or self._file.size_bytes < MOST_BYTES
+                if has_room:
+                    self._take(self.inner.read())
+                else:
+                    time.sleep(WAIT_S)
+                    self._take(b"")
         except Exception as error:  # noqa: BLE001 - whoever reads is told
             self._error = error
-
-    def _has_room(self) -> bool:
-        with self._guard:
-            return self._file is None or self._file.size_bytes < MOST_BYTES
 
     def _take(self, piece: bytes) -> None:
         with self._guard:
@@ -152,19 +148,8 @@ class EarlyPort:
             self._pieces.put((piece, time.monotonic()))
 
 
-def _wait() -> bytes:
-    time.sleep(WAIT_S)
-    return b""
-
-
 def read_about(content: bytes) -> dict[str, Any]:
-    """Read from the content of such a file what was asked.
-
-    Raises
-    ------
-    ValueError
-        It was cut off before that was written.
-    """
+    """Read from such a file what was asked. Raises ValueError if it was cut off before that was written."""
     if len(content) < _ABOUT.size:
         raise ValueError
     found: dict[str, Any] = json.loads(content[_ABOUT.size : _find_end_of_about(content)])

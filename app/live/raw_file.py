@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from app.live.source import SourceFacts
 from app.request import clean_file_name
 from app.storage.permissions import create_file
 from fusion.conventions import ArmAxis, Side
@@ -40,38 +41,34 @@ class Wearer:
 UNKNOWN = Wearer()
 
 
-@dataclass(frozen=True, slots=True)
-class RawHeader:
-    """What is known of a session when it starts.
-
-    ``device`` as in :mod:`fusion.devices`; ``source`` in words; ``cues``: the rules of cues that were chosen.
-    """
-
-    device: str
-    source: str
-    start: datetime | None
-    rate_hz: float
-    wearer: Wearer = UNKNOWN
-    acc_range_g: float | None = None
-    gyr_range_dps: float | None = None
-    cues: str = ""
-
-
 class RawFile:
     """Takes frames and appends them; a context manager."""
 
-    def __init__(self, path: Path, header: RawHeader) -> None:
-        """Create the file with its header.
-
-        Raises
-        ------
-        FileExistsError
-        OSError
-        """
+    def __init__(self, path: Path, facts: SourceFacts, wearer: Wearer = UNKNOWN, cues: str = "") -> None:
+        """Create the file with its header; ``cues``: the rules that were chosen. Raises OSError."""
         self.path = path
         self._places: dict[str, int] = {}
         self._file = create_file(path)
-        self._write_header(header)
+        start, ranges = facts.start, (facts.acc_range_g, facts.gyr_range_dps)
+        acc_range_g, gyr_range_dps = ("" if most is None else f"{most:g}" for most in ranges)
+        stated = {
+            "device": facts.device,
+            "source": clean_file_name(facts.name),
+            "start": start.isoformat(timespec="milliseconds") if start else "",
+            "rate_hz": f"{facts.rate_hz:.6g}",
+            "acc_range_g": acc_range_g,
+            "gyr_range_dps": gyr_range_dps,
+            **asdict(wearer),
+            "cues": cues,
+            "pose_window_s": "none".ljust(WIDTH),
+            "stopped": _NOT_STOPPED.ljust(WIDTH),
+        }
+        for name, value in stated.items():
+            if value:
+                self._file.write(f"# {name}: ".encode())
+                self._places[name] = self._file.tell()
+                self._file.write(f"{value}\n".encode())
+        self._file.write(f"{COLUMNS}\n".encode())
         self.sync()
 
     def write(self, frames: Frames) -> None:
@@ -114,29 +111,6 @@ class RawFile:
     ) -> None:
         self.close()
 
-    def _write_header(self, header: RawHeader) -> None:
-        self._put("device", header.device)
-        self._put("source", clean_file_name(header.source))
-        if header.start is not None:
-            self._put("start", header.start.isoformat(timespec="milliseconds"))
-        self._put("rate_hz", f"{header.rate_hz:.6g}")
-        for name, value in (("acc_range_g", header.acc_range_g), ("gyr_range_dps", header.gyr_range_dps)):
-            if value is not None:
-                self._put(name, f"{value:g}")
-        for name, word in asdict(header.wearer).items():
-            if word:
-                self._put(name, word)
-        if header.cues:
-            self._put("cues", header.cues)
-        self._put("pose_window_s", "none".ljust(WIDTH))
-        self._put("stopped", _NOT_STOPPED.ljust(WIDTH))
-        self._file.write(f"{COLUMNS}\n".encode())
-
-    def _put(self, name: str, value: str) -> None:
-        self._file.write(f"# {name}: ".encode())
-        self._places[name] = self._file.tell()
-        self._file.write(f"{value}\n".encode())
-
     def _overwrite(self, name: str, value: str) -> None:
         self._file.flush()
         self._file.seek(self._places[name])
@@ -162,15 +136,12 @@ class CutSession:
 def find_cut(folder: Path) -> Iterator[CutSession]:
     """Find the sessions in a folder that were cut, oldest first; those of another program that runs, too."""
     for path in sorted(folder.glob(f"{PREFIX}*.csv")):
-        if not was_stopped(path):
-            yield CutSession(path, _measure_elapsed_s(path))
-
-
-def _measure_elapsed_s(path: Path) -> float:
-    """Read the time of the last whole row; the first is at about 0."""
-    with path.open("rb") as file:
-        file.seek(0, os.SEEK_END)
-        file.seek(max(0, file.tell() - 4096))
-        lines = file.read().split(b"\n")[:-1]
-    stamp = lines[-1].partition(b",")[0] if lines else b""
-    return int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0
+        if was_stopped(path):
+            continue
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 4096))
+            lines = file.read().split(b"\n")[:-1]
+        stamp = (
+            lines[-1].partition(b",")[0] if lines else b""
+        )  # of the last whole row; the first is at about 0
+        yield CutSession(path, int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0)

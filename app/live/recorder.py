@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.live.cue_log import format_rule
 from app.live.early import EarlyPort
-from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
+from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, Wearer
 from app.live.source import SourceFacts
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
 from fusion.live.cues import Cue, CueRule, CueWatch
@@ -23,13 +23,9 @@ class Recorder:
         wearer: Wearer = UNKNOWN,
         rules: tuple[CueRule, ...] = (),
     ) -> None:
-        """Create the raw file.
+        """Create the raw file. Raises OSError.
 
         An axis that a person names goes before the one that the source knows.
-
-        Raises
-        ------
-        OSError
         """
         self.facts, self.shown = facts, ShownAngles()
         axis = point_along(wearer.arm_axis) if wearer.arm_axis else facts.arm_axis
@@ -38,17 +34,7 @@ class Recorder:
         self.are_cues_paused = False
         self._cue_watch = CueWatch(rules)
         self._synced_s = time.monotonic()
-        header = RawHeader(
-            device=facts.device,
-            source=facts.name,
-            start=facts.start,
-            rate_hz=facts.rate_hz,
-            wearer=wearer,
-            acc_range_g=facts.acc_range_g,
-            gyr_range_dps=facts.gyr_range_dps,
-            cues=" ".join(map(format_rule, rules)),
-        )
-        self._raw = RawFile(path, header)
+        self._raw = RawFile(path, facts, wearer, " ".join(map(format_rule, rules)))
         self._stated_pose_s: tuple[float, float] | None = None
 
     @property

@@ -13,20 +13,8 @@ from fusion.recording import Float64Array
 class SourceFacts:
     """What is known of a source once its first frames came.
 
-    Attributes
-    ----------
-    device
-        As in :mod:`fusion.devices`, or "other".
-    name
-        What it is, for people: a file's name, a port.
-    rate_hz
-        Of its frames.
-    start
-        Clock of the first frame, where it is known.
-    arm_axis
-        Shape (3,): where the source knows it already, as a recording does that has its pose.
-    acc_range_g, gyr_range_dps
-        Full scale, where it is known.
+    ``device`` as in :mod:`fusion.devices`, or "other"; ``name`` in words for people; ``start``: the clock of
+    the first frame; ``arm_axis``, shape (3,), if the source knows it, as a recording with its pose does.
     """
 
     device: str

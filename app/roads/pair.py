@@ -107,7 +107,7 @@ def read_analysed(folder: Path, kept: Kept) -> Elevation:
 def _read(folder: Path) -> Kept:
     try:
         return read_kept(folder)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError):
         raise CannotPair(why="kept") from None
 
 

@@ -55,7 +55,7 @@ def _find_stage(rank: int, before_count: int | None) -> Stage:
 def _read(folder: Path) -> Kept:
     try:
         return read_kept(folder)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError):
         raise CannotProfile(why="kept", name=folder.name) from None
 
 

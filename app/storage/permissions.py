@@ -20,14 +20,15 @@ OUR_FOLDERS = frozenset(
         "copies",
         "incoming",
         "inspections",
-        "organisations",
         "live",
         "quarantine",
         "recordings",
         "uploads",
     }
 )
-OUR_FILES = frozenset({"backups.json", "erasures.jsonl", "secret", "server.key", "server.lock", "store.id"})
+OUR_FILES = frozenset(
+    {"backups.json", "erasures.jsonl", "has_accounts", "secret", "server.key", "server.lock", "store.id"}
+)
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

@@ -1,108 +1,36 @@
-"""The accounts of an installation in the backup of the organisation "own".
+"""Who may sign in after a restore or a recovery."""
 
-    accounts/<table>.jsonl    organisations, people, recovery codes, tokens: one row a line
-
-Sessions, links and their last use, wrong tries and known browsers are not in it: after a restore everybody
-logs in anew.
-"""
-
-import zipfile
-from collections.abc import Iterator, Mapping
+import json
 from dataclasses import dataclass
-from typing import Any
 
-from sqlalchemy import Connection, Table, func, insert, select
+from sqlalchemy import Engine, select
 
-from app.access.database import AccountDatabase
-from app.access.tables import REVISION, organisations, people, recovery_codes, tokens
-from app.errors import WrongSchema
-from app.jobs.database.dump import read_lines, write_rows
-from app.settings import Settings
-
-FOLDER = "accounts"
-TABLES = (organisations, people, recovery_codes, tokens)
-"""Referenced tables first."""
+from app.jobs.database.tables import people, tokens
 
 
 @dataclass(frozen=True, slots=True)
-class CopiedPeople:
-    """How many people a backup holds; ``present``: how many were there already, so that none was added."""
+class Accounts:
+    """Accounts as login and roles; tokens as name, login of the person, permissions and end (seconds)."""
 
-    number: int
-    present: int = 0
-
-
-def write_accounts(settings: Settings, archive: zipfile.ZipFile) -> CopiedPeople | None:
-    """Write the accounts into a backup; None where there are none."""
-    database = AccountDatabase(settings)
-    try:
-        if not database.is_there:
-            return None
-        with database.read() as connection:
-            for table in TABLES:
-                with archive.open(f"{FOLDER}/{table.name}.jsonl", "w", force_zip64=True) as member:
-                    member.writelines(write_rows(connection, table))
-            return CopiedPeople(_count_people(connection))
-    finally:
-        database.close()
+    people: tuple[tuple[str, str], ...] = ()
+    tokens: tuple[tuple[str, str, str, float], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class AccountRows:
-    """The accounts of a backup on their way into an installation; nothing happens where it holds none."""
-
-    database: AccountDatabase
-    archive: zipfile.ZipFile
-    manifest: Mapping[str, Any]
-
-    def prepare(self) -> None:
-        """Make the database, before the tables are locked.
-
-        Raises
-        ------
-        WrongSchema
-        """
-        if holds_accounts(self.manifest):
-            self.database.prepare()
-
-    def restore(self) -> CopiedPeople | None:
-        """Add them where nobody has an account yet; whoever calls holds the lock of the tables."""
-        if not holds_accounts(self.manifest):
-            return None
-        number = sum(1 for _ in _read_rows(self.archive, people))
-        with self.database.write(is_act=False, has_lock=True) as connection:
-            present = _count_people(connection)
-            if not present:
-                for table in TABLES:
-                    _add_rows(connection, self.archive, table)
-        return CopiedPeople(number, present)
+NO_ACCOUNTS = Accounts()
 
 
-def holds_accounts(manifest: Mapping[str, Any]) -> bool:
-    """Tell whether a backup holds accounts.
-
-    Raises
-    ------
-    WrongSchema
-        They are of another version.
-    """
-    found = manifest.get(FOLDER)
-    if found is not None and found != REVISION:
-        raise WrongSchema(found=f"accounts {found}", needed=f"accounts {REVISION}")
-    return found is not None
-
-
-def _add_rows(connection: Connection, archive: zipfile.ZipFile, table: Table) -> None:
-    """Add rows; an organisation that is there stays as it is."""
-    known = set(connection.execute(select(organisations.c.id)).scalars()) if table is organisations else ()
-    rows = [row for row in _read_rows(archive, table) if row.get("id") not in known]
-    if rows:
-        connection.execute(insert(table), rows)
+def find_accounts(reader: Engine) -> Accounts:
+    """Find everybody who may sign in, and every token that is not revoked."""
+    named = select(tokens, people.c.login).join(people, tokens.c.person_id == people.c.id)
+    open_ones = named.where(tokens.c.ended_at.is_(None), people.c.ended_at.is_(None))
+    with reader.connect() as connection:
+        found = connection.execute(select(people).where(people.c.ended_at.is_(None)).order_by(people.c.login))
+        here = tuple((row.login, _join(row.roles)) for row in found)
+        given = connection.execute(open_ones.order_by(people.c.login, tokens.c.name))
+        return Accounts(
+            here, tuple((row.name, row.login, _join(row.permissions), row.expires_s) for row in given)
+        )
 
 
-def _read_rows(archive: zipfile.ZipFile, table: Table) -> Iterator[dict[str, Any]]:
-    return read_lines(archive, f"{FOLDER}/{table.name}.jsonl")
-
-
-def _count_people(connection: Connection) -> int:
-    return int(connection.execute(select(func.count()).select_from(people)).scalar_one())
+def _join(names: str) -> str:
+    return ", ".join(json.loads(names))

@@ -1,12 +1,12 @@
-"""Lines of the trail for what is done by command, by whoever sits at the machine."""
+"""Lines of the audit log for what is done by command, by whoever sits at the machine."""
 
 from contextlib import suppress
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from app.jobs.audit_log import AT_MACHINE, Act, record
 from app.jobs.database.connect import connect, read_revision
 from app.jobs.database.tables import REVISION
-from app.jobs.trail import AT_MACHINE, Act, record
 from app.settings import Settings
 
 

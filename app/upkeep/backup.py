@@ -1,11 +1,9 @@
 """Back up and restore: one ZIP with every row and every file, made while the server runs.
 
     manifest.json            {"format": "acromion.backup/3", "revision", "version", "made_at",
-                              "organisation": its id,
-                              "accounts": their revision, where it holds them,
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
-    rows/<table>.jsonl       one row a line, all of one transaction
-    accounts/<table>.jsonl   who may log in, in the backup of "own" (:mod:`app.upkeep.account_rows`)
+    rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
+                              (sessions, links, wrong tries, known browsers)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
     erasures.jsonl           the ledger of erasures (:mod:`app.storage.erasures`)
     server.key               the secret of the server (:mod:`app.storage.server_secret`)
@@ -32,36 +30,33 @@ from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
-from app.access.database import AccountDatabase
-from app.access.tables import REVISION as ACCOUNTS_REVISION
+from app.access.accounts import AccountStore
 from app.errors import (
     BackupRefused,
     NotEmpty,
-    OtherOrganisation,
     WrongSchema,
 )
+from app.jobs.audit_log import AT_MACHINE, record
 from app.jobs.database.connect import (
     READ_ONLY,
     connect,
     create_tables,
     lock_tables,
-    make_schema,
     read_revision,
 )
-from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
+from app.jobs.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.tables import (
     REVISION,
     analyses,
+    audit_log,
     facts,
+    people,
     purged_uploads,
     schema_revision,
-    trail,
     uploads,
 )
 from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
-from app.jobs.trail import AT_MACHINE, record
-from app.organisation import OWN_ORGANISATION, is_organisation
 from app.settings import Settings
 from app.storage.erasures import LEDGER_FILE, format_ledger, parse_ledger
 from app.storage.open import open_storage
@@ -77,8 +72,7 @@ from app.storage.store import (
     translate_folder_errors,
     write_durably,
 )
-from app.upkeep.account_rows import FOLDER as ACCOUNTS
-from app.upkeep.account_rows import AccountRows, CopiedPeople, write_accounts
+from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.envelope import Recipients, read_envelope, write_envelope
 from app.upkeep.recover import catch_up, find_unknown
 from app.upkeep.verify import Fault, KeptFile, find_files, find_kept, read_promised
@@ -91,12 +85,11 @@ NOBODY = Recipients()
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many files the rows promise, which of them were not copied whole, and whose they are."""
+    """How many files the rows promise, which of them were not copied whole, and who may sign in then."""
 
     promised: int
     faults: tuple[Fault, ...]
-    people: CopiedPeople | None = None
-    organisation: str = OWN_ORGANISATION
+    accounts: Accounts = NO_ACCOUNTS
     erased: int = 0
     """How many recordings of the backup were erased since, and stay away."""
 
@@ -105,12 +98,8 @@ class _PurgedMeanwhileError(Exception):
     """A file was deleted together with its row while the backup was made."""
 
 
-def back_up(
-    settings: Settings, path: Path, recipients: Recipients = NOBODY, organisation: str = OWN_ORGANISATION
-) -> Copied:
+def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> Copied:
     """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
-
-    It is that of one organisation; the accounts of the installation go with "own".
 
     Raises
     ------
@@ -121,8 +110,8 @@ def back_up(
     """
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
-            copied = _write(settings, path, recipients, organisation)
-            _keep_ledger(open_storage(settings.for_organisation(organisation)).ledger.find(), path)
+            copied = _write(settings, path, recipients)
+            _keep_ledger(open_storage(settings).ledger.find(), path)
             return copied
     raise BackupRefused(why="recordings are being purged")
 
@@ -145,17 +134,12 @@ def _keep_ledger(erased: frozenset[str], path: Path) -> None:
         write_durably(beside, format_ledger(erased | known))
 
 
-def _write(settings: Settings, path: Path, recipients: Recipients, organisation: str) -> Copied:
-    place = settings.for_organisation(organisation)
+def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        manifest, files = _write_rows(place, archive)
-        manifest["organisation"] = organisation
-        people = write_accounts(settings, archive) if organisation == OWN_ORGANISATION else None
-        if people is not None:
-            manifest[ACCOUNTS] = ACCOUNTS_REVISION
-        copied = replace(_write_files(place, archive, files), people=people)
-        erased = open_storage(place).ledger.find()
+        manifest, files = _write_rows(settings, archive)
+        copied = _write_files(settings, archive, files)
+        erased = open_storage(settings).ledger.find()
         archive.writestr(LEDGER_FILE, format_ledger(erased))
         if (secret := ServerSecret(settings.data_dir).file).exists():
             archive.writestr(SECRET_FILE, secret.read_bytes())
@@ -291,7 +275,7 @@ def find_damage(path: Path, identity: Path | None = None) -> Copied:
         files = tuple(_read_promised(archive))
         found = ((file, _read_member(archive, f"files/{file.name}")) for file in files)
         faults = [fault for file, one in found if (fault := _find_fault(file, one, file.name in known))]
-        rows = (name for name in archive.namelist() if name.startswith(("rows/", f"{ACCOUNTS}/")))
+        rows = (name for name in archive.namelist() if name.startswith("rows/"))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
         return Copied(len(files), tuple(faults))
 
@@ -342,61 +326,40 @@ def restore(
     settings: Settings,
     path: Path,
     identity: Path | None = None,
-    organisation: str | None = OWN_ORGANISATION,
 ) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
-    ``organisation``: whose place it goes to; None: that of the backup.
     The files are written first, then all rows in one transaction: an interrupted restore leaves nothing
     visible, and can be repeated. Analyses that ran when the backup was made wait again. What a ledger of
-    erasures names (that of the place, of the backup, or beside it) does not come back. Accounts come back
-    into "own" where there are none; people who are there stay as they are.
+    erasures names (that of the place, of the backup, or beside it) does not come back. Accounts and tokens
+    come back; everybody signs in again.
 
     Raises
     ------
     BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway
-    OtherOrganisation
-        The backup is that of another organisation; nothing is made then.
     """
-    accounts = AccountDatabase(settings)
-    with open_backup(path, identity) as (archive, manifest):
-        found = _find_organisation(manifest)
-        if organisation not in (None, found):
-            raise OtherOrganisation(found=found, asked=organisation)
-        place = settings.for_organisation(found)
-        people = AccountRows(accounts, archive, manifest) if found == OWN_ORGANISATION else None
-        with translate_folder_errors(place.data_dir):
-            make_folder(place.data_dir)
-            lock = FolderLock(place.data_dir)
+    with open_backup(path, identity) as (archive, _):
+        with translate_folder_errors(settings.data_dir):
+            make_folder(settings.data_dir)
+            lock = FolderLock(settings.data_dir)
         try:
-            if people:
-                people.prepare()
             _restore_secret(settings, archive)
-            copied = _restore(place, archive, _read_ledgers(path, archive), people)
-            with closing(JobStore(place)) as store:
-                catch_up(store, open_storage(place))
-            return replace(copied, organisation=found)
+            copied = _restore(settings, archive, _read_ledgers(path, archive))
+            with closing(JobStore(settings)) as store:
+                catch_up(store, open_storage(settings))
+                found = find_accounts(store.reader)
+            AccountStore(settings).exist()  # marks the folder of a server with accounts
+            return replace(copied, accounts=found)
         finally:
-            accounts.close()
             lock.release()
-
-
-def _find_organisation(manifest: Mapping[str, Any]) -> str:
-    """Give whose backup it is; one that names nobody is of "own", as all were before organisations."""
-    found = str(manifest.get("organisation", OWN_ORGANISATION))
-    if found != OWN_ORGANISATION and not is_organisation(found):  # it becomes a path
-        raise BackupRefused(why=found[:80])
-    return found
 
 
 def _restore(
     settings: Settings,
     archive: zipfile.ZipFile,
     erased: frozenset[str],
-    accounts: AccountRows | None,
 ) -> Copied:
-    """Restore files and rows, and before the rows the people."""
-    make_schema(settings.database_url)
+    """Restore files and rows."""
     engine = connect(settings.database_url)
     try:
         with engine.begin() as connection:
@@ -407,12 +370,11 @@ def _restore(
             storage.ledger.add(erased)
             erased = storage.ledger.find()
             copied = _restore_files(storage, archive, erased)
-            people = accounts.restore() if accounts else None
             _drop_tables(connection)
             _restore_rows(connection, archive, erased)
-            added = {"people": str(people.number)} if people and not people.present else None
-            record(connection, "store.restored", other=added, who=AT_MACHINE)
-        return replace(copied, people=people)
+            number = connection.execute(select(func.count()).select_from(people)).scalar_one()
+            record(connection, "store.restored", other={"people": number}, who=AT_MACHINE)
+        return copied
     finally:
         engine.dispose()
 
@@ -431,7 +393,7 @@ def _restore_secret(settings: Settings, archive: zipfile.ZipFile) -> None:
 
 
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database that holds any row, except the id of its store and the trail of its starts."""
+    """Refuse a database that holds any row, except the id of its store, what a start left, and logins."""
     found = read_revision(connection)
     if found not in (None, REVISION):
         raise WrongSchema(found=found, needed=REVISION)
@@ -439,7 +401,7 @@ def _check_no_rows(connection: Connection) -> None:
         if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
         number = connection.execute(select(func.count()).select_from(table)).scalar_one()
-        transient = (facts.name, trail.name, purged_uploads.name)  # of a start, of a purge
+        transient = (facts.name, audit_log.name, purged_uploads.name, *LEFT_OUT)  # of a start, of a purge
         if number and table.name not in transient:
             raise NotEmpty(number=number, where=table.name)
 
@@ -503,8 +465,8 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: froz
             row
             for row in rows
             if _is_restored(table.name, row)
-            # the trail outlives what it speaks of, and its chain holds only whole
-            and (table.name == trail.name or not _is_erased(row, erased, gone))
+            # the audit log outlives what it speaks of
+            and (table.name == audit_log.name or not _is_erased(row, erased, gone))
         ]
         if kept:
             connection.execute(insert(table), kept)

@@ -18,6 +18,7 @@ from pathlib import Path
 from sqlalchemy import Engine, create_engine
 
 from app.jobs.database.connect import find_database_file
+from app.jobs.database.dump import LEFT_OUT
 from app.jobs.recordings import delete_recording
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
@@ -26,8 +27,6 @@ from app.storage.store import sync_file, sync_folder, translate_disk_full
 FOLDER = "copies"
 KEPT = 7
 DAY_S = 24 * 3600.0
-LEFT_OUT = ("sessions", "tickets", "tries", "known_browsers")
-"""Tables of which a copy holds no row: nobody goes on with a session out of it."""
 _turn = threading.Lock()
 """A purge and the daily copy of one server take turns: no copy from before a purge appears after it."""
 

@@ -5,8 +5,8 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,16 +14,14 @@ from pathlib import Path
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.errors import AppError, NoHead
+from app.errors import AppError
 from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
-from app.jobs.trail import Head, check_chain
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
-from app.upkeep.anchors import find_anchors, is_address
-from app.upkeep.organisations import is_used
+from app.upkeep.place import is_used
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
 from fusion.numba_kernels import make_kernel_folder
@@ -62,8 +60,6 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_fonts,
         _examine_clock,
         _examine_memory,
-        _examine_trail,
-        _examine_anchor,
     )
     return (check(settings) for check in checks)
 
@@ -206,36 +202,6 @@ def _examine_memory(settings: Settings) -> Examination:
     return Examination(
         "memory", installed_bytes > needed_bytes, {"installed": f"{installed_bytes / GIB:.1f}"}
     )
-
-
-def _examine_trail(settings: Settings) -> Examination:
-    """Prove the chain of the trail, to the head that is written down where there is one."""
-    heads: Sequence[Head] = ()
-    with suppress(NoHead):  # the anchor has a check of its own
-        heads = find_anchors(settings) or ()
-    try:
-        with closing(JobStore(settings)) as store:
-            number, faults = check_chain(store.reader, heads)
-    except (AppError, SQLAlchemyError, OSError):
-        return Examination("trail", healthy=True)  # the database has a check of its own
-    facts = {"number": str(number)}
-    if faults:
-        facts |= {"finding": faults[0].finding, "first": str(faults[0].first), "last": str(faults[0].last)}
-    return Examination("trail", not faults, facts)
-
-
-def _examine_anchor(settings: Settings) -> Examination:
-    """Say where the head of the trail is written down; without a place a cut end cannot be seen."""
-    anchor = settings.trail_anchor
-    if not anchor:
-        return Examination("trail_unanchored", healthy=True)
-    if is_address(anchor):
-        return Examination("trail_anchor", healthy=True, facts={"anchor": anchor})
-    try:
-        find_anchors(settings)
-    except NoHead:
-        return Examination("trail_anchor_lost", healthy=False, facts={"anchor": anchor})
-    return Examination("trail_anchor", healthy=True, facts={"anchor": anchor})
 
 
 def _find_existing(folder: Path) -> Path:

@@ -40,9 +40,8 @@ def drill(backup: Path, identity: Path | None = None, place: Path | None = None)
             object_store="",
             engine="embedded",
         )
-        restored = restore(settings, backup, identity, organisation=None)
-        kept_in = settings.for_organisation(restored.organisation)
-        kept = find_kept(kept_in)
-        found = {*restored.faults, *find_faults(kept_in, kept)}
+        restored = restore(settings, backup, identity)
+        kept = find_kept(settings)
+        found = {*restored.faults, *find_faults(settings, kept)}
         faults = tuple(sorted(found, key=lambda fault: fault.name))
         return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

@@ -16,9 +16,12 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from sqlalchemy import delete
+
 from app.errors import UnknownRecordings, WrongSchema
+from app.jobs.audit_log import AT_MACHINE, record
 from app.jobs.database.connect import bring_up_to_date
-from app.jobs.database.tables import REVISION
+from app.jobs.database.tables import REVISION, known_browsers, sessions, tickets
 from app.jobs.job import JobState
 from app.jobs.library.listing import SavedViews
 from app.jobs.queries import TRASHED
@@ -33,10 +36,10 @@ from app.jobs.side_files import (
     replace_rows,
 )
 from app.jobs.store import JobStore
-from app.jobs.trail import AT_MACHINE, is_of_no_recording, record_alone
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
+from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.copies import restore_copy
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
@@ -187,10 +190,9 @@ class Recovered:
     reports: int
     known: int
     troubles: tuple[Trouble, ...]
+    accounts: Accounts = NO_ACCOUNTS
     copied_at: str = ""
     """The date of the daily copy that the rows begin with."""
-    is_trail_new: bool = False
-    """Whether the trail began anew: its lines were in the database that was lost."""
 
 
 def recover(settings: Settings) -> Recovered:
@@ -199,7 +201,8 @@ def recover(settings: Settings) -> Recovered:
     If the database is lost, the newest daily copy takes its place first; rows that are older than their side
     file are then replaced.
 
-    Webhooks and uploads under way are not recovered. A recording whose bytes are gone gets its row, too, so
+    Accounts, tokens and webhooks come back with the copy; every session ends. Uploads under way are not
+    recovered. A recording whose bytes are gone gets its row, too, so
     that page and ``acromion verify`` report it.
 
     Raises
@@ -214,10 +217,12 @@ def recover(settings: Settings) -> Recovered:
         bring_up_to_date(settings)
         with closing(JobStore(settings)) as store:
             store.check_belongs(storage.identify())
-            is_new = is_of_no_recording(store.reader)
-            recovered = replace(_recover(store, storage, has_copy=bool(copied_at)), copied_at=copied_at)
-            recovered = replace(recovered, is_trail_new=is_new and recovered.recordings > 0)
-            record_alone(store.engine, "store.recovered", {"added": recovered.recordings}, AT_MACHINE)
+            recovered = _recover(store, storage, has_copy=bool(copied_at))
+            recovered = replace(recovered, accounts=find_accounts(store.reader), copied_at=copied_at)
+            with store.engine.begin() as connection:
+                for table in (sessions, tickets, known_browsers):  # everybody signs in again
+                    connection.execute(delete(table))
+                record(connection, "store.recovered", other={"added": recovered.recordings}, who=AT_MACHINE)
             return recovered
     finally:
         lock.release()

@@ -139,7 +139,6 @@ def _render(
     values |= {
         "set_by": _tell_link(request, logins.credentials.find_link_use(person.id), language),
         "person": person,
-        "organisation": accounts.get_organisation(person.organisation).name,
         "roles": list_roles(person.roles, language),
         "codes_left": logins.credentials.count_recovery_codes(person.id),
         "is_required": find_settings(request).second_factor == "required",

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
+from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.api.library.analyses import check_queue
@@ -61,15 +60,13 @@ def retry_batch(batch_id: str, request: Request, services: UsedServices) -> Resp
 
 
 @router.post("/{batch_id}/participants")
-async def take_participants(batch_id: str, request: Request, services: UsedServices) -> dict[str, Any]:
+def take_participants(
+    batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
+) -> dict[str, Any]:
     """Read a list of participants, and analyse again every recording of which it says something else.
 
     Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
     """
-    return await run_in_threadpool(_apply_participants, batch_id, await read_body(request), services)
-
-
-def _apply_participants(batch_id: str, content: bytes, services: Services) -> dict[str, Any]:
     every = services.batches.find_jobs(services.batches.get(batch_id).id)
     jobs = [job for job in every if job.request.reference is None]
     tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]

@@ -10,7 +10,7 @@ from app.access.logins import FORGOTTEN_S, INVITED_S
 from app.access.subjects import ROLES, Role, Subject
 from app.api.middleware.callers import find_logins, find_origin
 from app.api.tokens import UsedPerson
-from app.errors import AppError, BadParameter, NotHere, NotPermitted
+from app.errors import AppError, BadParameter, NotPermitted
 from app.report.words.wording import Language
 from app.services import UsedLanguage
 from app.web.account import list_roles
@@ -23,7 +23,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/people")
 def show_people(request: Request, subject: UsedPerson, language: UsedLanguage) -> Response:
-    """List the people of the organisation of whoever asks."""
+    """List the people."""
     return _render(request, subject, language)
 
 
@@ -33,7 +33,7 @@ def invite(request: Request, form: UsedForm, subject: UsedPerson, language: Used
     logins, name = find_logins(request), first(form, "name")
     try:
         roles = _read_roles(form)
-        person = logins.accounts.add_person(subject.organisation, first(form, "login"), name, roles)
+        person = logins.accounts.add_person(first(form, "login"), name, roles)
     except BadParameter as refusal:
         return _render(request, subject, language, refusal=refusal)
     return _render_link(request, subject, language, person, INVITED_S)
@@ -73,10 +73,8 @@ def resume(person_id: str, request: Request, subject: UsedPerson) -> Response:
 
 
 def _get_other(request: Request, subject: Subject, person_id: str) -> Person:
-    """Give somebody else of the same organisation; of another one, nobody is here."""
+    """Return a person who is not the one who asks."""
     person = find_logins(request).accounts.get_person(person_id)
-    if person.organisation != subject.organisation:
-        raise NotHere(id=person_id)
     if person.id == subject.id:
         raise NotPermitted(permission="themselves")
     return person
@@ -102,7 +100,7 @@ def _render(
     request: Request, subject: Subject, language: Language, *, refusal: AppError | None = None, **shown: str
 ) -> Response:
     """``shown``: a ``link``, whose it is (``link_of``), and how long it works (``link_hours``)."""
-    people = find_logins(request).accounts.find_people(subject.organisation)
+    people = find_logins(request).accounts.find_people()
     values = {"link": "", "link_of": "", "link_hours": ""} | shown
     rows = [(person, list_roles(person.roles, language), person.id == subject.id) for person in people]
     return render_with_problem(

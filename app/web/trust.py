@@ -1,4 +1,4 @@
-"""Pages of trust: the trail, terms, group figures; the forms that release a report or hold a recording."""
+"""Pages of trust: the audit log, terms, group figures; forms that release a report or hold a recording."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -11,93 +11,41 @@ from starlette.status import HTTP_303_SEE_OTHER
 from app.access.subjects import Subject
 from app.api.middleware.access import UsedSubject
 from app.api.names import find_names
-from app.api.trust import MOST_LINES, TrailQuery, build_question
-from app.errors import BadParameter, NoHead
+from app.api.trust import MOST_LINES, AuditQuery, build_question
+from app.errors import BadParameter
+from app.jobs.audit_log import ACTS, find_lines
 from app.jobs.governance.retention import KINDS
 from app.jobs.recordings import HOLD_REASONS, HoldReason
-from app.jobs.trail import ACTS, check_chain, find_lines, read_done_at, read_head
 from app.report.words.wording import load_wording
-from app.services import Services, UsedLanguage, UsedServices
-from app.upkeep.anchors import find_anchors
+from app.services import UsedLanguage, UsedServices
 from app.web.forms import first, read_form
 from app.web.rendering import find_base, render_page
 from app.web.views import format_moment
 
 STUDIES = 200
-MOST_PROVED = 20_000
 ASKED = ("subject", "recording", "who", "act", "from", "to")
 
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 
-@dataclass(frozen=True, slots=True)
-class ShownLine:
-    """A line of the trail in words, with its codes."""
-
-    seq: int
-    at: str
-    done_at: str
-    who: str
-    name: str
-    act: str
-    told: str
-    recording_id: str
-    analysis_id: str
-    other: str
-
-
 @router.get("/trail")
-def show_trail(
-    request: Request, services: UsedServices, language: UsedLanguage, asked: Annotated[TrailQuery, Query()]
+def show_audit_log(
+    request: Request, services: UsedServices, language: UsedLanguage, asked: Annotated[AuditQuery, Query()]
 ) -> Response:
-    """Show who did what: lines that a question lets through, and the proof of the chain."""
-    words = load_wording(language, "trail")
+    """Show who did what: the lines that a question lets through."""
     question = build_question(services, asked)
     lines = list(find_lines(services.store.reader, question, before=asked.before, most=MOST_LINES))
-    names = find_names(request, (line.who for line in lines), language)
-    about = [
-        ShownLine(
-            line.seq,
-            _show_moment(line.at),
-            _show_moment(read_done_at(line.other)),
-            line.who,
-            names[line.who],
-            line.act,
-            words["act"][line.act.replace(".", "_")],
-            line.recording_id,
-            line.analysis_id,
-            line.other,
-        )
-        for line in lines
-    ]
     asked_for = {name: request.query_params.get(name, "") for name in ASKED}
     values = {
-        "t": words,
-        "lines": about,
+        "t": load_wording(language, "trail"),
+        "lines": lines,
+        "names": find_names(request, (line.who for line in lines), language),
         "asked": asked_for,
         "acts": sorted(ACTS),
         "query": urlencode({name: value for name, value in asked_for.items() if value}),
         "following": lines[-1].seq if len(lines) == MOST_LINES else None,
     }
-    return render_page(request, "trail.html", language, values | _prove(services))
-
-
-def _show_moment(at: str) -> str:
-    return at[:19].replace("T", " ")
-
-
-def _prove(services: Services) -> dict[str, Any]:
-    """Prove a trail that is read in a moment; a longer one is proved by ``acromion trail verify``."""
-    anchors, is_lost = None, False
-    try:
-        anchors = find_anchors(services.settings)
-    except NoHead:
-        is_lost = True
-    values = {"is_anchored": anchors is not None, "is_lost": is_lost, "number": "", "faults": ()}
-    if read_head(services.store.reader).seq > MOST_PROVED:
-        return values
-    number, faults = check_chain(services.store.reader, anchors or ())
-    return values | {"number": str(number), "faults": faults}
+    return render_page(request, "audit_log.html", language, values)
 
 
 @router.get("/retention")

@@ -15,8 +15,6 @@ RANGE_SHARE = 0.999
 """A sample is cut off from this share of a full scale or of the extreme on: the two ends of a signed range
 differ by one count.
 """
-FLAT_TOP_SHARE = 0.98
-"""An axis that stops at this share of its extreme is taken for cut off, not for stuck."""
 FLAT_ROWS, FEWEST_TOPS = 3, 5
 """An axis rests at one value for so many rows; so often, where nothing states the range."""
 LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS = 1.9, 240.0

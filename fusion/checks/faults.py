@@ -13,14 +13,11 @@ import numpy as np
 
 from fusion.caveats import Caveat
 from fusion.checks.stopped import (
-    MOVED_DPS,
-    MOVED_G,
     Ranges,
     Rows,
     Values,
     cut_rows,
     find_held_runs,
-    find_stopping,
     join_ranges,
     place_rows,
 )
@@ -49,6 +46,7 @@ SILENT_S = 0.5
 COARSE_PART, LIVE_PART = 0.5, 0.25
 """How many of its rows a coarse channel repeats, at least, and one with noise, at most."""
 MOVING_G, MOVING_DPS = 0.15, 30.0
+MOVED_G, MOVED_DPS = 0.05, 5.0
 
 Pair = tuple[int, int]
 
@@ -57,17 +55,9 @@ def exclude_stuck(recording: Recording, known: Summaries = ()) -> Recording:
     """Exclude the stretches in which a channel stuck from the analysed time, and flag them (W-STUCK-PART).
 
     Each ends the segment. The search may be repeated once the units are known.
-
-    Raises
-    ------
-    DeadSensor
-        An axis stops again and again while the others show movement.
     """
     segments = recording.segments
     seen = summarise(segments, known)
-    stopping = find_stopping(segments, seen)
-    if stopping is not None:
-        raise DeadSensor(sensor=SENSORS[stopping // 3], axis="xyz"[stopping % 3])
     pairs = list(zip(segments, find_stuck_rows(seen), strict=True))
     stuck = [
         place_rows(segment, *rows, "stuck") for segment, some in pairs for rows in _leave_holes(segment, some)

@@ -213,15 +213,13 @@ class GravityWindows:
     """Rows of about 20 ms of all windows, one after the other.
 
     ``acc_g`` (m, 3); ``turn`` (m, 3): the gyroscope's reading times the period, from each row to the next, in
-    rad if it reads deg/s; ``first`` (n + 1,): where the windows begin; ``period_s`` (n,); ``start_s`` (n,):
-    when they begin, from the first sample of the recording.
+    rad if it reads deg/s; ``first`` (n + 1,): where the windows begin; ``period_s`` (n,).
     """
 
     acc_g: Float64Array
     turn: Float64Array
     first: NDArray[np.int64]
     period_s: Float64Array
-    start_s: Float64Array
 
     def __len__(self) -> int:
         return len(self.period_s)
@@ -265,13 +263,10 @@ def cut_windows(
     chosen = [place for place, is_stuck in zip(chosen, stuck, strict=True) if not is_stuck]
     cut = [_cut_window(*place) for place in chosen]
     if not cut:
-        return GravityWindows(
-            np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0), np.zeros(0)
-        )
+        return GravityWindows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0))
     acc, turn, period_s = zip(*cut, strict=True)
     first = np.concatenate([[0], np.cumsum([len(part) for part in acc])]).astype(np.int64)
-    start_s = np.array([segment.start_s + row / segment.rate_hz for segment, row, _ in chosen])
-    return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s), start_s)
+    return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s))
 
 
 def _find_size(segment: Segment, first_row: int, rows: int) -> float:
@@ -329,8 +324,7 @@ def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> Gravity
         [np.arange(windows.first[k], windows.first[k + 1]) for k in numbers] or [np.zeros(0, np.int64)]
     )
     first = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    periods_s, start_s = windows.period_s[numbers], windows.start_s[numbers]
-    return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, periods_s, start_s)
+    return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, windows.period_s[numbers])
 
 
 def measure_speed_dps(windows: GravityWindows) -> Float64Array:

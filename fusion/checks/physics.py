@@ -3,8 +3,8 @@
 What a known device's header states is never changed: a contradiction is a caveat or a refusal. Where only the
 names of columns state a unit, a slip of unit (9.81, 57.3, 1000) or a left-handed frame is put right on strong
 evidence from both halves of the movement, and flagged. Where nothing is stated, rest and motion settle the
-unit, or the recording is refused: nothing is assumed. No rest is a state of its own, from which nothing
-follows.
+unit, or the recording is refused: nothing is assumed. A scale is never changed. Nothing follows from a
+recording without rest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,22 +18,14 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.axes import (
     BAD_WINDOWS,
-    GOOD_SCORE,
     MOST_DPS,
-    Arrangement,
     FrameEvidence,
-    Scale,
-    SensorLag,
-    fit_arrangement,
-    flag_inconsistent_spans,
     judge_frame,
-    measure_lag,
     measure_scale,
 )
 from fusion.checks.clipping import LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS, RANGE_SHARE, find_flat_range
 from fusion.checks.gravity_windows import (
     GravityWindows,
-    GyroModel,
     Rests,
     cut_windows,
     find_rests,
@@ -177,11 +169,6 @@ def turn_frame(recording: Recording) -> Recording:
     return flag_correction(turned, "left-handed", "motion", {"turned": "x"})
 
 
-def format_axes(turn: Float64Array) -> str:
-    """Which readings, with which signs, are the rates about x, y and z: "+x +y +z" as it should be."""
-    return " ".join(f"{'-' if row.sum() < 0 else '+'}{'xyz'[int(np.abs(row).argmax())]}" for row in turn)
-
-
 # Tables in which acceleration and angular rate stand under each other's names.
 #
 # An accelerometer on an arm reads about the length of gravity all the time; a gyroscope reads next to
@@ -236,6 +223,8 @@ COUNTED = ("row number", "packet counter")
 """The readers' words for a table whose rows bear no time: its rate comes from a person or a header."""
 FEWEST_RESTS, UNEVEN_G = 10, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
+UNSEEN_SCALE = 1.5
+"""Fast movement, which alone is there, imitates a scale by less."""
 
 
 def check_physics(recording: Recording, known: Summaries = ()) -> Recording:
@@ -287,64 +276,29 @@ def _check_rates(recording: Recording, rests: Rests, known: Summaries) -> Record
     evidence = judge_frame(windows, offset_dps, candidates)
     if evidence is not None:
         _refuse_mixed(recording, evidence)
-    if evidence is None or not evidence.is_settled:
-        if unit in ("", "registers"):
-            _refuse_short(recording)
-            raise UnknownUnit(sensor="gyroscope")
-        checked = _flag_mixed(recording, evidence)
-    else:
+    if evidence is not None and evidence.is_settled:
         checked = _arrange(recording, unit, windows, evidence)
+    elif unit in ("", "registers"):
+        _refuse_short(recording)
+        raise UnknownUnit(sensor="gyroscope")
+    elif evidence is not None and evidence.is_doubtful:
+        checked = add_flags(recording, QualityFlag(Caveat.MIXED, facts=_describe_mixed(evidence)))
+    else:
+        checked = recording
     return _narrow_ranges(checked, known, is_cut=cut_off is not None)
 
 
 def _refuse_mixed(recording: Recording, evidence: FrameEvidence) -> None:
-    """Refuse what surely fits otherwise and is not put right, and what nothing explains."""
-    if is_header_known(recording) and evidence.lively >= BAD_WINDOWS:
-        other = evidence.better or (evidence.chosen if evidence.chosen is not evidence.as_read else None)
-        if other is not None:
-            raise MixedColumns(**_describe_mixed(evidence), **_describe_other(other))
-        return
+    """Refuse what contradicts a known header, and what nothing explains."""
+    is_other = evidence.chosen is not evidence.as_read and evidence.lively >= BAD_WINDOWS
+    if is_header_known(recording) and is_other:
+        raise MixedColumns(**_describe_mixed(evidence), factor=float(f"{evidence.chosen.factor:.3g}"))
     if evidence.is_wrong:
-        order = {} if evidence.better is None else _describe_other(evidence.better)
-        raise MixedColumns(**_describe_mixed(evidence), **order)
+        raise MixedColumns(**_describe_mixed(evidence))
 
 
 def _describe_mixed(evidence: FrameEvidence) -> dict[str, int]:
     return {"percent": round(100.0 * evidence.as_read.score), "turns": evidence.lively}
-
-
-def _describe_other(other: Arrangement) -> dict[str, str | float]:
-    """What would fit: the order and signs of the readings, or the factor where these are right."""
-    if not np.array_equal(other.turn, np.eye(3)):
-        return {"order": format_axes(other.turn)}
-    return {"factor": float(f"{other.factor:.3g}")}
-
-
-def _flag_mixed(recording: Recording, evidence: FrameEvidence | None) -> Recording:
-    """Flag a doubt that is not enough to refuse (W-MIXED)."""
-    if evidence is None or not evidence.is_doubtful:
-        return recording
-    return add_flags(recording, QualityFlag(Caveat.MIXED, facts=_describe_mixed(evidence)))
-
-
-def _check_agreement(
-    recording: Recording, windows: GravityWindows, chosen: Arrangement, model: GyroModel
-) -> Recording:
-    """Whether the sensors agree at each moment and in each part, a factor on all axes allowed for."""
-    checked = _check_lag(recording, measure_lag(windows, model))
-    odd = flag_inconsistent_spans(windows, model) if chosen.score <= GOOD_SCORE else ()
-    return add_flags(checked, *odd)
-
-
-def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
-    """Refuse what was surely not read at one moment; say what likely was not (W-LAG)."""
-    lag_ms = round(1000.0 * abs(lag.lag_s), -1)
-    if lag.is_certain:
-        raise MixedColumns(lag_ms=int(lag_ms))
-    if not lag.is_likely:
-        return recording
-    flag = QualityFlag(Caveat.LAG, facts={"lag_ms": int(lag_ms)})
-    return replace(recording, flags=(*recording.flags, flag))
 
 
 def cut_whole_windows(
@@ -374,80 +328,57 @@ def _narrow_ranges(recording: Recording, known: Summaries, *, is_cut: bool) -> R
 
 
 def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording:
-    """Undo what the accelerometer surely reads too long or too short; refuse what reads unlike all round."""
+    """Doubt what the accelerometer surely reads too long or too short; refuse what reads unlike all round."""
     scale = measure_rest_scale(rests_g)
-    if scale is None or not scale.is_even:
-        _refuse_uneven(np.linalg.norm(rests_g, axis=1))
-        return recording
-    if not scale.is_off:
-        return recording
-    if is_header_known(recording):
-        return flag_doubt(recording, "accelerometer", g=round(1.0 / scale.factor, 3))
-    scaled = multiply_acceleration(recording, scale.factor)
-    return flag_correction(scaled, "accelerometer scale", "rest", {"factor": round(scale.factor, 3)})
-
-
-def _refuse_uneven(lengths_g: Float64Array) -> None:
-    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
-    if len(lengths_g) < FEWEST_RESTS:
-        return
-    low_g, high_g = np.quantile(lengths_g, [0.02, 0.98]).tolist()
-    if high_g - low_g > UNEVEN_G:
-        raise WrongScale(low_g=round(low_g, 2), high_g=round(high_g, 2))
+    if scale is not None and scale.is_even:
+        return (
+            flag_doubt(recording, "accelerometer", g=round(1.0 / scale.factor, 3))
+            if scale.is_off
+            else recording
+        )
+    lengths_g = np.linalg.norm(rests_g, axis=1)
+    if len(lengths_g) >= FEWEST_RESTS:
+        low_g, high_g = np.quantile(lengths_g, [0.02, 0.98]).tolist()
+        if high_g - low_g > UNEVEN_G:
+            raise WrongScale(low_g=round(low_g, 2), high_g=round(high_g, 2))
+    return recording
 
 
 def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence) -> Recording:
-    """Apply what the motion says: unit and handedness; then see what is left of the scale."""
+    """Apply what the motion says: unit and hand; then doubt a scale that is left."""
     chosen = evidence.chosen
-    factor = _find_unit_factor(chosen.factor, _rate_candidates(unit))
-    arranged = _set_unit(recording, unit, factor)
-    if factor != 1.0:
-        arranged = flag_correction(arranged, "angular rate", "motion", {"factor": factor})
-    library = 1.0
-    if not np.array_equal(chosen.turn, np.eye(3)):
-        library = float(recording.understood.get(LEFT_GYR_FACTOR, 1.0))
-        arranged = _undo_library(turn_frame(arranged), library)
-    model = fit_arrangement(windows, chosen, factor * library)
-    arranged = _check_agreement(arranged, windows, chosen, model)
-    scale = measure_scale(windows, chosen, factor * library)
-    return arranged if scale is None or not scale.is_off else _correct_scale(arranged, scale)
-
-
-def _undo_library(recording: Recording, factor: float) -> Recording:
-    """Undo a known error of the device's library: Arduino_LSM9DS1 prints 61.04 mdps for a count of 70."""
-    if factor == 1.0:
-        return recording
-    scaled = replace(multiply_rates(recording, factor), device="lsm9ds1")
-    return flag_correction(scaled, "angular rate", "layout", {"factor": factor})
-
-
-def _find_unit_factor(factor: float, candidates: Sequence[float]) -> float:
-    """The unit nearest to what fits; how far it is off is a matter of scale."""
-    return min(candidates, key=lambda named: abs(np.log(factor / named)) if factor > 0.0 else named)
-
-
-def _set_unit(recording: Recording, unit: str, factor: float) -> Recording:
+    size = max(abs(chosen.factor), 1e-12)
+    factor = min(_rate_candidates(unit), key=lambda named: abs(np.log(size / named)))
     if factor != 1.0:
         recording = multiply_rates(recording, factor)
-    if unit != "registers":
-        return recording
-    return replace(recording, gyr_range_dps=RANGES_DPS[SENSITIVITIES_DPS.index(factor)])
+        if unit == "registers":
+            recording = replace(recording, gyr_range_dps=RANGES_DPS[SENSITIVITIES_DPS.index(factor)])
+        recording = flag_correction(recording, "angular rate", "motion", {"factor": factor})
+    if chosen.factor < 0.0:
+        recording = turn_frame(recording)
+        library = float(recording.understood.get(LEFT_GYR_FACTOR, 1.0))
+        if library != 1.0:  # Arduino_LSM9DS1 prints 61.04 mdps for a count of 70
+            recording = replace(multiply_rates(recording, library), device="lsm9ds1")
+            recording = flag_correction(recording, "angular rate", "layout", {"factor": library})
+            factor *= library
+        factor = -factor
+    scale = measure_scale(windows, chosen, factor)
+    if scale is None:
+        left = chosen.factor / factor
+        return recording if 1.0 / UNSEEN_SCALE < left < UNSEEN_SCALE else _doubt_scale(recording, left)
+    return _doubt_scale(recording, scale.overall) if scale.is_off else recording
 
 
-def _correct_scale(recording: Recording, scale: Scale) -> Recording:
-    """Multiply the rates by what slow movement says in both halves; else, or under a known header, doubt it.
+def _doubt_scale(recording: Recording, overall: float) -> Recording:
+    """Flag a scale that the movement contradicts.
 
-    A wrong rate looks like a gyroscope of another scale: where the rows bear no time, the rate is doubted.
+    A wrong rate looks like a gyroscope of another scale: if the rows have no time, the rate is doubted.
     """
-    factor = round(scale.overall, 3)
-    if recording.understood.get("time") in COUNTED:
-        other_hz = round(recording.rate_hz / scale.overall, 1)
-        facts: Facts = {"rate_from": "doubted", "rate_hz": round(recording.rate_hz, 3), "other_hz": other_hz}
-        return add_flags(recording, QualityFlag(Caveat.RATE, facts=facts))
-    if is_header_known(recording) or not scale.is_confirmed:
-        return flag_doubt(recording, "gyroscope", factor=factor)
-    scaled = multiply_rates(recording, scale.overall)
-    return flag_correction(scaled, "gyroscope scale", "motion", {"factor": factor})
+    if recording.understood.get("time") not in COUNTED:
+        return flag_doubt(recording, "gyroscope", factor=round(overall, 3))
+    other_hz = round(recording.rate_hz / overall, 1)
+    facts: Facts = {"rate_from": "doubted", "rate_hz": round(recording.rate_hz, 3), "other_hz": other_hz}
+    return add_flags(recording, QualityFlag(Caveat.RATE, facts=facts))
 
 
 def refuse_impossible_rates(recording: Recording, known: Summaries = ()) -> Recording:

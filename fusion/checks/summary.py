@@ -24,8 +24,6 @@ class SensorSummary:
     ``samples`` (n, 3) are what it was made from. ``low``, ``high``, ``step`` (3, m): the lowest and the
     highest reading, and the largest step from one row to the next, into a block's first row too. ``kept``
     (3, m): the most rows after each other, up to one of the block, that repeat the value of the row before.
-    ``readings``: rows that differ from the one before on any axis; ``held``: how many of these stand in two
-    rows or more.
     """
 
     samples: NDArray[np.float32]
@@ -33,8 +31,6 @@ class SensorSummary:
     high: NDArray[np.float32]
     step: NDArray[np.float32]
     kept: NDArray[np.int32]
-    readings: int
-    held: int
 
     def find_extreme(self, axis: int | slice = slice(None)) -> float:
         """Give the largest size that an axis, or any, reads; 0 without rows."""
@@ -72,16 +68,15 @@ def summarise_sensor(samples: NDArray[np.float32]) -> SensorSummary:
     """Walk once over samples, shape (n, 3)."""
     blocks = -(-len(samples) // BLOCK_ROWS)
     ends, step = np.empty((6, blocks), np.float32), np.empty((3, blocks), np.float32)
-    kept, counts = np.empty((3, blocks), np.int32), np.zeros(2, np.int64)
-    _walk(samples, ends, step, kept, counts)
-    repeats, held = counts.tolist()
-    return SensorSummary(samples, ends[:3], ends[3:], step, kept, len(samples) - repeats, held)
+    kept = np.empty((3, blocks), np.int32)
+    _walk(samples, ends, step, kept)
+    return SensorSummary(samples, ends[:3], ends[3:], step, kept)
 
 
 @kernel
-def _walk(samples: Any, ends: Any, steps: Any, kept: Any, counts: Any) -> None:  # pragma: no cover
+def _walk(samples: Any, ends: Any, steps: Any, kept: Any) -> None:  # pragma: no cover
     """Fill the blocks; all three axes side by side, three times as fast as one after the other."""
-    run_x, run_y, run_z, run_all = 0, 0, 0, 0
+    run_x, run_y, run_z = 0, 0, 0
     for block in range(len(steps[0])):
         first, stop = block * BLOCK_ROWS, min((block + 1) * BLOCK_ROWS, len(samples))
         last = first - 1 if first > 0 else 0
@@ -103,9 +98,6 @@ def _walk(samples: Any, ends: Any, steps: Any, kept: Any, counts: Any) -> None: 
             is_x, is_y, is_z = int(x == last_x), int(y == last_y), int(z == last_z)
             run_x, run_y, run_z = (run_x + 1) * is_x, (run_y + 1) * is_y, (run_z + 1) * is_z
             kept_x, kept_y, kept_z = max(kept_x, run_x), max(kept_y, run_y), max(kept_z, run_z)
-            run_all = (run_all + 1) * (is_x & is_y & is_z)
-            counts[0] += int(run_all > 0)
-            counts[1] += int(run_all == 1)
             last_x, last_y, last_z = x, y, z
         ends[0, block], ends[1, block], ends[2, block] = low_x, low_y, low_z
         ends[3, block], ends[4, block], ends[5, block] = high_x, high_y, high_z

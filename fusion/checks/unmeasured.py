@@ -38,7 +38,7 @@ from fusion.recording import (
 
 HELD_S, HELD_ROWS = 0.5, 50
 """Identical readings on six channels for so long and so often: no sensor of this kind is that quiet."""
-BLIND_S, BLIND_ROWS = 0.1, 10
+BLIND_S, BLIND_ROWS = 0.05, 5
 """Three exact zeros of an accelerometer alone, for so long and so often, are no free fall: it has noise."""
 COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
@@ -75,7 +75,7 @@ def measure_usual(acc: NDArray[np.float32]) -> float:
 
 
 def _find_fillers(segment: Segment, usual_g: float) -> Rows:
-    """Rows of both sensors, however few; of one of them, for a tenth of a second.
+    """Rows of both sensors, however few; of one of them, for 50 ms.
 
     A gyroscope of coarse counts rests at zero, or next to it; any other value on all its axes at once it does
     not keep.

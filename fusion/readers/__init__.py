@@ -12,7 +12,7 @@ from fusion.checks.physics import add_flags, are_units_stated, check_physics, re
 from fusion.checks.resolution import flag_resolution
 from fusion.checks.summary import summarise
 from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
-from fusion.errors import EmptyFile, FailedReader, MixedColumns
+from fusion.errors import EmptyFile, FailedReader
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
 from fusion.readers.gt3x import read as gt3x
@@ -144,8 +144,8 @@ def read_recording(
 def _check_readings(recording: Recording) -> Recording:
     """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults.
 
-    A channel that stuck is told by movement in g and deg/s: where a file states no units, the search follows
-    their settling. A channel that stops again and again passes for columns mixed up, and is named first.
+    A channel that stuck is told by movement in g and deg/s: if a file states no units, the search follows
+    their settling.
     """
     whole = leave_out_zeros(recording)
     seen = summarise(whole.segments)
@@ -154,11 +154,7 @@ def _check_readings(recording: Recording) -> Recording:
     is_stated = are_units_stated(alive)
     measured = exclude_stuck(alive, seen) if is_stated else alive
     seen = summarise(measured.segments, seen)
-    try:
-        checked = check_physics(measured, seen)
-    except MixedColumns:
-        exclude_stuck(measured)
-        raise
+    checked = check_physics(measured, seen)
     seen = summarise(checked.segments, seen)
     searched = measured if is_stated else None
     found = add_flags(exclude_faults(checked, searched, seen), *flag_resolution(checked))

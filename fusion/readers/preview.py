@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.axes import judge_frame, measure_scale
 from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_rests, measure_miss
-from fusion.checks.physics import cut_whole_windows, format_axes
+from fusion.checks.physics import cut_whole_windows
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import read_recording
 from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
@@ -68,7 +68,7 @@ def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]
     return {
         "turns": evidence.lively,
         "handedness": round(_score_handedness(windows, evidence.as_read.model), 3),
-        "axes": None if evidence.is_doubtful else format_axes(evidence.chosen.turn),
+        "axes": None if evidence.is_doubtful else "+x +y +z" if evidence.chosen.factor > 0 else "-x -y -z",
         "gyro_scale": None if scale is None else round(scale.overall, 3),
         "gyro_scale_margin": None if scale is None else round(2.0 * scale.error, 3),
         "unexplained_percent": round(100.0 * evidence.as_read.score, 2),

@@ -59,6 +59,9 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "method": "published",
         "pose": "two-point",
         "calibration": ["5,15", "20.5,30"],
+        "pose_held": "no",
+        "slip_at": "3600",
+        "no_slip_at": ["60", "7200"],
         "rate_hz": "100",
         "lang": "fr",
         "sensor": "arm",
@@ -71,6 +74,8 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     assert request.calibration_windows_s == ((5.0, 15.0), (20.5, 30.0))
     assert request.languages == ("fr", "en")
     assert json.loads(request.profile) == {"sensor": "arm"}
+    assert (request.pose_held, request.slip_times_s) == ("no", (3600.0,))
+    assert request.no_slip_times_s == (60.0, 7200.0)
 
 
 @pytest.mark.parametrize(
@@ -106,30 +111,6 @@ def test_a_value_that_cannot_be_is_refused_by_name(
     assert problem.json()["code"] == "E-PARAMETER"
     assert name in problem.json()["detail"]
     assert files_in(storage) == []
-
-
-def test_a_pose_may_be_held_as_often_as_one_likes(client: TestClient, store: JobStore) -> None:
-    wishes = {"calibration": ["5,15", "7200,7210", "28000,28010"], "slip_at": ["3600"]}
-
-    request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
-
-    assert request.calibration_windows_s == ((5.0, 15.0), (7200.0, 7210.0), (28000.0, 28010.0))
-    assert request.slip_times_s == (3600.0,)
-
-
-def test_a_pose_that_was_not_held_is_taken(client: TestClient, store: JobStore) -> None:
-    answer = client.post(f"{URL}?pose_held=no", content=b"x").json()
-
-    assert store.get(answer["id"]).request.pose_held == answer["settings"]["pose_held"] == "no"
-
-
-def test_a_pose_held_at_the_start_and_no_slip_are_taken(client: TestClient, store: JobStore) -> None:
-    answer = client.post(f"{URL}?pose_held=start&no_slip_at=60&no_slip_at=7200", content=b"x").json()
-
-    request = store.get(answer["id"]).request
-    assert (request.pose_held, request.no_slip_times_s) == ("start", (60.0, 7200.0))
-    assert answer["settings"]["pose_held"] == "start"
-    assert answer["settings"]["no_slip_times_s"] == [60.0, 7200.0]
 
 
 @pytest.mark.parametrize(("written", "axis"), [("y", "+y"), ("%2By", "+y"), ("+y", "+y"), ("-z", "-z")])

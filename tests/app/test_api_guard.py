@@ -204,17 +204,6 @@ def test_a_code_can_be_looked_up(client: TestClient) -> None:
     assert client.get("/api/v1/problems/E-EMPTY?lang=fr").json()["title"] == "Le fichier est vide"
 
 
-def test_the_openapi_document_names_its_operations_readably(client: TestClient) -> None:
-    paths = client.get("/api/v1/openapi.json").json()["paths"]
-
-    names = {operation["operationId"] for path in paths.values() for operation in path.values()}
-    assert {"analyze", "get_analysis", "cancel_analysis", "get_report_pdf"} <= names
-
-
-def test_no_docs_page_loads_scripts_from_elsewhere(client: TestClient) -> None:
-    assert [client.get(path).status_code for path in ("/docs", "/redoc")] == [404, 404]
-
-
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.4", "::", "example.org", ""])
 def test_an_address_that_others_reach_needs_accounts_names_and_tls(host: str) -> None:
     with pytest.raises(ForeignAddress) as refused:

@@ -159,16 +159,6 @@ def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
     assert names == ["two.csv", "one.csv"]
 
 
-def test_the_head_of_a_file_can_be_asked_alone(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    head = client.head(f"{address}/results.json")
-
-    assert head.status_code == 200
-    assert head.content == b""
-    assert head.headers["content-length"] == str(len(stand_ins.RESULTS))
-
-
 def test_a_wrong_verb_is_told_the_right_one(client: TestClient, bench: OpenBench) -> None:
     address = analyse(client, bench, stand_ins.write_report)
 
@@ -200,12 +190,6 @@ def test_the_bundle_is_a_crate_whose_tables_keep_their_schema(
     files = {file.id: int(file["contentSize"]) for file in crate.data_entities}
     assert files == {one.filename: one.file_size for one in bundle.infolist() if one.filename != CRATE}
     assert validate(tmp_path / "crate" / "datapackage.json").valid
-
-
-def test_the_answer_to_paste_comes_in_the_language_asked_for(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    assert client.get(f"{address}/answer.txt", params={"lang": "fr"}).text == "fr"
 
 
 def test_a_file_that_is_not_offered_is_not_found(client: TestClient, bench: OpenBench) -> None:
@@ -255,14 +239,3 @@ def test_a_range_behind_the_end_is_refused(client: TestClient, bench: OpenBench,
 
     assert (answer.status_code, answer.json()["code"]) == (416, "E-RANGE")
     assert answer.headers["content-range"] == f"bytes */{len(stand_ins.RESULTS)}"
-
-
-@pytest.mark.parametrize(("asked", "part"), [("bytes=-4", -4), ("BYTES=100-", 100)])
-def test_the_end_of_a_file_can_be_asked_for(
-    client: TestClient, bench: OpenBench, asked: str, part: int
-) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    answer = client.get(f"{address}/results.json", headers={"range": asked})
-
-    assert (answer.status_code, answer.content) == (206, stand_ins.RESULTS[part:])

@@ -68,12 +68,6 @@ def test_a_file_above_the_size_of_words_is_taken(settings: Settings, address: st
     assert sent.status_code in (202, 303), sent.text
 
 
-def test_the_same_file_twice_differs_by_nothing(client: TestClient, bench: OpenBench) -> None:
-    found = client.get(f"{compare(client, bench)}/validation.json").json()
-
-    assert found["overall"]["rmse_deg"] == pytest.approx(0.0, abs=1e-6)
-
-
 def test_a_clock_may_be_set_by_hand(client: TestClient, bench: OpenBench) -> None:
     address = compare(client, bench, offset_s="0,5", drift_ppm="10")
 

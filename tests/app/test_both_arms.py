@@ -3,7 +3,6 @@
 import io
 import json
 import re
-import shutil
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -419,16 +418,6 @@ def test_an_arm_is_not_taken_for_the_trunk(tmp_path: Path) -> None:
         make_report_of_two((left, right, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
 
     assert refused.value.facts == {"why": "same"}
-
-
-def test_an_arm_of_version_1_is_paired_with_one_of_today(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 70.0)
-    # The grid of 20 Hz ends at 0.95 s: valid at 0 s, not at 0.05 s, and from 0.08 s to 1 s there is a hole.
-    shutil.copy(Path(__file__).with_name("elevation_1.parquet"), left / "elevation.parquet")
-
-    make_report_of_two((left, right), PairRequest("pair", 0.0, None, ("en",), ()), tmp_path)
-
-    assert json.loads((tmp_path / "pair.json").read_bytes())["shared_s"] == 0.05
 
 
 def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from app.api.housekeeping import grow_older
 from app.cli import app
 from app.jobs.recordings import RecordingFilter
 from app.jobs.store import JobStore
-from app.main import create_app, find_own_services
+from app.main import create_app
 from app.settings import Settings
 from app.upkeep import copies
 from app.upkeep.copies import find_copies, keep_daily_copy, renew_copies
@@ -141,11 +141,11 @@ def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
         answer = client.delete(f"/api/v1/recordings/{gone}", params={"purge": True})
     assert (answer.status_code, answer.json()["code"]) == (503, "E-PURGE-UNFINISHED")
     assert find_copies(settings) == ()
-    assert find_own_services(client.app).recordings.find_purging() == (gone,)  # type: ignore[arg-type]
+    assert client.app.state.services.recordings.find_purging() == (gone,)  # type: ignore[attr-defined]
 
-    grow_older(find_own_services(client.app), 60.0)  # type: ignore[arg-type]
+    grow_older(client.app.state.services, 60.0)  # type: ignore[attr-defined]
 
-    assert find_own_services(client.app).recordings.find_purging() == ()  # type: ignore[arg-type]
+    assert client.app.state.services.recordings.find_purging() == ()  # type: ignore[attr-defined]
     assert read_subjects(find_copies(settings)[0]) == []
 
 
@@ -217,7 +217,7 @@ def test_recover_begins_with_the_copy_and_takes_newer_rows_from_the_side_files(
     with TestClient(create_app(settings), base_url="http://localhost") as client:
         first = client.post("/api/v1/recordings", content=b"one", params={"subject": "S1"}).json()["id"]
         client.post("/api/v1/webhooks", json={"url": "https://example.org/"})
-        services = find_own_services(client.app)  # type: ignore[arg-type]
+        services = client.app.state.services  # type: ignore[attr-defined]
         services.mappings.put("00aa", "ours", "{}", is_confirmed=False)
         keep_daily_copy(settings, services.store.engine)
         client.patch(f"/api/v1/recordings/{first}", json={"subject": "S1 corrected"})
@@ -229,7 +229,7 @@ def test_recover_begins_with_the_copy_and_takes_newer_rows_from_the_side_files(
     assert "daily copy" in output
     application = create_app(settings)
     with TestClient(application):
-        services = find_own_services(application)
+        services = application.state.services
         rows = services.recordings.find_page(RecordingFilter(), 10)
         assert sorted(row.about.subject for row in rows) == ["S1 corrected", "S2"]
         assert [one.name for one in services.mappings.find_all()] == ["ours"]
@@ -241,7 +241,7 @@ def test_recover_after_a_refused_start_begins_with_the_copy_too(
     application = create_app(settings)
     with TestClient(application, base_url="http://localhost") as client:
         client.post("/api/v1/recordings", content=b"one")
-        keep_daily_copy(settings, find_own_services(application).store.engine)
+        keep_daily_copy(settings, application.state.services.store.engine)
     lose_database(settings)
     JobStore(settings).close()
 
@@ -254,7 +254,7 @@ def test_recover_never_replaces_a_database_that_holds_recordings(
     application = create_app(settings)
     with TestClient(application, base_url="http://localhost") as client:
         client.post("/api/v1/recordings", content=b"one")
-        keep_daily_copy(settings, find_own_services(application).store.engine)
+        keep_daily_copy(settings, application.state.services.store.engine)
         client.post("/api/v1/recordings", content=b"two")
 
     assert "daily copy" not in recover(settings, monkeypatch)

@@ -610,7 +610,7 @@ def test_a_recording_that_is_damaged_while_it_is_analysed_gives_no_report(
 
 def send_results(client: TestClient, job: Job, sent: list[bytes], spoil: Callable[[Path], object]) -> None:
     """Send the results of an analysis piece by piece; ``spoil`` is called with the answer's file at each."""
-    services: Services = cast("Any", client.app).state.offices.own
+    services: Services = cast("Any", client.app).state.services
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
     answer = cast("FileResponse", serve_file(Request(scope), services, job, "results.json"))
 

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from app.api.library.files import format_disposition
 from app.cli import app
+from app.jobs.audit_log import AuditLine, AuditQuestion, find_lines
 from app.jobs.job import Job
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailLine, TrailQuestion, find_lines
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import Storage
@@ -36,8 +36,8 @@ def build_address(recording_id: str) -> str:
     return f"/api/v1/recordings/{recording_id}/file"
 
 
-def find_exports(store: JobStore) -> list[TrailLine]:
-    return list(find_lines(store.reader, TrailQuestion(act="file.exported")))
+def find_exports(store: JobStore) -> list[AuditLine]:
+    return list(find_lines(store.reader, AuditQuestion(act="file.exported")))
 
 
 def add_large(store: JobStore, storage: Storage, file_name: str) -> Job:

@@ -8,7 +8,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from app.jobs import versions
-from app.jobs.database.tables import trail
+from app.jobs.database.tables import audit_log
 from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures
 from app.jobs.side_files import read_side_rows
@@ -242,7 +242,7 @@ def test_what_is_dismissed_is_one_line_of_the_audit_log(store: JobStore, conclud
     store.dismiss_draft(third.id)
     store.dismiss_draft(third.id)
 
-    lines = select(trail.c.analysis_id).where(trail.c.act == "conclusion.dismissed")
+    lines = select(audit_log.c.analysis_id).where(audit_log.c.act == "conclusion.dismissed")
     with store.reader.connect() as connection:
         assert connection.execute(lines).scalars().all() == [third.id]
 
@@ -250,7 +250,7 @@ def test_what_is_dismissed_is_one_line_of_the_audit_log(store: JobStore, conclud
 def test_a_kept_conclusion_is_not_written_again_in_the_audit_log(store: JobStore, concluded: Job) -> None:
     correct(store, concluded)
 
-    lines = select(trail.c.analysis_id).where(trail.c.act == "report.concluded")
+    lines = select(audit_log.c.analysis_id).where(audit_log.c.act == "report.concluded")
     with store.reader.connect() as connection:
         assert connection.execute(lines).scalars().all() == [concluded.id]
 

@@ -20,9 +20,6 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile, UnusableTime
 from fusion.exposure import summarise_exposure
 
-VERSION_1 = Path(__file__).with_name("elevation_1.parquet")
-"""As 0fd4ccf wrote it: 50 Hz, four rows of which the third is not valid, a hole, two rows."""
-
 
 def make_segment(start_us: int, rate_hz: float, rows: int) -> ElevationSegment:
     angle = np.arange(rows, dtype=np.float32)
@@ -167,16 +164,9 @@ def test_missing_stays_missing(tmp_path: Path) -> None:
     assert np.isnan(read_elevation(path).segments[0].elevation_deg).tolist() == [False, True, False]
 
 
-def test_version_1_is_read_too() -> None:
-    assert tell(read_elevation(VERSION_1)) == [
-        (0, pytest.approx([10.004, 20.006, 30.0, 40.125]), [True, True, False, True]),
-        (1_000_000, [90.0, 180.0], [True, True]),
-    ]
-
-
-def test_an_open_file_is_read_as_a_path_is() -> None:
-    with VERSION_1.open("rb") as file:
-        assert len(read_elevation(file).segments) == 2
+def test_an_open_file_is_read_as_a_path_is(tmp_path: Path) -> None:
+    with write(tmp_path, make_segment(0, 100.0, 3)).open("rb") as file:
+        assert len(read_elevation(file).segments) == 1
 
 
 def test_a_single_row_is_a_run(tmp_path: Path) -> None:
@@ -223,10 +213,6 @@ def test_as_a_reference_it_lacks_what_is_missing_or_not_valid(tmp_path: Path) ->
     assert file.elevation_deg.tolist() == [10.0, 12.5, 13.0]
 
 
-def test_version_1_is_a_reference_too() -> None:
-    assert read_reference(VERSION_1).time_s.tolist() == [0.0, 0.02, 0.06, 1.0, 1.02]
-
-
 def test_the_figures_of_the_file_are_those_of_the_results(shift_gt3x: Path, tmp_path: Path) -> None:
     make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",)), tmp_path)
     told = json.loads((tmp_path / "results.json").read_text("utf-8"))["exposure"]
@@ -256,7 +242,3 @@ def test_the_text_is_in_seconds_and_degrees(tmp_path: Path) -> None:
         ["0.01", "", "false"],
         ["0.02", "12.35", "true"],
     ]
-
-
-def test_the_text_of_version_1_has_the_same_columns() -> None:
-    assert list_rows(VERSION_1)[:2] == [["time_s", "elevation_deg", "valid"], ["0", "10.004", "true"]]

@@ -67,11 +67,6 @@ def test_every_table_holds_the_figure_of_the_results() -> None:
     assert told == [above] * 5
 
 
-@pytest.mark.parametrize("name", sorted(exports_of()))
-def test_the_same_results_give_the_same_bytes(name: str) -> None:
-    assert exports_of()[name] == exports_of()[name]
-
-
 # ------------------------------------------------------------------ types
 
 
@@ -79,14 +74,6 @@ def test_a_subject_code_of_digits_stays_text_in_the_workbook() -> None:
     row = sheet_of(exports_of(subject="00123")["summary.xlsx"], "summary")[0]
 
     assert (row["subject"], type(row["analysed_s"])) == ("00123", int)
-
-
-def test_nothing_in_the_workbook_is_a_formula() -> None:
-    book = openpyxl.load_workbook(io.BytesIO(exports_of("=1+1", "@SUM(A1)")["summary.xlsx"]))
-
-    kinds = {cell.data_type for sheet in book for row in sheet.iter_rows() for cell in row}
-
-    assert kinds <= {"s", "n"}
 
 
 def test_a_text_column_of_the_parquet_file_is_text_even_where_it_is_empty() -> None:
@@ -149,12 +136,6 @@ def test_every_field_of_real_results_is_explained(shift_gt3x: Path, tmp_path: Pa
     explained = set(load_wording("en", "fields"))
 
     assert [path for path in find_paths(results) if not is_explained(path, explained)] == []
-
-
-def test_fields_are_explained_in_both_languages() -> None:
-    english, french = (load_wording(language, "fields") for language in LANGUAGES)
-
-    assert list(english) == list(french)
 
 
 # ------------------------------------------------------------------ REDCap

@@ -160,11 +160,28 @@ def test_results_of_another_version_are_refused() -> None:
         decode_results(encoded)
 
 
-def test_a_damaged_number_is_refused() -> None:
-    encoded = encode_results(make_analysis(), make_subject()).replace(b'"elevation_p99_deg"', b'"p99"')
+@pytest.mark.parametrize(
+    ("there", "instead"),
+    [
+        (b'"elevation_p99_deg"', b'"p99"'),
+        (b'"rate_hz": 100.0', b'"rate_hz": "fast"'),
+        (b'"reader": null', b'"reader": "a"'),
+        (b'"state": "held_at_start"', b'"state": "guessed"'),
+        (b"{", b"["),
+        (b'"report": {', b'"report": null, "x": {'),
+    ],
+)
+def test_results_of_another_form_are_refused(there: bytes, instead: bytes) -> None:
+    encoded = encode_results(make_analysis(), make_subject()).replace(there, instead, 1)
 
-    with pytest.raises((ValueError, KeyError)):
+    with pytest.raises(ValueError, match=r"\S"):
         decode_results(encoded)
+
+
+@pytest.mark.parametrize("content", [b"", b"null", b"[]", b"{}", b'"x"', b"\xff"])
+def test_what_is_no_results_is_refused(content: bytes) -> None:
+    with pytest.raises(ValueError, match=r"\S"):
+        decode_results(content)
 
 
 def test_a_list_of_numbers_stands_in_one_line() -> None:

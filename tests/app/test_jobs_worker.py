@@ -19,6 +19,7 @@ from app.jobs.children.attempt import NICENESS, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
+from app.jobs.processes.lease import Lease
 from app.jobs.store import JobStore
 from app.jobs.worker import return_expired, run_next
 from app.settings import Settings
@@ -381,6 +382,24 @@ def test_a_holder_renews_its_lease_while_the_store_is_slow(
 
     assert len(road.leases) == 3
     assert store.get(job.id).state is JobState.SUCCEEDED
+
+
+def test_a_worker_whose_store_never_answers_ends_itself(
+    store: JobStore, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = threading.Event()
+
+    def end(code: int) -> None:
+        ended.set()
+        raise SystemExit(code)
+
+    add_job()
+    claimed = store.claim()
+    assert claimed is not None
+    monkeypatch.setattr(os, "_exit", end)
+
+    with pytest.raises(SystemExit):
+        Lease(store, claimed.id, str(claimed.token)).keep_during(lambda: ended.wait(60), limit_s=0.0)
 
 
 def test_a_large_file_is_given_more_time(settings: Settings) -> None:

@@ -85,7 +85,7 @@ def test_no_name_and_no_subject_of_an_upload_reaches_the_log(
 
 
 def test_an_error_of_the_database_tells_no_value(client: TestClient) -> None:
-    services = client.app.state.offices.own  # type: ignore[attr-defined]
+    services = client.app.state.services  # type: ignore[attr-defined]
 
     assert services.store.engine.hide_parameters
     assert services.store.reader.hide_parameters

@@ -18,7 +18,6 @@ from app.errors import UnknownRecordings
 from app.jobs.database.connect import connect
 from app.jobs.side_files import decode_side_file
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailQuestion, find_lines
 from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.settings import Settings
@@ -265,7 +264,7 @@ def test_an_unknown_file_in_a_bucket_stays_where_it_is(
         monkeypatch.setenv(name, value)
     settings = Settings(data_dir=tmp_path / "data", object_store=swift.make_bucket(), min_free_bytes=0)
     with serving(settings) as client:
-        storage: Storage = client.app.state.offices.own.storage  # type: ignore[attr-defined]
+        storage: Storage = client.app.state.services.storage  # type: ignore[attr-defined]
         storage.write_small("recordings/rec_0123456789abcdef", b"another machine's, its row is on the way")
 
     with serving(settings):
@@ -711,51 +710,3 @@ def test_recover_writes_a_damaged_side_file_anew(
     assert side is not None
     assert side.recording["subject"] == "S012"
     assert acromion("verify").exit_code == 0
-
-
-# --- the trail -------------------------------------------------------------------------------------------
-
-
-@on_both_set_ups
-@pytest.mark.parametrize(
-    ("language", "told"), [("en", "The trail begins anew"), ("fr", "Le journal recommence")]
-)
-def test_a_recovery_says_that_the_trail_begins_anew(
-    settings: Settings, acromion: Acromion, language: str, told: str
-) -> None:
-    with serving(settings) as client:
-        upload(client, b"one")
-    lose_database(settings)
-
-    assert told in acromion("recover", "--lang", language).output
-
-
-def test_so_it_does_after_a_start_that_was_refused(settings: Settings, acromion: Acromion) -> None:
-    with serving(settings) as client:
-        upload(client, b"one")
-    lose_database(settings)
-    with pytest.raises(UnknownRecordings), serving(settings):
-        pass
-
-    assert "The trail begins anew" in acromion("recover").output
-
-
-def test_the_new_trail_begins_with_a_line_that_says_so(settings: Settings, acromion: Acromion) -> None:
-    with serving(settings) as client:
-        upload(client, b"one")
-    lose_database(settings)
-    acromion("recover")
-
-    store = JobStore(settings)
-    lines = list(find_lines(store.reader, TrailQuestion()))[::-1]
-    store.close()
-    assert [(line.seq, line.act) for line in lines] == [(1, "trail.began"), (2, "store.recovered")]
-
-
-def test_a_recovery_over_a_trail_that_is_there_says_nothing_of_it(
-    settings: Settings, acromion: Acromion
-) -> None:
-    with serving(settings) as client:
-        upload(client, b"one")
-
-    assert "trail" not in acromion("recover").output

@@ -44,7 +44,7 @@ def ask(settings: Settings, **changes: object) -> tuple[int, dict[str, Any]]:
 
 def ask_with_store(settings: Settings, prepare: Any) -> tuple[int, dict[str, Any]]:
     application = create_app(settings)
-    services = application.state.offices.own
+    services = application.state.services
     strange = cast("Storage", StrangeStore(services.storage, prepare))
     readiness = Readiness(services.store, strange, settings)
     object.__setattr__(services, "readiness", readiness)

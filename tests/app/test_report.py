@@ -210,14 +210,6 @@ def test_the_accuracy_told_is_that_of_the_method_used(name: str, told: str) -> N
     assert paragraphs.count("Angle error") == 1
 
 
-def test_slips_that_nothing_can_see_stand_with_the_method_and_among_the_limits() -> None:
-    report = report_of(analysis=make_analysis())
-
-    (method,) = (section for section in report.sections if section.key == "method")
-    assert "Any other slip shows only if the pose was held again" in " ".join(method.paragraphs)
-    assert "while nobody walks cannot be seen" in " ".join(report.limits.paragraphs)
-
-
 def test_ready_angles_have_no_accuracy_of_ours() -> None:
     paragraphs = " ".join(report_of(analysis=make_analysis(calibrated=False)).limits.paragraphs)
 
@@ -336,11 +328,6 @@ def test_a_long_subject_code_is_cut_at_the_head_of_the_page() -> None:
     report = build_report(make_analysis(), make_subject(subject="b" * 30), "en")
 
     assert report.header[0].value == "b" * 23 + "…"
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_the_same_analysis_gives_the_same_report(language: Language) -> None:
-    assert report_of(language=language) == report_of(language=language)
 
 
 def test_the_figures_do_not_depend_on_the_language() -> None:

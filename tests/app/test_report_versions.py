@@ -123,7 +123,7 @@ def test_the_same_correction_again_is_made_once(store: JobStore, add_job: AddJob
     first = add_job()
     finish_next(store)
 
-    corrected = [store.correct(first, MOVED) for _ in range(2)]
+    corrected = [store.correct(store.get(first.id), MOVED) for _ in range(2)]
 
     assert corrected[0].id == corrected[1].id
     assert len(store.find_newest()) == 2
@@ -134,19 +134,33 @@ def test_a_correction_of_a_version_that_is_not_the_current_one_is_refused(
 ) -> None:
     first = add_job()
     finish_next(store)
-    store.correct(first, MOVED)
+    corrected = store.correct(store.get(first.id), MOVED)
 
     with pytest.raises(StaleVersion):
-        store.correct(first, replace(MOVED, side="left"))
+        store.correct(store.get(first.id), replace(MOVED, side="left"))
+    assert corrected.request.version == 2
     assert len(store.find_newest()) == 2
 
 
 def test_a_correction_back_to_an_earlier_version_is_the_current_one(store: JobStore, add_job: AddJob) -> None:
     first = add_job()
     finish_next(store)
-    second = store.correct(first, MOVED)
+    second = store.correct(store.get(first.id), MOVED)
     finish_next(store)
 
-    back = store.correct(second, first.request)
+    back = store.correct(store.get(second.id), first.request)
 
     assert (back.request.version, back.id != first.id) == (1, True)
+
+
+def test_what_failed_leaves_the_version_before_it_to_be_corrected(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    finish_next(store)
+    failed = store.correct(store.get(first.id), MOVED)
+    fail_next(store)
+
+    again = store.correct(store.get(first.id), replace(MOVED, side="left"))
+
+    assert again.request.version == 2
+    with pytest.raises(StaleVersion):
+        store.correct(store.get(failed.id), replace(MOVED, side="right"))

@@ -217,10 +217,6 @@ def test_numpy_floats_that_are_not_numbers_are_null() -> None:
     assert b'"elevation_p99_deg": null' in encoded
 
 
-def test_the_same_analysis_gives_the_same_bytes() -> None:
-    assert encode_results(make_analysis(), make_subject()) == encode_results(make_analysis(), make_subject())
-
-
 def test_the_file_is_utf8_and_ends_with_a_newline() -> None:
     encoded = encode_results(make_analysis(), make_subject(subject="Été"))
 

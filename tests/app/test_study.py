@@ -63,18 +63,6 @@ def test_what_failed_is_listed_with_its_place(done: tuple[int, Path]) -> None:
     assert {(row["file"], row["code"]) for row in rows} == FAILED
 
 
-def test_the_json_lists_what_failed(done: tuple[int, Path]) -> None:
-    study: dict[str, Any] = json.loads((done[1] / "study.json").read_text())
-
-    assert {(problem["file"], problem["code"]) for problem in study["problems"]} == FAILED
-
-
-def test_the_sheet_lists_what_failed_with_its_code(done: tuple[int, Path]) -> None:
-    page = (done[1] / "study.html").read_text()
-
-    assert all(text in page for row in FAILED for text in row)
-
-
 def test_the_table_counts_people_and_holds_the_paper(done: tuple[int, Path]) -> None:
     with (done[1] / "table.csv").open(newline="") as file:
         row = next(csv.DictReader(file))

@@ -5,7 +5,6 @@ import tomllib
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -14,7 +13,6 @@ import app.report.words.wording
 import app.web
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.report.words.wording import Part, load_wording
 from app.web.views import format_size
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
@@ -273,17 +271,6 @@ def test_no_page_names_another_host(client: TestClient) -> None:
     addresses = {found for text in texts for found in re.findall(r"https?://[^\s\"'<)]+", text)}
 
     assert all(address.startswith("http://localhost:8080") for address in addresses)
-
-
-@pytest.mark.parametrize("name", ["page", "day", "help", "pair_pages", "columns"])
-def test_both_languages_have_the_same_words(name: Part) -> None:
-    assert list_keys(load_wording("en", name)) == list_keys(load_wording("fr", name))
-
-
-def list_keys(words: Any, path: str = "") -> list[str]:
-    if not hasattr(words, "items"):
-        return [path]
-    return [key for name, inner in words.items() for key in list_keys(inner, f"{path}.{name}")]
 
 
 def test_every_word_of_the_page_is_used() -> None:

@@ -142,15 +142,6 @@ def delay_gyro(rows: int) -> Callable[[Matrix], None]:
     return change
 
 
-def turn_axis_late(axis: int) -> Callable[[Matrix], None]:
-    """One axis the other way about in the last 70 of 240 s."""
-
-    def change(columns: Matrix) -> None:
-        columns[17_000:, axis] *= -1.0
-
-    return change
-
-
 def hang(columns: Matrix) -> None:
     """The arm hangs all the time; nothing tells the gyroscope's unit."""
     columns[:] = columns[np.arange(len(columns)) % 1300]
@@ -199,16 +190,6 @@ def zeros_of(rows: int, every: int = 1000) -> Callable[[Matrix], None]:
     def change(columns: Matrix) -> None:
         for first in range(1500, len(columns) - rows, every):
             columns[first : first + rows] = 0.0
-
-    return change
-
-
-def stop_axis(axis: int, rows: int, *, is_held: bool = False) -> Callable[[Matrix], None]:
-    """One channel at zero, or at its last value, for so many rows, every ten seconds, in the movement."""
-
-    def change(columns: Matrix) -> None:
-        for first in range(500, len(columns), 1000):
-            columns[first : first + rows, axis] = columns[first - 1, axis] if is_held else 0.0
 
     return change
 

@@ -47,12 +47,17 @@ SIGNALS = (
         read(f"87 {name}", "shift.csv", s.tumbled(change), "W-UNITS", (240.0, 0.0, 0.0))
         for name, change in (
             ("gyro negated", s.negate_gyro),
-            ("gyro x0.5", s.multiply_gyro(0.5)),
-            ("gyro x0.87", s.multiply_gyro(0.87)),
-            ("gyro x1.3", s.multiply_gyro(1.3)),
-            ("gyro x2", s.multiply_gyro(2.0)),
             ("gyro x0.001", s.multiply_gyro(0.001)),
             ("gyro x1000", s.multiply_gyro(1000.0)),
+        )
+    ),
+    *(
+        read(f"87 gyro x{factor}", "shift.csv", s.tumbled(s.multiply_gyro(factor)), warnings, times_s)
+        for factor, warnings, times_s in (
+            (0.5, "W-SCALE-DOUBT W-UNTRUSTED", (166.0, 74.0, 0.0)),
+            (0.87, "W-SCALE-DOUBT W-UNTRUSTED", (235.0, 5.0, 0.0)),
+            (1.3, "W-SCALE-DOUBT W-UNTRUSTED", (145.0, 95.0, 0.0)),
+            (2.0, "W-SCALE-DOUBT W-UNTRUSTED W-LOWCOVER", (62.0, 178.0, 0.0)),
         )
     ),
     read(
@@ -73,15 +78,6 @@ SIGNALS = (
     ),
     refused("86 no unit, no movement", "shift.csv", s.altered(s.hang, s.UNITLESS), "E-UNIT"),
     refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro(50)), "E-MIXED"),
-    refused("87 gyro 0.1 s late", "shift.csv", s.tumbled(s.delay_gyro(10)), "E-MIXED"),
-    read("87 gyro 40 ms late", "shift.csv", s.tumbled(s.delay_gyro(4)), "W-LAG", (240.0, 0.0, 0.0)),
-    read(
-        "87 gyro y turned over on the way",
-        "shift.csv",
-        s.tumbled(s.turn_axis_late(4)),
-        "W-MIXED-PART W-UNTRUSTED",
-        (183.0, 57.0, 0.0),
-    ),
     refused("87 gyro noise", "shift.csv", s.tumbled(s.noise_for_gyro), "E-MIXED"),
     refused("87 acc x x1.5", "shift.csv", s.turned_all_round(s.stretch_acc(1.5)), "E-SCALE"),
     read("86 mdps", "shift.csv", s.altered(s.multiply_gyro(1000.0)), "W-UNITS"),
@@ -101,17 +97,7 @@ SIGNALS = (
         (58.0, 2.0, 0.0),
     ),
     read("89 zeros, 1.4 s every 10 s", "shift.csv", s.tumbled(s.zeros_of(140)), FILLED, (207.8, 32.2, 0.0)),
-    *(
-        refused(f"89 {name}", "shift.csv", s.tumbled(change), "E-DEAD")
-        for name, change in (
-            ("gyro y zero, 30 ms", s.stop_axis(4, 3)),
-            ("gyro y zero, 0.2 s", s.stop_axis(4, 20)),
-            ("gyro z zero, 1.4 s", s.stop_axis(5, 140)),
-            ("gyro x held, 0.3 s", s.stop_axis(3, 30, is_held=True)),
-            ("acc z zero, 80 ms", s.stop_axis(2, 8)),
-        )
-    ),
-    refused("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), "E-DEAD"),
+    read("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), f"{FILLED} W-SHORT", (59.6, 0.4, 0.0)),
     read("89 repeats", "shift.csv", s.altered(s.repeats), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
     read("90", "shift.csv", s.altered(s.spikes), "W-SPIKE W-SHORT", (59.92, 0.0, 0.08)),
     read(

@@ -16,9 +16,6 @@ from fusion.simulation.sensor import Device
 from tests.validation.broad import load_trials, resample_to_100_hz
 
 Rows = NDArray[np.float32]
-SCALED_PERCENT = 0.4
-"""Half hours of five seeds differ by 0.35 at most, where the arm rests near the edge of a bin: the fusion's
-own calibration starts from another scale. Left as they are, 0.4 to 2.2."""
 STATED = {"acceleration_unit": "g", "angular_rate_unit": "dps"}
 
 
@@ -56,16 +53,11 @@ RATES = {
     "all negated": scale(-1, -1, -1),
     **{f"x{factor:.3g}": scale(factor) for factor in (57.3, 1 / 57.3, 1000.0)},
 }
-ACCELERATIONS = {f"x{factor:.3g}": scale(factor) for factor in (0.93, 0.96, 1.04, 1.05)}
 
 
-def put_right(recording: Recording, acc_g: Rows | None = None, gyr_dps: Rows | None = None) -> Recording:
+def put_right(recording: Recording, gyr_dps: Rows) -> Recording:
     (segment,) = recording.segments
-    changed = replace(
-        segment,
-        acc_g=segment.acc_g.copy() if acc_g is None else acc_g,
-        gyr_dps=segment.gyr_dps.copy() if gyr_dps is None else gyr_dps,
-    )
+    changed = replace(segment, acc_g=segment.acc_g.copy(), gyr_dps=gyr_dps)
     return check_physics(replace(recording, segments=(changed,)))
 
 
@@ -73,20 +65,10 @@ def put_right(recording: Recording, acc_g: Rows | None = None, gyr_dps: Rows | N
 def test_a_gyroscope_put_right_gives_the_bins_of_the_clean_file(
     clean_shift: Recording, clean_bins: NDArray[np.float64], change: Callable[[Rows], Rows]
 ) -> None:
-    checked = put_right(clean_shift, gyr_dps=change(clean_shift.segments[0].gyr_dps))
+    checked = put_right(clean_shift, change(clean_shift.segments[0].gyr_dps))
 
     assert [flag.code for flag in checked.flags][:1] == ["W-UNITS"]
     assert find_bins(checked) == pytest.approx(clean_bins, abs=0.3)
-
-
-@pytest.mark.parametrize("change", ACCELERATIONS.values(), ids=ACCELERATIONS)
-def test_an_accelerometer_put_right_gives_the_bins_of_the_clean_file(
-    clean_shift: Recording, clean_bins: NDArray[np.float64], change: Callable[[Rows], Rows]
-) -> None:
-    checked = put_right(clean_shift, acc_g=change(clean_shift.segments[0].acc_g))
-
-    assert [flag.code for flag in checked.flags][:1] == ["W-UNITS"]
-    assert find_bins(checked) == pytest.approx(clean_bins, abs=SCALED_PERCENT)
 
 
 def assert_left_alone(recordings: Sequence[Recording]) -> None:

@@ -16,7 +16,7 @@ from app.access.accounts import AccountStore
 from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import Role
-from app.access.tables import sessions
+from app.jobs.database.tables import sessions
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
@@ -44,11 +44,10 @@ def logins(data: Path) -> Iterator[Logins]:
     """The accounts: Maria manages people, Clara is a clinician and manages them, too."""
     settings = Settings(data_dir=data)
     accounts = AccountStore(settings)
-    accounts.add_organisation("own", "Riverside clinic")
     opened = Logins(accounts, settings)
     kept = hash_password(PASSWORD)
     for login, (name, *roles) in PEOPLE.items():
-        person = accounts.add_person("own", login, name, cast("list[Role]", roles))
+        person = accounts.add_person(login, name, cast("list[Role]", roles))
         opened.credentials.set_password(person.id, kept)
     yield opened
     accounts.database.close()

@@ -88,25 +88,6 @@ def test_a_mapping_that_leads_to_a_refusal_leads_back_to_the_columns(
     expect(page.locator("[name=acceleration_x]")).to_have_value("2")
 
 
-def test_what_was_named_is_offered_for_the_next_file_and_not_used_unasked(
-    page: Page, server: RunningServer, lines: list[str], tmp_path: Path
-) -> None:
-    first = server.send(write_table(tmp_path / "first.csv", lines, 0))
-    see_end(server, first["id"])
-    page.goto(f"{server.address}analyses/{first['id']}/columns?lang=en")
-    choose_columns(page)
-    page.get_by_role("button", name="Analyse with these columns").click()
-    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
-
-    second = server.send(write_table(tmp_path / "second.csv", lines, 1))
-    assert see_end(server, second["id"])["state"] == "failed"
-    open_analysis(page, server, second["id"])
-    keep_picture(page, "offer")
-    page.get_by_role("button", name="Use them").click()
-
-    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
-
-
 def test_of_two_sensors_in_a_table_the_page_asks_which_one_is_on_the_arm(
     page: Page, server: RunningServer, lines: list[str], tmp_path: Path
 ) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page
 
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import open_home, see_end, wait_for_end
@@ -64,18 +64,8 @@ def test_all_three_ways_in_read_its_file_to_the_same_results(
     assert results["recording"]["device"] == "Acme armband"
     assert results["recording"]["rate_hz"] == 100
     assert results["recording"]["start"] == "2026-03-02T08:00:00+00:00"
-
-
-def test_the_report_bears_the_device_and_the_reader(
-    page: Page, reading: RunningServer, armband: Path
-) -> None:
-    job = reading.send(armband, again="true")["id"]
-    see_end(reading, job)
-
-    page.set_content(reading.client.get(f"/api/v1/analyses/{job}/report.html").text)
-
-    expect(page.locator("body")).to_contain_text("Acme armband")
-    expect(page.locator("body")).to_contain_text("acme-armband 1.2")
+    report = reading.client.get(f"/api/v1/analyses/{again}/report.html").text
+    assert ("Acme armband" in report, "acme-armband 1.2" in report) == (True, True)
 
 
 def test_a_new_version_of_the_reader_is_a_reason_to_analyse_again(armband: Path, tmp_path: Path) -> None:

@@ -235,9 +235,8 @@ def clinic(data: Path, shared_id: str) -> Iterator[RunningServer]:
     """A server on which Anna and Clara sign in, both clinicians."""
     settings = Settings(data_dir=data)
     logins = Logins(AccountStore(settings), settings)
-    logins.accounts.add_organisation("own", "Riverside clinic")
     for login in ("anna", "clara"):
-        person = logins.accounts.add_person("own", login, login.title(), ["clinician"])
+        person = logins.accounts.add_person(login, login.title(), ["clinician"])
         logins.credentials.set_password(person.id, hash_password(PASSWORD))
     logins.accounts.database.close()
     running = RunningServer(data, data.parent / "log", workers=0, ACROMION_NO_SECRET="0")

@@ -1,6 +1,6 @@
 """Who asks, found before any route runs, and what the route asks of them.
 
-The middleware finds the subject and the services of its organisation. The permission is checked once the
+The middleware finds the subject. The permission is checked once the
 route is known, by a dependency that every route has (:data:`CHECKED`). What lasts (events, a live session)
 ends with the login.
 """
@@ -19,14 +19,14 @@ from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.access.gate import Credentials, Gate
-from app.access.routes import CONFIRMED, Needed, find_needed
+from app.access.routes import ROUTE_TABLE
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
 from app.api.middleware.echoes import holds_token
 from app.api.middleware.readings import KnownLines, Recorder
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
-from app.jobs.trail import NOBODY, set_actor
-from app.services import SERVICES, SUBJECT, Offices
+from app.jobs.audit_log import NOBODY, set_actor
+from app.services import SUBJECT
 
 LOOK_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
@@ -40,12 +40,12 @@ Respond = Callable[[Request, Exception], Response]
 class Access:
     """Middleware that tells who asks."""
 
-    def __init__(self, app: ASGIApp, gate: Gate, offices: Offices, respond: Respond) -> None:
-        self._app, self._gate, self._offices, self._respond = app, gate, offices, respond
+    def __init__(self, app: ASGIApp, gate: Gate, respond: Respond) -> None:
+        self._app, self._gate, self._respond = app, gate, respond
         self._known = KnownLines()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Find the subject and its services, then hand the request on."""
+        """Find the subject, then hand the request on."""
         if scope["type"] not in ("http", "websocket") or _is_about_health(scope):
             await self._app(scope, receive, send)
             return
@@ -54,7 +54,6 @@ class Access:
             subject = await run_sync(self._gate.find_subject, read_credentials(HTTPConnection(scope)))
             if subject is not None:
                 scope[SUBJECT] = subject
-                scope[SERVICES] = await run_sync(self._offices.find, subject.organisation)
         except AppError as refusal:
             await self._refuse(scope, receive, send, refusal)
             return
@@ -127,21 +126,16 @@ async def check_permission(connection: HTTPConnection) -> None:
     NotSignedIn, NotPermitted, NotConfirmed
     """
     method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
+    route = ROUTE_TABLE.get((method, path))
     try:
-        _check_needed(connection, find_needed(method, path))
+        if route is None or (route.needed != "public" and not find_subject(connection).may(route.needed)):
+            raise NotPermitted(permission=str(route and route.needed))
     except AppError as refusal:
         if method != "WS":
             raise
         raise WebSocketException(WS_1008_POLICY_VIOLATION, refusal.code) from refusal
-    if (method, path) in CONFIRMED:
+    if route is not None and route.asks_again:
         await run_sync(check_confirmed, connection)
-
-
-def _check_needed(connection: HTTPConnection, needed: Needed | None) -> None:
-    if needed == "public":
-        return
-    if needed is None or not find_subject(connection).may(needed):
-        raise NotPermitted(permission=str(needed))
 
 
 def check_confirmed(connection: HTTPConnection) -> None:

@@ -16,7 +16,7 @@ LONGEST_COOKIE = 200
 
 def find_settings(connection: HTTPConnection) -> Settings:
     """Give the settings of the server."""
-    settings: Settings = connection.app.state.offices.own.settings
+    settings: Settings = connection.app.state.services.settings
     return settings
 
 

@@ -1,4 +1,4 @@
-"""How many lines the refusals of one asker may leave: guesses stay visible, and the trail stays bounded."""
+"""How many lines the refusals of one asker may leave: guesses stay visible, the audit log bounded."""
 
 import time
 from collections.abc import Callable

@@ -14,7 +14,6 @@ from typing import Any
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspect, select, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
-from sqlalchemy.schema import CreateSchema
 
 from app.errors import (
     AppError,
@@ -24,13 +23,12 @@ from app.errors import (
     DiskFull,
     WrongSchema,
 )
+from app.jobs.audit_log import keep_audit_log
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
-from app.jobs.trail import keep_trail, record
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import check_folder, translate_folder_errors
 
-_SEARCH_PATH = "-csearch_path="
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
 _CONNECT_TIMEOUT_S = 10
@@ -61,19 +59,6 @@ def open_database(url: str) -> Engine:
     return engine
 
 
-def make_schema(url: str) -> None:
-    """Make the schema that the address of a PostgreSQL database chooses, where there is none."""
-    parts = make_url(url)
-    chosen = str(parts.query.get("options", ""))
-    if parts.get_backend_name() == "sqlite" or not chosen.startswith(_SEARCH_PATH):
-        return
-    engine = connect(url)
-    with engine.begin() as connection:
-        lock_tables(connection)
-        connection.execute(CreateSchema(chosen.removeprefix(_SEARCH_PATH), if_not_exists=True))
-    engine.dispose()
-
-
 def bring_up_to_date(settings: Settings) -> None:
     """Migrate the tables if they are of an earlier revision of ours.
 
@@ -95,12 +80,12 @@ def bring_up_to_date(settings: Settings) -> None:
 
 
 def connect(url: str) -> Engine:
-    """Give an engine whose commits outlast a power cut and take their lines of the trail with them.
+    """Give an engine whose commits outlast a power cut and take their lines of the audit log with them.
 
     Its errors hold no subject code.
     """
     engine = _connect(url)
-    keep_trail(engine)
+    keep_audit_log(engine)
     return engine
 
 
@@ -220,7 +205,6 @@ def _check_revision(connection: Connection) -> None:
     found = read_revision(connection)
     if found is None and not inspect(connection).has_table(analyses.name):
         create_tables(connection)
-        record(connection, "trail.began")
     elif found != REVISION:
         raise WrongSchema(found=found or "-", needed=REVISION)
 

@@ -1,1 +1,1 @@
-"""What an organisation decides about its data: releases, terms, published group figures."""
+"""What is decided about the data: releases, terms, published group figures."""

@@ -16,6 +16,7 @@ from typing import Any
 from sqlalchemy import Connection, insert, select, text
 
 from app.errors import NotHere
+from app.jobs.audit_log import record
 from app.jobs.database.tables import (
     aggregate_blocks,
     aggregate_members,
@@ -27,7 +28,6 @@ from app.jobs.database.tables import (
 )
 from app.jobs.job import JobState
 from app.jobs.queries import STORED, RowStore, format_now
-from app.jobs.trail import record
 from app.request import find_code
 from fusion.conventions import FEWEST_PEOPLE
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from sqlalchemy import Row, insert, select
 
 from app.errors import NoSuchFile
+from app.jobs.audit_log import Act, record
 from app.jobs.database.tables import analyses, answers, releases, result_files
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import Act, record
 
 REPORT = "report.pdf"
 

@@ -1,4 +1,4 @@
-"""Retention: how long an organisation keeps each kind of data. Without a row a kind is kept for good.
+"""Retention: how long each kind of data is kept. Without a row a kind is kept for good.
 
 Ages are counted in the running time of the server, never by the clock: a clock that is put forward deletes
 nothing. What is on hold is not deleted.
@@ -7,24 +7,23 @@ nothing. What is on hold is not deleted.
 from collections.abc import Mapping
 from typing import Literal, get_args
 
-from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, delete, func, insert, select, update
 
 from app.errors import BadParameter
+from app.jobs.audit_log import record
 from app.jobs.database.tables import (
     analyses,
     answers,
+    audit_log,
     recordings,
     result_files,
     retention,
     running_time,
-    trail,
-    trail_marks,
 )
 from app.jobs.job import TRANSITIONS, JobState
 from app.jobs.queries import STORED, RowStore, select_running_s
 from app.jobs.recordings import drop_empty_batches
 from app.jobs.side_files import increment_revision
-from app.jobs.trail import record
 
 Kind = Literal["recordings", "results", "trash", "trail"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -59,12 +58,11 @@ class RetentionStore(RowStore):
             record(connection, "retention.changed", other={"kind": kind, "days": days or "for_good"})
 
     def add_running_time(self, elapsed_s: float) -> None:
-        """Count running time, and mark the head of the trail once a day of it."""
+        """Count running time."""
         with self._engine.begin() as connection:
             longer = {"running_s": running_time.c.running_s + elapsed_s}
             if connection.execute(update(running_time).values(longer)).rowcount == 0:
                 connection.execute(insert(running_time).values(id=1, running_s=elapsed_s))
-            _mark_trail(connection)
 
     def find_due_recordings(self) -> tuple[str, ...]:
         """Give recordings whose term has passed, a few at a time; none on hold."""
@@ -91,7 +89,7 @@ class RetentionStore(RowStore):
         return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
 
     def find_trash_term_s(self, otherwise_s: float) -> float:
-        """Give how long the trash is kept; ``otherwise_s`` where the organisation has not said."""
+        """Give how long the trash is kept; ``otherwise_s`` where no term is set."""
         days = self.find_all()["trash"]
         return otherwise_s if days is None else days * DAY_S
 
@@ -118,40 +116,18 @@ class RetentionStore(RowStore):
             record(connection, "analysis.purged", row.id, analysis_id)
         return True
 
-    def shorten_trail(self) -> int:
-        """Delete the lines of the trail whose term has passed; gives how many.
-
-        A new line names the last that is gone, with its hash: the chain is proved from there. The newest
-        line always stays.
-        """
+    def shorten_audit_log(self) -> int:
+        """Delete the lines of the audit log whose term has passed; return how many. A new line says so."""
         days = self.find_all()["trail"]
         if days is None:
             return 0
-        is_old = select_running_s() - trail_marks.c.since_s >= days * DAY_S
-        due = select(func.max(trail_marks.c.seq)).where(is_old)
+        is_old = audit_log.c.since_s <= select_running_s() - days * DAY_S
         with self._engine.begin() as connection:
-            until = connection.execute(due).scalar()
-            newest = connection.execute(select(func.max(trail.c.seq))).scalar()
-            last = connection.execute(select(trail.c.hash).where(trail.c.seq == until)).scalar()
-            if until is None or last is None or until >= newest:
-                return 0
-            gone = connection.execute(delete(trail).where(trail.c.seq <= until)).rowcount
-            connection.execute(delete(trail_marks).where(trail_marks.c.seq <= until))
-            record(connection, "trail.shortened", other={"until": int(until), "hash": last})
+            gone = connection.execute(delete(audit_log).where(is_old)).rowcount
+            if gone:
+                record(connection, "trail.shortened", other={"lines": gone})
         return int(gone)
 
 
 def _is_over() -> ColumnElement[bool]:
     return analyses.c.state.in_([state for state in JobState if not TRANSITIONS[state]])
-
-
-def _mark_trail(connection: Connection) -> None:
-    """Mark the head where the last mark is a day of running time old; older lines are at least as old."""
-    now_s = float(connection.execute(select(select_running_s())).scalar_one())
-    last_s = connection.execute(select(func.max(trail_marks.c.since_s))).scalar()
-    head = connection.execute(select(func.max(trail.c.seq))).scalar()
-    if head is None or (last_s is not None and now_s - float(last_s) < DAY_S):
-        return
-    known = connection.execute(select(trail_marks.c.seq).where(trail_marks.c.seq == head)).scalar()
-    if known is None:
-        connection.execute(insert(trail_marks).values(seq=head, since_s=now_s))

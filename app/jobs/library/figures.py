@@ -12,9 +12,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, insert, select, update
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.queries import format_diary, read_diary
-from app.jobs.trail import record
 from app.report.figures import load_results
 from app.request import ReportRequest
 

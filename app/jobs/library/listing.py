@@ -23,6 +23,7 @@ from sqlalchemy import (
     select,
 )
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings, saved_views
 from app.jobs.job import Job, JobState
 from app.jobs.library.figures import HeadlineFigures
@@ -36,7 +37,6 @@ from app.jobs.queries import (
     select_jobs,
     sort_tags,
 )
-from app.jobs.trail import record
 from app.request import find_code
 from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from sqlalchemy import ColumnElement, Connection, Row, delete, exists, insert, select, update
 
 from app.errors import NotHere
+from app.jobs.audit_log import Act, record
 from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.trail import Act, record
 from app.jobs.versions import identify_work, renumber, settle_conclusion
 from app.request import ReportRequest
 

@@ -9,10 +9,10 @@ import hashlib
 from sqlalchemy import Connection, Select, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, batch_items, batches
 from app.jobs.queries import format_now
 from app.jobs.side_files import increment_revision_of
-from app.jobs.trail import record
 
 
 def identify_study(name: str) -> str:

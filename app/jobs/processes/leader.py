@@ -14,7 +14,7 @@ from sqlalchemy.exc import OperationalError
 UPKEEP, REVIVAL = 0x6163726B, 0x61637276  # arbitrary numbers: whoever holds the advisory lock leads
 
 _KEYS = ":key, hashtext(current_schema())"
-"""Each organisation has a schema of its own, and a leader of its own."""
+"""Servers in several schemas of one database lead apart."""
 _NOTICE_DEATH = text(
     "SELECT set_config(name, CASE name WHEN 'tcp_keepalives_count' THEN '3' ELSE '5' END, false) "
     "FROM pg_settings WHERE name LIKE 'tcp\\_keepalives\\_%'"

@@ -37,11 +37,25 @@ def build_agreement(
     figures = [draw_bland_altman(pairs, overall, words, language), draw_overlay(pairs, words, language)]
     error = draw_error_over_time(pairs, words, language)
     facts = {"version": subject.software.version, "id": report_id}
+    devices, label = load_device_names(language), words["header"]
+    ours, reference = (
+        f"{devices.get(side.device, NONE)} ({clean_text(name)})"
+        for side, name in (
+            (comparison.ours, subject.file_name),
+            (comparison.reference, subject.reference_name),
+        )
+    )
+    header = (
+        Pair(label["subject"], clean_text(subject.subject) or common["label"]["not_given"]),
+        Pair(label["ours"], ours),
+        Pair(label["reference"], reference),
+        Pair(label["common"], format_duration(overall.duration_s, language)),
+    )
     return AgreementReport(
         language=language,
         title=words["title"],
         subtitle=words["subtitle"],
-        header=_build_header(comparison, subject, words, language),
+        header=header,
         sentences=list_sentences(validation, language),
         main=(tabulate_tasks(comparison, words, language),),
         figures=tuple(figure for figure in (*figures, error) if figure is not None),
@@ -62,25 +76,6 @@ def identify_comparison(validation: Mapping[str, Any]) -> str:
     return hashlib.sha256(repr(named).encode()).hexdigest()[:16]
 
 
-def _build_header(
-    comparison: Comparison, subject: ComparisonSubject, words: Words, language: Language
-) -> tuple[Pair, ...]:
-    devices, label = load_device_names(language), words["header"]
-    seconds = comparison.overall.duration_s
-    return (
-        Pair(label["subject"], clean_text(subject.subject) or load_wording(language)["label"]["not_given"]),
-        Pair(label["ours"], _join(devices.get(comparison.ours.device, NONE), subject.file_name)),
-        Pair(
-            label["reference"], _join(devices.get(comparison.reference.device, NONE), subject.reference_name)
-        ),
-        Pair(label["common"], format_duration(seconds, language)),
-    )
-
-
-def _join(device: str, file_name: str) -> str:
-    return f"{device} ({clean_text(file_name)})"
-
-
 def _build_sections(
     comparison: Comparison, subject: ComparisonSubject, words: Words, language: Language
 ) -> tuple[Section, ...]:
@@ -92,27 +87,11 @@ def _build_sections(
         tabulate_strata(comparison.by_speed, "by_speed", words, language),
     )
     exposure = tabulate_exposure(comparison.exposure, words, language)
-    lags = tabulate_lags(comparison.alignment.windows, words, language)
-    sections = (
-        Section("agreement", title["agreement"], tables=tuple(t for t in tables if t.rows)),
-        Section("exposure", title["exposure"], tables=(exposure,) if exposure.rows else ()),
-        Section(
-            "clocks",
-            title["clocks"],
-            (words["clocks"]["text"],),
-            pairs=_list_clocks(comparison, words, language),
-            tables=(lags,) if lags.rows else (),
-        ),
-        Section("provenance", title["provenance"], pairs=_list_provenance(comparison, subject, words)),
-    )
-    return tuple(section for section in sections if section.tables or section.pairs)
-
-
-def _list_clocks(comparison: Comparison, words: Words, language: Language) -> tuple[Pair, ...]:
     alignment, entry = comparison.alignment, words["clocks"]
+    lags = tabulate_lags(alignment.windows, words, language)
     drift = "given" if alignment.is_drift_given else "found" if alignment.is_drift_fitted else "untold"
     told_drift = tell_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
-    return (
+    clocks = (
         Pair(entry["offset"], f"{format_number(alignment.offset_s, 4, language)} s"),
         Pair(entry["offset_source"], entry["given" if alignment.is_offset_given else "found"]),
         Pair(entry["drift"], f"{told_drift} ppm"),
@@ -121,14 +100,11 @@ def _list_clocks(comparison: Comparison, words: Words, language: Language) -> tu
         Pair(entry["rate"], f"{format_number(comparison.pairs.rate_hz, 2, language)} Hz"),
         Pair(entry["axis"], entry["axes"][comparison.axis]),
     )
-
-
-def _list_provenance(comparison: Comparison, subject: ComparisonSubject, words: Words) -> tuple[Pair, ...]:
     entry = words["provenance"]
     understood = [
         f"{name}: {clean_text(value)}" for name, value in comparison.reference.understood.items() if value
     ]
-    return (
+    provenance = (
         Pair(entry["ours_sha256"], comparison.ours.sha256, code=True),
         Pair(entry["reference_sha256"], comparison.reference.sha256, code=True),
         Pair(entry["understood"], "; ".join(understood) or NONE),
@@ -136,3 +112,16 @@ def _list_provenance(comparison: Comparison, subject: ComparisonSubject, words: 
         Pair(entry["pose"], subject.pose or NONE),
         Pair(entry["software"], f"acromion {subject.software.version} ({subject.software.revision})"),
     )
+    sections = (
+        Section("agreement", title["agreement"], tables=tuple(t for t in tables if t.rows)),
+        Section("exposure", title["exposure"], tables=(exposure,) if exposure.rows else ()),
+        Section(
+            "clocks",
+            title["clocks"],
+            (words["clocks"]["text"],),
+            pairs=clocks,
+            tables=(lags,) if lags.rows else (),
+        ),
+        Section("provenance", title["provenance"], pairs=provenance),
+    )
+    return tuple(section for section in sections if section.tables or section.pairs)

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from app.report.agreement.study_tables import find_paper_row
+from app.report.agreement.tables import tell_r
 from app.report.charts.agreement import draw_study
 from app.report.model import AgreementReport, Note, Pair, Section, Table
 from app.report.words.numbers import NONE, format_angle, format_number
@@ -15,7 +16,7 @@ from app.report.words.subject import Software, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 
 if TYPE_CHECKING:
-    from fusion.agreement import AgreementCell, AgreementEntry, Limits
+    from fusion.agreement import AgreementCell, AgreementEntry
     from fusion.agreement.agreement_study import Spread
 
 STATISTICS = ("r", "rmse_deg", "mean_absolute_error_deg")
@@ -53,12 +54,18 @@ def build_study(
         "devices": ", ".join(names),
         "problems": str(len(problems)),
     }
+    sentences = []
+    for device, name in zip(devices, names, strict=True):  # between what means its error lies
+        means = [cell.rmse_deg.mean for cell in cells if cell.device == device]
+        known = [mean for mean in means if isfinite(mean)] or [float("nan")]
+        low, high = (format_angle(edge, language, 2) for edge in (min(known), max(known)))
+        sentences.append(fill(entry["sentence"], {"device": name, "low": low, "high": high}))
     return AgreementReport(
         language=language,
         title=entry["title"],
         subtitle=words["subtitle"],
         header=tuple(Pair(entry["header"][name], counts[name]) for name in entry["header"]),
-        sentences=_tell_study(cells, devices, words, language),
+        sentences=tuple(sentences),
         main=(tabulate_table_1(cells, devices, words, language),),
         figures=tuple(draw_study(entries, cells, device, words, language) for device in devices),
         limits=Note(words["limits"]["title"], tuple(words["limits"]["paragraphs"])),
@@ -68,23 +75,6 @@ def build_study(
         made_of=None,
         words={**common["label"], **words["label"], "attachment": entry["attachment"]},
     )
-
-
-def _tell_study(
-    cells: Sequence[AgreementCell], devices: Sequence[str], words: Words, language: Language
-) -> tuple[str, ...]:
-    """Say for each device between what means the error lies."""
-    sentences = []
-    for device in devices:
-        means = [cell.rmse_deg.mean for cell in cells if cell.device == device]
-        known = [mean for mean in means if isfinite(mean)] or [float("nan")]
-        facts = {
-            "device": find_device_name(load_wording(language), device),
-            "low": format_angle(min(known), language, 2),
-            "high": format_angle(max(known), language, 2),
-        }
-        sentences.append(fill(words["study"]["sentence"], facts))
-    return tuple(sentences)
 
 
 def tabulate_table_1(
@@ -136,46 +126,38 @@ def _build_sections(
     language: Language,
 ) -> tuple[Section, ...]:
     entry = words["study"]
-    limits = Table(
-        entry["limits_caption"],
-        tuple(entry["limits_columns"]),
-        tuple(_tell_limits(cell, cell.limits, words, language) for cell in cells),
-        entry["limits_note"],
+    rows = []
+    for cell in cells:
+        limits = cell.limits
+        edges = (limits.bias_deg, limits.low_deg, limits.high_deg)
+        values = (*edges, limits.between_sd_deg, limits.within_sd_deg)
+        rows.append(
+            (
+                cut_text(clean_text(cell.task), LONGEST_TASK),
+                entry["short"].get(cell.device, cell.device),
+                format_number(cell.people, 0, language),
+                *(format_angle(value, language, 2) for value in values),
+            )
+        )
+    columns = tuple(entry["limits_columns"])
+    limits_table = Table(entry["limits_caption"], columns, tuple(rows), entry["limits_note"])
+    compared = tuple(
+        (
+            cut_text(clean_text(one.person), LONGEST_TASK),
+            entry["short"].get(one.device, one.device),
+            cut_text(clean_text(one.task), LONGEST_TASK),
+            tell_r(one.agreement.r, language),
+            format_angle(one.agreement.rmse_deg, language, 2),
+            format_angle(one.agreement.mean_absolute_error_deg, language, 2),
+            format_angle(one.agreement.bias_deg, language, 2),
+        )
+        for one in entries
     )
-    people = Table(
-        entry["people_caption"],
-        tuple(entry["people_columns"]),
-        tuple(_tell_entry(e, words, language) for e in entries),
-    )
+    people = Table(entry["people_caption"], tuple(entry["people_columns"]), compared)
     failed = Table(entry["problems_caption"], tuple(entry["problems_columns"]), tuple(problems), prose=True)
     sections = (
-        Section("limits", entry["limits_section"], tables=(limits,)),
+        Section("limits", entry["limits_section"], tables=(limits_table,)),
         Section("people", entry["people_section"], tables=(people,)),
         Section("problems", entry["problems_section"], tables=(failed,) if problems else ()),
     )
     return tuple(section for section in sections if section.tables)
-
-
-def _tell_limits(cell: AgreementCell, limits: Limits, words: Words, language: Language) -> tuple[str, ...]:
-    values = (limits.bias_deg, limits.low_deg, limits.high_deg, limits.between_sd_deg, limits.within_sd_deg)
-    short = words["study"]["short"].get(cell.device, cell.device)
-    return (
-        cut_text(clean_text(cell.task), LONGEST_TASK),
-        short,
-        format_number(cell.people, 0, language),
-        *(format_angle(value, language, 2) for value in values),
-    )
-
-
-def _tell_entry(entry: AgreementEntry, words: Words, language: Language) -> tuple[str, ...]:
-    agreement = entry.agreement
-    r = format_number(agreement.r, 3, language)
-    return (
-        cut_text(clean_text(entry.person), LONGEST_TASK),
-        words["study"]["short"].get(entry.device, entry.device),
-        cut_text(clean_text(entry.task), LONGEST_TASK),
-        "NA" if r == NONE else r,
-        format_angle(agreement.rmse_deg, language, 2),
-        format_angle(agreement.mean_absolute_error_deg, language, 2),
-        format_angle(agreement.bias_deg, language, 2),
-    )

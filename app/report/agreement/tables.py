@@ -133,25 +133,19 @@ def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Ta
 def tabulate_strata(strata: tuple[Stratum, ...], key: str, words: Words, language: Language) -> Table:
     """Give the error in each class; ``key`` is "by_elevation" or "by_speed"."""
     entry, unit = words[key], words[key]["unit"]
-    rows = tuple(
-        (
-            fill(
-                entry["last" if stratum.upper == float("inf") else "class"],
-                _tell_edges(stratum, unit, language),
-            ),
-            format_percent(stratum.percent, language),
-            format_angle(stratum.agreement.rmse_deg, language, 2),
-            format_angle(stratum.agreement.mean_absolute_error_deg, language, 2),
-            format_angle(stratum.agreement.bias_deg, language, 2),
+    rows = []
+    for stratum in strata:
+        lower, upper = (format_number(edge, 0, language) for edge in (stratum.lower, stratum.upper))
+        form = entry["last" if stratum.upper == float("inf") else "class"]
+        errors = (stratum.agreement.rmse_deg, stratum.agreement.mean_absolute_error_deg)
+        rows.append(
+            (
+                fill(form, {"lower": lower, "upper": upper, "unit": unit}),
+                format_percent(stratum.percent, language),
+                *(format_angle(value, language, 2) for value in (*errors, stratum.agreement.bias_deg)),
+            )
         )
-        for stratum in strata
-    )
-    return Table(entry["caption"], tuple(entry["columns"]), rows)
-
-
-def _tell_edges(stratum: Stratum, unit: str, language: Language) -> dict[str, str]:
-    lower, upper = (format_number(edge, 0, language) for edge in (stratum.lower, stratum.upper))
-    return {"lower": lower, "upper": upper, "unit": unit}
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows))
 
 
 def tabulate_exposure(figures: tuple[FigureDifference, ...], words: Words, language: Language) -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from itertools import groupby
 
@@ -19,7 +19,6 @@ from app.report.model import Chart, Table
 from app.report.pairs import format_points
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
-from fusion.days import Trend
 from fusion.days.overlay import PERCENTS, QUARTER_S, ClockBand, find_first_quarter
 
 _DAY_S = 86_400.0
@@ -34,7 +33,10 @@ def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: 
     entry = words["overlay"]
     first_s = find_first_quarter([arm.bands for _, arm in arms])
     clock = Clock(_MIDNIGHT + timedelta(seconds=first_s), language)
-    placed = [_place(arm.bands, first_s) for _, arm in arms]
+    placed = [  # the quarter hours on an axis that begins at ``first_s``, midnight or not
+        sorted((((band.start_s - first_s) % _DAY_S, band) for band in arm.bands), key=lambda place: place[0])
+        for _, arm in arms
+    ]
     end_s = max(run[-1][0] for run in placed) + QUARTER_S
     facts = {
         "list": ", ".join(name for name, _ in arms),
@@ -53,7 +55,14 @@ def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: 
         inner=entry["inner"],
     )
     rows = tuple(
-        (name, *row) for (name, _), run in zip(arms, placed, strict=True) for row in _tabulate(run, clock)
+        (
+            name,
+            clock.format(at),
+            str(band.days),
+            *(format_angle((band.percentiles_deg or {}).get(p), language) for p in PERCENTS),
+        )
+        for (name, _), run in zip(arms, placed, strict=True)
+        for at, band in run
     )
     return Chart(
         title=entry["title"],
@@ -64,60 +73,31 @@ def build_overlays(arms: Sequence[tuple[str, ArmDays]], words: Words, language: 
     )
 
 
-def _place(bands: Sequence[ClockBand], first_s: float) -> list[Placed]:
-    """Put the quarter hours on an axis that begins at ``first_s``, midnight or not."""
-    placed = (((band.start_s - first_s) % _DAY_S, band) for band in bands)
-    return sorted(placed, key=lambda place: place[0])
-
-
 def _lay_out(name: str, placed: list[Placed], clock: Clock, end_s: float, entry: Words) -> Overlay:
+    """Lay one arm out: runs of touching quarter hours, and the time in which too few days were analysed."""
+    known = enumerate((at, band.percentiles_deg) for at, band in placed if band.percentiles_deg is not None)
+    runs = [
+        [place for _, place in run]
+        for _, run in groupby(known, key=lambda item: round(item[1][0] / QUARTER_S) - item[0])
+    ]
+    outer, inner = (
+        tuple(
+            tuple(MinuteBand(at, at + QUARTER_S, angles[low], angles[50], angles[high]) for at, angles in run)
+            for run in runs
+        )
+        for low, high in ((10, 90), (25, 75))
+    )
+    edges = [0.0, *(edge for run in runs for edge in (run[0][0], run[-1][0] + QUARTER_S)), end_s]
+    gaps = zip(edges[::2], edges[1::2], strict=True)
+    marks = tuple(Mark(a, b, "missing", entry["unknown"]) for a, b in gaps if b > a)
     most = max(band.days for _, band in placed)
     return Overlay(
         name=fill(entry["panel"], {"name": name, "days": str(most)}),
-        day=Day(end_s, clock, _list_runs(placed, (10, 90)), _mark_unknown(placed, end_s, entry), None),
-        inner=_list_runs(placed, (25, 75)),
+        day=Day(end_s, clock, outer, marks, None),
+        inner=inner,
         counts=tuple((at, at + QUARTER_S, band.days) for at, band in placed),
         days=most,
         counts_label=entry["counts"],
-    )
-
-
-def _list_runs(placed: Sequence[Placed], ends: tuple[int, int]) -> tuple[tuple[MinuteBand, ...], ...]:
-    runs = _split(placed, lambda place: place[1].percentiles_deg is not None)
-    return tuple(tuple(_lay(at, band, ends) for at, band in run) for run in runs)
-
-
-def _split(placed: Sequence[Placed], is_kept: Callable[[Placed], bool]) -> list[list[Placed]]:
-    """Give the runs of touching quarter hours that are kept."""
-    kept = [place for place in placed if is_kept(place)]
-    ranked = enumerate(kept)
-    return [
-        [place for _, place in run]
-        for _, run in groupby(ranked, key=lambda item: round(item[1][0] / QUARTER_S) - item[0])
-    ]
-
-
-def _lay(at_s: float, band: ClockBand, ends: tuple[int, int]) -> MinuteBand:
-    angles = band.percentiles_deg or {}
-    return MinuteBand(at_s, at_s + QUARTER_S, angles[ends[0]], angles[50], angles[ends[1]])
-
-
-def _mark_unknown(placed: Sequence[Placed], end_s: float, entry: Words) -> tuple[Mark, ...]:
-    """Mark the time of the clock in which too few days, or none, were analysed."""
-    known = list(_split(placed, lambda place: place[1].percentiles_deg is not None))
-    edges = [0.0, *(edge for run in known for edge in (run[0][0], run[-1][0] + QUARTER_S)), end_s]
-    gaps = zip(edges[::2], edges[1::2], strict=True)
-    return tuple(Mark(a, b, "missing", entry["unknown"]) for a, b in gaps if b > a)
-
-
-def _tabulate(placed: Sequence[Placed], clock: Clock) -> tuple[tuple[str, ...], ...]:
-    return tuple(
-        (
-            clock.format(at),
-            str(band.days),
-            *(format_angle((band.percentiles_deg or {}).get(p), clock.language) for p in PERCENTS),
-        )
-        for at, band in placed
     )
 
 
@@ -127,7 +107,12 @@ def build_visits(arms: Sequence[ArmDays], words: Words, language: Language) -> t
     followed = [(arm, trend) for arm in arms if (trend := follow_days(arm))]
     if not followed:
         return ()
-    panels = [_lay_visits(arm, trend, language) for arm, trend in followed]
+    panels = []
+    for arm, trend in followed:
+        visits = (_lay_visit(day, day.start) for day in arm.days if day.start)
+        band = trend.first - trend.detectable, trend.first + trend.detectable
+        name = name_arm(arm.side, arm.stage, language)
+        panels.append(VisitPanel(name, tuple(filter(None, visits)), band))
     spreads = (
         f"{name_arm(arm.side, arm.stage, language)} {format_points(trend.detectable, MAIN, language)}"
         for arm, trend in followed
@@ -150,23 +135,14 @@ def build_visits(arms: Sequence[ArmDays], words: Words, language: Language) -> t
     )
 
 
-def _lay_visits(arm: ArmDays, trend: Trend, language: Language) -> VisitPanel:
-    visits = (_lay_visit(day, day.start) for day in arm.days if day.start)
-    band = trend.first - trend.detectable, trend.first + trend.detectable
-    return VisitPanel(name_arm(arm.side, arm.stage, language), tuple(filter(None, visits)), band)
-
-
 def _lay_visit(day: MeasuredDay, start: datetime) -> Visit | None:
     percent = day.list_figures()[MAIN]
     if percent is None:
         return None
-    at_days = (start - _MIDNIGHT).total_seconds() / _DAY_S
-    return Visit(at_days, f"{start:%Y-%m-%d}", percent, _find_span(day), day.left_out is not None)
-
-
-def _find_span(day: MeasuredDay) -> tuple[float, float] | None:
     interval = day.find_interval(MAIN)
-    return (interval.low, interval.high) if interval else None
+    span = (interval.low, interval.high) if interval else None
+    at_days = (start - _MIDNIGHT).total_seconds() / _DAY_S
+    return Visit(at_days, f"{start:%Y-%m-%d}", percent, span, day.left_out is not None)
 
 
 def build_rows(

@@ -42,19 +42,13 @@ from app.report.words.numbers import Clock
 from app.report.words.subject import ReportSubject, Software
 from app.request import Conclusion
 from fusion.caveats import Caveat
-from fusion.conventions import CONVENTIONS, Convention
+from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import (
-    ElevationBin,
-    Entries,
-    Episodes,
-    Eva,
     Exposure,
     Interval,
     PartExposure,
-    PeakWindow,
 )
-from fusion.quality.types import TimeAccount
-from fusion.recording import MICROSECONDS, QualityFlag, Span
+from fusion.recording import MICROSECONDS, QualityFlag
 from fusion.settings import AnalysisSettings
 
 if TYPE_CHECKING:
@@ -71,25 +65,60 @@ _SHARE = re.compile(r"time_above_(\d+)_percent")
 
 def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
     """Describe an analysis in the order of the dictionary; NaN and infinity become None."""
-    clock = Clock(findings.recording.start)
+    recording, time, quality = findings.recording, findings.time, findings.quality
+    clock, reader = Clock(recording.start), recording.reader
     results: dict[str, object] = {
         "schema": SCHEMA,
         "report": {"id": subject.report_id, "version": subject.version, "changes": subject.changes},
-        "recording": _describe_recording(findings, subject),
-        "time": _describe_time(findings.time, findings.exclusions),
+        "recording": {
+            "sha256": recording.sha256,
+            "file_name": subject.file_name,
+            "device": recording.device,
+            "serial_hash": recording.serial_hash,
+            "start": recording.start.isoformat() if recording.start else None,
+            "time_zone": recording.time_zone,
+            "rate_hz": recording.rate_hz,
+            "duration_s": recording.duration_us / MICROSECONDS,
+            "side": subject.side,
+            "subject": subject.subject,
+            "columns": json.loads(subject.columns) if subject.columns else None,
+        },
+        "time": {
+            "recorded_s": time.recorded_us / MICROSECONDS,
+            "analysed_s": time.analysed_us / MICROSECONDS,
+            "missing_s": time.missing_us / MICROSECONDS,
+            "excluded_s": time.excluded_us / MICROSECONDS,
+            "parts": [
+                {"account": part.account, "name": part.name, "duration_s": part.duration_us / MICROSECONDS}
+                for part in time.parts
+            ],
+            "exclusions": [
+                {
+                    "start_s": span.start_us / MICROSECONDS,
+                    "duration_s": span.duration_us / MICROSECONDS,
+                    "reason": span.reason,
+                }
+                for span in findings.exclusions
+            ],
+        },
         "calibration": asdict(findings.calibration) if findings.calibration else None,
         "method": asdict(findings.method) if findings.method else None,
         "exposure": _describe_exposure(findings.exposure, clock),
         "quality": {
-            "verdict": findings.quality.verdict,
-            "reasons": findings.quality.reasons,
-            "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
-            "proposals": _propose_periods(findings.quality.flags),
+            "verdict": quality.verdict,
+            "reasons": quality.reasons,
+            "warnings": [_describe_warning(flag, clock) for flag in quality.flags],
+            "proposals": [  # what may not have been worn, as rows of a diary; nothing was left out for it
+                {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
+                for flag in quality.flags
+                if flag.code == Caveat.NONWEAR
+                for start_s, end_s in flag.spans_s
+            ],
         },
         "software": {
             "version": subject.software.version,
             "revision": subject.software.revision,
-            "reader": _describe_reader(findings.recording.reader),
+            "reader": {"name": reader[0], "version": reader[1]} if reader else None,  # a plug-in
         },
         "conclusion": asdict(subject.conclusion) if subject.conclusion else None,
     }
@@ -130,50 +159,25 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 
 
-def _describe_recording(findings: Findings, subject: ReportSubject) -> dict[str, object]:
-    recording = findings.recording
-    return {
-        "sha256": recording.sha256,
-        "file_name": subject.file_name,
-        "device": recording.device,
-        "serial_hash": recording.serial_hash,
-        "start": recording.start.isoformat() if recording.start else None,
-        "time_zone": recording.time_zone,
-        "rate_hz": recording.rate_hz,
-        "duration_s": recording.duration_us / MICROSECONDS,
-        "side": subject.side,
-        "subject": subject.subject,
-        "columns": json.loads(subject.columns) if subject.columns else None,
-    }
-
-
-def _describe_reader(reader: tuple[str, str] | None) -> dict[str, str] | None:
-    """Name the plug-in that read the file; none for a reader of our own."""
-    return {"name": reader[0], "version": reader[1]} if reader else None
-
-
-def _describe_time(time: TimeAccount, exclusions: Sequence[Span]) -> dict[str, object]:
-    return {
-        "recorded_s": time.recorded_us / MICROSECONDS,
-        "analysed_s": time.analysed_us / MICROSECONDS,
-        "missing_s": time.missing_us / MICROSECONDS,
-        "excluded_s": time.excluded_us / MICROSECONDS,
-        "parts": [
-            {"account": part.account, "name": part.name, "duration_s": part.duration_us / MICROSECONDS}
-            for part in time.parts
-        ],
-        "exclusions": [
-            {
-                "start_s": span.start_us / MICROSECONDS,
-                "duration_s": span.duration_us / MICROSECONDS,
-                "reason": span.reason,
-            }
-            for span in exclusions
-        ],
-    }
-
-
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
+    rates = {
+        entries.threshold_deg: exposure.intervals.get(
+            ENTRIES_PER_H.spell({"threshold_deg": entries.threshold_deg})
+        )
+        for entries in exposure.entries
+    }
+    windows, quarter_hours = (
+        [
+            {
+                "length_s": window.length_s,
+                "start": _format_iso(window.start_s, clock),
+                **WINDOWS.describe(window),
+            }
+            for window in every
+        ]
+        for every in (exposure.peak_windows, exposure.quarter_hours)
+    )
+    eva = exposure.eva
     return {
         "analysed_s": exposure.analysed_s,
         "metric_filter_hz": exposure.metric_filter_hz,
@@ -184,23 +188,35 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         ],
         "percentiles_deg": {str(p): angle_deg for p, angle_deg in exposure.percentiles_deg.items()},
         "entries": [
-            ENTRIES.describe(entries) | _describe_entries_pose(entries, exposure)
+            ENTRIES.describe(entries) | _describe_range(rates[entries.threshold_deg], POSE_ENDS)
             for entries in exposure.entries
         ],
         "cycles": [CYCLES.describe(cycles) for cycles in exposure.cycles],
-        "episodes": [_describe_episodes(episodes) for episodes in exposure.episodes],
+        "episodes": [
+            {
+                **EPISODES.describe(episodes),
+                "longest_start_s": episodes.longest_start_s,
+                "longer": [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s],
+            }
+            for episodes in exposure.episodes
+        ],
         "velocity_dps": {kind: _describe(VELOCITY, exposure.velocity_dps.get(kind)) for kind in VELOCITIES},
         "peak": {
             "elevation_p99_deg": exposure.elevation_p99_deg,
-            "windows": [_describe_window(window, clock) for window in exposure.peak_windows],
-            "quarter_hours": [_describe_window(window, clock) for window in exposure.quarter_hours],
+            "windows": windows,
+            "quarter_hours": quarter_hours,
         },
-        "eva": _describe_eva(exposure.eva),
+        "eva": {
+            "angle_edges_deg": list(eva.angle_edges_deg),
+            "duration_edges_s": list(eva.duration_edges_s),
+            "percent": eva.percent.tolist(),
+            "low": [[cell.low for cell in row] for row in eva.intervals] or None,
+            "high": [[cell.high for cell in row] for row in eva.intervals] or None,
+        },
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
         "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
-        "intervals": _describe_intervals(exposure.intervals),
-        "intervals_pose": _describe_pose_intervals(exposure.intervals),
+        **_describe_intervals(exposure.intervals),
         **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
             "by_hour": {
@@ -209,7 +225,15 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
             "eva": _describe(EVA_SUMMARY, exposure.eva_summary),
         },
         "conventions": [
-            _describe_convention(item, exposure.conventions[item.key])
+            {
+                "key": item.key,
+                "source": item.source,
+                "evidence": item.evidence,
+                "classes": [
+                    BINS.describe(part) | _describe_range(part.interval)
+                    for part in exposure.conventions[item.key]
+                ],
+            }
             for item in CONVENTIONS
             if item.key in exposure.conventions
         ],
@@ -223,60 +247,22 @@ def _describe(group: Group, record: object) -> dict[str, object] | None:
     return None if record is None else group.describe(record)
 
 
-def _describe_range(interval: Interval | None) -> dict[str, object]:
+_ENDS = ("low", "high", *POSE_ENDS)
+
+
+def _describe_range(interval: Interval | None, ends: Sequence[str] = _ENDS) -> dict[str, object]:
     """Describe the range that a record holds itself, and the one with the error of the N-pose."""
-    ends = ("low", "high", *POSE_ENDS)
     return {end: getattr(interval, end) if interval else None for end in ends}
 
 
-def _describe_entries_pose(entries: Entries, exposure: Exposure) -> dict[str, object]:
-    """Describe the range of the rate per hour with the error of the N-pose."""
-    interval = exposure.intervals.get(ENTRIES_PER_H.spell({"threshold_deg": entries.threshold_deg}))
-    return {end: getattr(interval, end) if interval else None for end in POSE_ENDS}
-
-
 def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
-    return {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())}
-
-
-def _describe_pose_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
-    """Describe the ranges with the error of the N-pose; empty in any other pose."""
-    posed = {name: interval.with_pose for name, interval in intervals.items()}
-    return _describe_intervals({name: interval for name, interval in posed.items() if interval})
-
-
-def _describe_episodes(episodes: Episodes) -> dict[str, object]:
-    """Describe the stays above one threshold."""
-    longer = [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s]
+    """Describe ranges by the names of figures, and those with the error of the N-pose, if there are any."""
+    posed = {name: interval.with_pose for name, interval in sorted(intervals.items())}
     return {
-        **EPISODES.describe(episodes),
-        "longest_start_s": episodes.longest_start_s,
-        "longer": longer,
-    }
-
-
-def _describe_window(window: PeakWindow, clock: Clock) -> dict[str, object]:
-    start = _format_iso(window.start_s, clock)
-    return {"length_s": window.length_s, "start": start, **WINDOWS.describe(window)}
-
-
-def _describe_convention(convention: Convention, classes: Sequence[ElevationBin]) -> dict[str, object]:
-    """Describe the time in the classes of a standard or method."""
-    return {
-        "key": convention.key,
-        "source": convention.source,
-        "evidence": convention.evidence,
-        "classes": [BINS.describe(part) | _describe_range(part.interval) for part in classes],
-    }
-
-
-def _describe_eva(eva: Eva) -> dict[str, object]:
-    return {
-        "angle_edges_deg": list(eva.angle_edges_deg),
-        "duration_edges_s": list(eva.duration_edges_s),
-        "percent": eva.percent.tolist(),
-        "low": [[cell.low for cell in row] for row in eva.intervals] or None,
-        "high": [[cell.high for cell in row] for row in eva.intervals] or None,
+        "intervals": {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())},
+        "intervals_pose": {
+            name: [interval.low, interval.high] for name, interval in posed.items() if interval
+        },
     }
 
 
@@ -289,8 +275,7 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
         **{PERCENTILE.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
         **{SHARE_ABOVE.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
         ENTRIES_PER_H.spell({"threshold_deg": 60}): part.entries_above_60_per_h,
-        "intervals": _describe_intervals(part.intervals),
-        "intervals_pose": _describe_pose_intervals(part.intervals),
+        **_describe_intervals(part.intervals),
     }
 
 
@@ -315,16 +300,6 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
     }
 
 
-def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
-    """Offer what may not have been worn as rows of a diary; nothing was left out for it."""
-    return [
-        {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
-        for flag in flags
-        if flag.code == Caveat.NONWEAR
-        for start_s, end_s in flag.spans_s
-    ]
-
-
 def _format_place(elapsed_s: float | None, clock: Clock) -> str | None:
     if elapsed_s is None or clock.start is not None:
         return _format_iso(elapsed_s, clock)
@@ -344,10 +319,16 @@ def decode_results(content: bytes) -> Kept:
 
     Raises
     ------
-    ValueError, KeyError
+    ValueError
         When it is no such file, or of another form.
     """
-    results = json.loads(content)
+    try:
+        return _read_kept(json.loads(content))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"no {SCHEMA}: {error}") from error
+
+
+def _read_kept(results: Mapping[str, Any]) -> Kept:
     if results["schema"] != SCHEMA:
         raise ValueError(results["schema"])
     report, recording, software = results["report"], results["recording"], results["software"]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
 from app.api.library.analyses import check_queue
@@ -20,7 +19,7 @@ from app.report.words.wording import Language, load_wording
 from app.request import write_profile
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import borrow_recording
-from app.web.forms import Form, first, read_form
+from app.web.forms import Form, UsedForm, first
 from app.web.rendering import find_base, render_page
 from app.web.views import build_problem, format_moment
 
@@ -97,37 +96,29 @@ def ask_columns(
 
 
 @router.post("/analyses/{analysis_id}/columns")
-async def take_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def take_columns(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Keep the chosen columns for the header, and analyse the recording by them; others too, where asked."""
-    form = await read_form(request)
-
-    def keep_and_analyse() -> Job:
-        job = services.store.get(analysis_id)
-        profile, header = write_profile(read_profile(form)), _read_header(form)
-        is_confirmed = bool(first(form, "everywhere"))
-        waiting_for = header if is_confirmed else ""
-        check_queue(services, 1 + (services.mappings.count_waiting(header) if waiting_for else 0))
-        if header:
-            name = name_columns(form.get("column", []))
-            services.mappings.put(header, name, profile, is_confirmed=is_confirmed)
-        return services.mappings.analyse(job, profile, waiting_for)
-
-    again = await run_in_threadpool(keep_and_analyse)
+    job = services.store.get(analysis_id)
+    profile, header = write_profile(read_profile(form)), _read_header(form)
+    is_confirmed = bool(first(form, "everywhere"))
+    waiting_for = header if is_confirmed else ""
+    check_queue(services, 1 + (services.mappings.count_waiting(header) if waiting_for else 0))
+    if header:
+        services.mappings.put(
+            header, name_columns(form.get("column", [])), profile, is_confirmed=is_confirmed
+        )
+    again = services.mappings.analyse(job, profile, waiting_for)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 
 @router.post("/analyses/{analysis_id}/columns/use")
-async def use_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def use_columns(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Use the columns named before, for this file, for all that wait, and from now on."""
-    header = _read_header(await read_form(request))
-
-    def use_offer() -> Job:
-        job, mapping = services.store.get(analysis_id), services.mappings.get(header)
-        check_queue(services, 1 + services.mappings.count_waiting(header))
-        services.mappings.change(header, is_confirmed=1)
-        return services.mappings.analyse(job, mapping.profile, header)
-
-    again = await run_in_threadpool(use_offer)
+    header = _read_header(form)
+    job, mapping = services.store.get(analysis_id), services.mappings.get(header)
+    check_queue(services, 1 + services.mappings.count_waiting(header))
+    services.mappings.change(header, is_confirmed=1)
+    again = services.mappings.analyse(job, mapping.profile, header)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 
@@ -218,13 +209,12 @@ def list_mappings(request: Request, services: UsedServices, language: UsedLangua
 
 
 @router.post("/columns/{header}")
-async def change_mapping(header: str, request: Request, services: UsedServices) -> Response:
+def change_mapping(header: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Rename, or say whether further files are read so unasked (a plain form, so that it needs no script)."""
-    form = await read_form(request)
     values: dict[str, str | int] = {"is_confirmed": int(bool(first(form, "everywhere")))}
     if name := clean_text(first(form, "name")):
         values["name"] = name
-    await run_in_threadpool(services.mappings.change, header, **values)
+    services.mappings.change(header, **values)
     return RedirectResponse(f"{find_base(request)}/columns", status_code=303)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from datetime import date
 
 from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
@@ -20,7 +19,7 @@ from app.report.words.subject import clean_paragraphs, clean_text
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft
 from app.services import Services, UsedServices
-from app.web.forms import Form, first, read_form
+from app.web.forms import Form, UsedForm, first
 from app.web.rendering import find_base
 
 router = APIRouter(prefix="/analyses/{analysis_id}", include_in_schema=False)
@@ -86,18 +85,16 @@ def read_conclusion(form: Form) -> Conclusion:
 
 
 @router.post("/conclude")
-async def conclude(
-    analysis_id: str, request: Request, services: UsedServices, subject: UsedSubject
+def conclude(
+    analysis_id: str, request: Request, services: UsedServices, subject: UsedSubject, form: UsedForm
 ) -> Response:
     """Make the next version of the report, with the conclusion; its figures are the same.
 
     The name is that of the person logged in; at the machine it is typed.
     """
-    form = dict(await read_form(request))
-    own_name = await run_in_threadpool(find_person_name, request, subject.id)
-    concluded = read_conclusion(form | ({"name": [own_name]} if own_name else {}))
-    job = await run_in_threadpool(services.store.get, analysis_id)
-    again = await run_in_threadpool(services.store.conclude, job, concluded)
+    own_name = find_person_name(request, subject.id)
+    concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
+    again = services.store.conclude(services.store.get(analysis_id), concluded)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", HTTP_303_SEE_OTHER)
 
 

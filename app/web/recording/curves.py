@@ -65,5 +65,5 @@ def _read_minutes(services: Services, job: Job) -> Minutes:
     """Read the minutes of the report's day; none if its results cannot be read."""
     try:
         return list_minutes(decode_results(services.results.read(job, "results.json")).findings, "en")
-    except (NoSuchFile, ValueError, KeyError):
+    except (NoSuchFile, ValueError):
         return ()

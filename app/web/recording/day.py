@@ -8,8 +8,7 @@ from itertools import zip_longest
 from typing import Annotated, Any, TypeVar, get_args
 
 import numpy as np
-from fastapi import APIRouter, Query, Request, Response
-from fastapi.concurrency import run_in_threadpool
+from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import JSONResponse, RedirectResponse
 from pydantic import BaseModel, Field
 from starlette.status import HTTP_303_SEE_OTHER
@@ -21,7 +20,7 @@ from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
-from app.web.forms import Form, first, read_body, read_form
+from app.web.forms import Form, UsedForm, first, read_body
 from app.web.recording.day_views import NO, START, YES, DayClock, name_choice, place_rows
 from app.web.rendering import find_base
 from fusion.conventions import AXIS_HINT, MAIN_THRESHOLD_DEG, ArmAxis, Pose, PoseHeld, Side, parse_arm_axis
@@ -219,25 +218,23 @@ def share(
 
 
 @router.post("/again")
-async def analyse_again(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def analyse_again(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse the recording once more, as corrected on the page; the earlier analysis stays as it is."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     facts = find_day(services, job).facts
     used_s = tuple((start_s, end_s) for start_s, end_s, *_ in facts["calibration"])
     corrected = correct_request(job.request, form, DayClock.of(facts), used_s)
-    return await run_in_threadpool(_add_again, job, corrected, request, services)
+    return _add_again(job, corrected, request, services)
 
 
 @router.post("/pose")
-async def name_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def name_pose(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse the recording once more, with one of the proposed stretches as the pose.
 
     A stretch after the sensor moved is a pose beside those before it; ``start`` states that the pose was held
     at the start of wear.
     """
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     facts = find_day(services, job).facts
     before_s = job.request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
     choices_s: dict[str, tuple[Window, ...]] = {START: ()}
@@ -252,14 +249,13 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
     named = replace(
         job.request, calibration_windows_s=choices_s[choice], pose_held=held, arm_axis=None, reason=""
     )
-    return await run_in_threadpool(_add_again, job, named, request, services)
+    return _add_again(job, named, request, services)
 
 
 @router.post("/moved")
-async def answer_move(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def answer_move(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     before, middles_s = job.request, dict[str, float]()
     for place, (_, start_s, end_s, _) in enumerate(find_day(services, job).facts.get("moves", ())):
         middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
@@ -272,18 +268,17 @@ async def answer_move(analysis_id: str, request: Request, services: UsedServices
     else:
         no_slips_s = tuple(sorted((*before.no_slip_times_s, middles_s[answer])))
         answered = replace(before, no_slip_times_s=no_slips_s, reason="")
-    return await run_in_threadpool(_add_again, job, answered, request, services)
+    return _add_again(job, answered, request, services)
 
 
 @router.post("/other-pose")
-async def try_other_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def try_other_pose(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
     """Analyse once more what no pose could be found for, by an axis, or else without the windows given."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     axis = _choose_axis(first(form, "axis")) if first(form, "axis") else None
     pose = "n-pose" if job.request.pose == "two-point" else job.request.pose
     other = replace(job.request, pose=pose, calibration_windows_s=(), arm_axis=axis, reason="")
-    return await run_in_threadpool(_add_again, job, other, request, services)
+    return _add_again(job, other, request, services)
 
 
 def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
@@ -303,18 +298,18 @@ def _add_again(job: Job, corrected: ReportRequest, request: Request, services: S
 
 
 @router.post("/diary")
-async def import_diary(analysis_id: str, request: Request, services: UsedServices) -> list[dict[str, Any]]:
+def import_diary(
+    analysis_id: str, services: UsedServices, body: Annotated[bytes, Depends(read_body)]
+) -> list[dict[str, Any]]:
     """Read a diary as CSV and give its rows as the form shows them; nothing is changed."""
-    body = await read_body(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     return place_rows(read_diary(body), DayClock.of(find_day(services, job).facts))
 
 
 @router.post("/diary.csv")
-async def export_diary(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def export_diary(analysis_id: str, services: UsedServices, form: UsedForm) -> Response:
     """Give the rows of the form as a diary, for another recording or another program."""
-    form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
+    job = services.store.get(analysis_id)
     clock = DayClock.of(find_day(services, job).facts)
     rows = place_rows(read_rows(form, clock), clock)
     body = write_csv([tuple(row[name] for name in COLUMNS) for row in rows], clock, bom=BOM)

@@ -61,7 +61,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
     """
     try:
         kept = decode_results(services.results.read(job, "results.json"))
-    except (NoSuchFile, ValueError, KeyError):
+    except (NoSuchFile, ValueError):
         return None
     subject = replace(kept.subject, reason=job.request.reason)
     return build_page_one(replace(kept, subject=subject), day, language)

@@ -18,10 +18,9 @@ from app.access.hashing import hash_secret
 from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import ROLES, Permission, Role
-from app.access.tables import tokens
-from app.jobs.trail import TrailQuestion, find_lines
-from app.main import create_app, find_own_services
-from app.organisation import OWN_ORGANISATION
+from app.jobs.audit_log import AuditQuestion, find_lines
+from app.jobs.database.tables import tokens
+from app.main import create_app
 from app.services import Services
 from app.settings import Settings
 
@@ -128,11 +127,9 @@ def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> Ad
     def add(
         login: str = "clara",
         *roles: Role,
-        organisation: str = OWN_ORGANISATION,
         has_second_factor: bool = True,
     ) -> Person:
-        accounts.add_organisation(organisation, organisation)
-        person = accounts.add_person(organisation, login, login.title(), roles or ("clinician",))
+        person = accounts.add_person(login, login.title(), roles or ("clinician",))
         logins.credentials.set_password(person.id, password_hash)
         if has_second_factor:
             logins.credentials.set_second_factor(person.id, SECRET, 0, ())
@@ -202,7 +199,6 @@ def enter(visit: Visit, clock: Clock) -> Callable[[str], Visitor]:
 
 
 BASE = "http://localhost:8080"
-OTHER = "org_other"
 
 
 @dataclass
@@ -215,17 +211,13 @@ class House:
 
     @property
     def services(self) -> Services:
-        """The services of the organisation "own"."""
-        return find_own_services(self.application)
-
-    def find_services(self, organisation: str) -> Services:
-        """Give the services of an organisation."""
-        services: Services = self.application.state.offices.find(organisation)
+        """The services of the server."""
+        services: Services = self.application.state.services
         return services
 
-    def add_person(self, name: str, *roles: Role, organisation: str = "own") -> str:
+    def add_person(self, name: str, *roles: Role) -> str:
         """Add a person; gives the id."""
-        person = self.accounts.add_person(organisation, name, name.title(), roles)
+        person = self.accounts.add_person(name, name.title(), roles)
         self.people[name] = person.id
         return person.id
 
@@ -252,19 +244,16 @@ class House:
 
 @pytest.fixture
 def house(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[House]:
-    """A server with a person of each role, whose name is that of the role, and "other" elsewhere."""
+    """A server with a person of each role, whose name is that of the role."""
     monkeypatch.delenv("ACROMION_NO_SECRET")
     guarded = settings.model_copy(update={"no_secret": False})
     accounts = AccountStore(guarded)
-    accounts.add_organisation("own", "Own")
-    accounts.add_organisation(OTHER, "Other")
     application = create_app(guarded)
     house = House(application, accounts)
     for role in ROLES:
         house.add_person(role, role)
-    house.add_person("other", *ROLES, organisation=OTHER)
     with TestClient(application):
-        while not any(find_lines(house.services.store.reader, TrailQuestion(act="server.started"))):
+        while not any(find_lines(house.services.store.reader, AuditQuestion(act="server.started"))):
             time.sleep(0.02)
         yield house
 

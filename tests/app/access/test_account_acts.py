@@ -1,24 +1,20 @@
-"""What is done about accounts is in the trail of their organisation."""
+"""What is done about accounts is in the audit log, in the transaction of the act."""
 
 import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fastapi.testclient import TestClient
-from sqlalchemy import func, select
+from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
-from app.access.acts import carry_acts, carry_acts_by_command
 from app.access.logins import Caller, Logins
-from app.access.tables import acts
 from app.cli import app
 from app.errors import LoginRefused
+from app.jobs.audit_log import AuditLine, AuditQuestion, acting, find_lines
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailLine, TrailQuestion, acting, find_lines, read_done_at, record_alone
-from app.main import create_app
 from app.settings import Settings
 from tests.app.access.conftest import PASSWORD, AddPerson
 
@@ -27,64 +23,53 @@ HERE = Caller("192.0.2.1", "")
 
 @pytest.fixture
 def store(settings: Settings) -> Iterator[JobStore]:
-    """The tables of "own"."""
+    """The tables of the server."""
     opened = JobStore(settings)
     yield opened
     opened.close()
 
 
-def carry(accounts: AccountStore, store: JobStore) -> list[TrailLine]:
-    """Carry what waits; gives the lines in order."""
-    carry_acts(accounts.database, {"own": store.engine}.get)
-    return list(find_lines(store.reader, TrailQuestion()))[::-1]
-
-
-def count_notes(accounts: AccountStore) -> int:
-    return int(accounts.database.read_value(select(func.count()).select_from(acts)))
+def read(store: JobStore) -> list[AuditLine]:
+    """Return the lines in order."""
+    return list(find_lines(store.reader, AuditQuestion()))[::-1]
 
 
 def test_a_line_names_the_person_and_who_did_it_and_neither_login_nor_name(
     accounts: AccountStore, add_person: AddPerson, store: JobStore
 ) -> None:
     anna = add_person("anna", "clinician")
-    carry(accounts, store)
     with acting("per_boss"):
         accounts.end_person(anna.id)
 
-    line = carry(accounts, store)[-1]
+    line = read(store)[-1]
 
     assert (line.who, line.act) == ("per_boss", "person.ended")
-    assert json.loads(line.other).keys() == {"done_at", "person"}
-    assert json.loads(line.other)["person"] == anna.id
+    assert json.loads(line.other) == {"person": anna.id}
 
 
-def test_an_act_that_is_carried_late_has_its_line_last_with_the_later_time_and_its_own_moment(
+def test_an_act_whose_line_cannot_be_written_is_not_done(
     accounts: AccountStore, add_person: AddPerson, store: JobStore
 ) -> None:
-    add_person("anna", "clinician")
-    record_alone(store.engine, "trail.read")
+    anna = add_person("anna", "clinician")
+    store.run(text("ALTER TABLE audit_log RENAME TO audit_log_away"))
 
-    lines = carry(accounts, store)
+    with pytest.raises(SQLAlchemyError):
+        accounts.end_person(anna.id)
 
-    times = [line.at for line in lines]
-    read = next(line for line in lines if line.act == "trail.read")
-    assert times == sorted(times)
-    assert all(read_done_at(line.other) < read.at < line.at for line in lines if line.seq > read.seq)
-    assert lines[-1].seq > read.seq
+    assert accounts.get_person(anna.id).ended_at is None
 
 
 def test_a_login_a_refused_one_and_its_end_are_lines(
     accounts: AccountStore, logins: Logins, add_person: AddPerson, store: JobStore
 ) -> None:
     anna = add_person("anna", "clinician")
-    carry(accounts, store)
     with pytest.raises(LoginRefused):
         logins.give_password("anna", "not this one", HERE)
     with pytest.raises(LoginRefused):
         logins.give_password("nobody", "not this one", HERE)
     accounts.end_session(accounts.begin_session(anna.id))
 
-    told = [(line.act, line.who) for line in carry(accounts, store)[-4:]]
+    told = [(line.act, line.who) for line in read(store)[-4:]]
 
     assert told[:2] == [("login.failed", "nobody")] * 2
     assert told[2] == ("login.succeeded", anna.id)
@@ -95,60 +80,20 @@ def test_the_same_roles_again_are_no_line(
     accounts: AccountStore, add_person: AddPerson, store: JobStore
 ) -> None:
     anna = add_person("anna", "clinician")
-    before = len(carry(accounts, store))
+    before = read(store)
 
     accounts.set_roles(anna.id, {"clinician"})
 
-    assert len(carry(accounts, store)) == before
+    assert read(store) == before
 
 
-def test_a_note_whose_line_stands_already_is_dropped_without_a_second_line(
-    accounts: AccountStore, add_person: AddPerson, store: JobStore
-) -> None:
-    add_person("anna", "clinician")
-    notes = [dict(row._mapping) for row in accounts.database.read_all(select(acts))]
-    before = carry(accounts, store)
-    with accounts.database.write() as connection:  # as a crash leaves them, before they were dropped
-        connection.execute(acts.insert(), notes)
-
-    assert carry(accounts, store) == before
-    assert count_notes(accounts) == 0
-
-
-def test_what_cannot_be_written_waits(accounts: AccountStore, add_person: AddPerson, store: JobStore) -> None:
-    carry(accounts, store)
-    add_person("anna", "clinician")
-
-    def fail(_organisation: str) -> None:
-        raise SQLAlchemyError
-
-    with pytest.raises(SQLAlchemyError):
-        carry_acts(accounts.database, fail)
-
-    assert count_notes(accounts) > 0
-    carry(accounts, store)
-    assert count_notes(accounts) == 0
-
-
-def test_an_organisation_without_tables_waits_for_them(accounts: AccountStore, settings: Settings) -> None:
-    accounts.add_organisation("org_0123456789abcdef", "Riverside")
-
-    carry_acts_by_command(accounts.database, settings)
-
-    assert count_notes(accounts) == 1
-
-
-def test_a_command_writes_its_lines_itself(settings: Settings, store: JobStore, tmp_path: Path) -> None:
+def test_a_command_leaves_its_lines(settings: Settings, store: JobStore, tmp_path: Path) -> None:
     typed = ["account", "add", "boss", "--role", "manager", "--password", "--data", str(settings.data_dir)]
 
     assert CliRunner().invoke(app, typed, input=f"{PASSWORD}\n").exit_code == 0
 
-    lines = list(find_lines(store.reader, TrailQuestion(who="machine")))[::-1]
-    assert [line.act for line in lines if not line.act.startswith("trail.")] == [
-        "organisation.added",
-        "person.added",
-        "password.changed",
-    ]
+    lines = list(find_lines(store.reader, AuditQuestion(who="machine")))[::-1]
+    assert [line.act for line in lines] == ["person.added", "password.changed"]
 
 
 def test_a_list_by_command_leaves_the_line_of_the_page(settings: Settings, store: JobStore) -> None:
@@ -157,19 +102,5 @@ def test_a_list_by_command_leaves_the_line_of_the_page(settings: Settings, store
 
     CliRunner().invoke(app, ["account", "list", *data])
 
-    (line,) = find_lines(store.reader, TrailQuestion(who="machine", act="people.read"))
+    (line,) = find_lines(store.reader, AuditQuestion(who="machine", act="people.read"))
     assert (line.recording_id, line.analysis_id) == ("", "")
-
-
-def test_a_server_writes_what_waits(
-    accounts: AccountStore, add_person: AddPerson, settings: Settings
-) -> None:
-    add_person("anna", "clinician")
-    application = create_app(settings)
-    with TestClient(application):
-        pass
-
-    reopened = JobStore(settings)
-    acts_told = [line.act for line in find_lines(reopened.reader, TrailQuestion())]
-    reopened.close()
-    assert "person.added" in acts_told

@@ -1,4 +1,4 @@
-"""A backup holds who may log in, and a restore brings them back where nobody is yet."""
+"""A backup holds who may sign in, and a restore brings them back."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -7,21 +7,22 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import Table, func, select
+from typer.testing import CliRunner
 
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
-from app.access.tables import known_browsers, sessions, tickets, tries
-from app.errors import LoginRefused, WrongSchema
+from app.cli import app
+from app.errors import AccountsLost, LoginRefused, NotEmpty
+from app.jobs.database.tables import known_browsers, sessions, tickets, tries
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailQuestion, find_lines
+from app.main import create_app
 from app.settings import Settings
-from app.upkeep.account_rows import CopiedPeople
+from app.upkeep.account_rows import Accounts
 from app.upkeep.backup import back_up, find_damage, restore
 from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
 from tests.postgres import PostgresServer
 
 HERE = Caller("192.0.2.1", "")
-OTHER = "org_0123456789abcdef"
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
 
@@ -42,9 +43,9 @@ class Move:
         back_up(self.settings, self.file)
         self.new = self.empty()
 
-    def restore(self) -> CopiedPeople | None:
+    def restore(self) -> Accounts:
         """Restore the backup."""
-        return restore(self.new, self.file).people
+        return restore(self.new, self.file).accounts
 
     def open(self) -> AccountStore:
         """Open the accounts of the new place."""
@@ -85,13 +86,12 @@ def test_people_log_in_after_a_restore_as_before(move: Move, add_person: AddPers
     person = add_person("clara", "clinician", "manager")
     move.back_up()
 
-    found = move.restore()
+    move.restore()
 
     logins = Logins(move.open(), move.new)
     step = logins.give_password("clara", PASSWORD, HERE)
     assert logins.give_code(step.ticket, make_code(move.clock), HERE).session
     assert logins.accounts.get_person(person.id) == person
-    assert found == CopiedPeople(1)
 
 
 @on_both_databases
@@ -103,9 +103,11 @@ def test_tokens_and_recovery_codes_come_back(
     logins.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb"])
     move.back_up()
 
-    move.restore()
+    found = move.restore()
 
     store = move.open()
+    assert found.people == (("clara", "clinician"),)
+    assert [token[:3] for token in found.tokens] == [("nightly", "clara", "read")]
     subject = store.find_by_token(bearer)
     assert subject is not None
     assert subject.permissions == {"own", "read"}
@@ -131,64 +133,75 @@ def count_rows(accounts: AccountStore, table: Table) -> int:
     return int(accounts.database.read_value(select(func.count()).select_from(table)))
 
 
-@on_both_databases
-def test_people_who_are_there_stay_as_they_are(move: Move, add_person: AddPerson) -> None:
+def test_nothing_is_restored_over_people(move: Move, add_person: AddPerson) -> None:
     add_person("clara")
-    add_person("dora")
     move.back_up()
     there = move.open()
-    there.add_organisation("own", "Own")
-    there.add_person("own", "boss", "Boss", ["manager"])
+    there.add_person("boss", "Boss", ["manager"])
 
-    found = move.restore()
+    with pytest.raises(NotEmpty):
+        move.restore()
 
     assert [one.login for one in there.find_people()] == ["boss"]
-    assert found == CopiedPeople(2, present=1)
 
 
-def test_an_organisation_that_is_there_stays_as_it_is(move: Move, add_person: AddPerson) -> None:
-    add_person("clara")
-    add_person("dora", organisation=OTHER)
+def test_the_command_lists_the_accounts_and_tokens_that_came_back(
+    move: Move, add_person: AddPerson, accounts: AccountStore
+) -> None:
+    accounts.add_token(add_person().id, "nightly", ["read"], move.clock() + 3600)
     move.back_up()
-    there = move.open()
-    there.add_organisation("own", "Riverside")
 
-    move.restore()
+    words = ["restore", str(move.file)]
+    told = CliRunner().invoke(app, [*words, "--data", str(move.new.data_dir)]).output
 
-    assert {one.id: one.name for one in there.find_organisations()} == {"own": "Riverside", OTHER: OTHER}
-    assert [one.login for one in there.find_people()] == ["clara", "dora"]
+    assert "Account: clara (clinician)" in told
+    assert "Token: nightly of clara, until" in told
 
 
-def test_the_trail_says_how_many_people_came_back(move: Move, add_person: AddPerson) -> None:
+# A database that lost its accounts.
+
+
+def lose_database(settings: Settings) -> None:
+    for path in settings.data_dir.glob("acromion.sqlite3*"):
+        path.unlink()
+
+
+def test_a_server_that_lost_its_accounts_does_not_start_without_them(
+    settings: Settings, accounts: AccountStore, add_person: AddPerson
+) -> None:
     add_person()
-    move.back_up()
+    accounts.database.close()
+    lose_database(settings)
 
-    move.restore()
+    with pytest.raises(AccountsLost) as refused:
+        create_app(settings)
 
-    store = JobStore(move.new)
-    lines = find_lines(store.reader, TrailQuestion(act="store.restored"))
-    assert [line.other for line in lines] == ['{"people": "1"}']
-    store.close()
-
-
-def test_a_backup_of_an_installation_without_accounts_makes_none(move: Move) -> None:
-    move.back_up()
-
-    assert move.restore() is None
-    assert not (move.new.data_dir / "accounts.sqlite3").exists()
+    assert refused.value.facts == {"file": str(settings.data_dir / "has_accounts")}
 
 
-def test_accounts_of_another_version_are_refused_before_any_is_written(
+def test_a_restored_place_does_not_start_without_its_accounts_either(
     move: Move, add_person: AddPerson
 ) -> None:
     add_person()
     move.back_up()
-    move.rewrite("manifest.json", b'"accounts": "1"', b'"accounts": "99"')
+    move.restore()
+    lose_database(move.new)
 
-    with pytest.raises(WrongSchema):
-        move.restore()
+    with pytest.raises(AccountsLost):
+        create_app(move.new)
 
-    assert not (move.new.data_dir / "accounts.sqlite3").exists()
+
+def test_accounts_that_are_lost_may_be_added_again(
+    settings: Settings, accounts: AccountStore, add_person: AddPerson
+) -> None:
+    add_person()
+    accounts.database.close()
+    lose_database(settings)
+
+    words = ["account", "add", "boss", "--role", "manager", "--data", str(settings.data_dir)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+
+    create_app(settings).state.services.store.close()
 
 
 def test_verify_finds_a_damaged_row_of_the_accounts(move: Move, add_person: AddPerson) -> None:
@@ -199,4 +212,4 @@ def test_verify_finds_a_damaged_row_of_the_accounts(move: Move, add_person: AddP
 
     found = find_damage(move.file)
 
-    assert [(fault.name, fault.finding) for fault in found.faults] == [("accounts/people.jsonl", "damaged")]
+    assert [(fault.name, fault.finding) for fault in found.faults] == [("rows/people.jsonl", "damaged")]

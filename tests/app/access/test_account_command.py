@@ -1,4 +1,4 @@
-"""``acromion account``: first manager, forgotten passwords, organisations and tokens by command line."""
+"""``acromion account``: first manager, forgotten passwords and tokens by command line."""
 
 import re
 from pathlib import Path
@@ -31,7 +31,7 @@ def test_the_first_manager_gets_an_address_that_works_once(data: Path, logins: L
 
     person = logins.set_password_by_link(link[1], "five yellow umbrellas", "192.0.2.1")
 
-    assert (code, person.login, person.organisation) == (0, "boss", "own")
+    assert (code, person.login) == (0, "boss")
     assert person.roles == {"manager"}
 
 
@@ -47,23 +47,6 @@ def test_a_weak_password_is_refused_by_its_code(data: Path) -> None:
 
     assert code == 3
     assert "E-PASSWORD" in told
-
-
-def test_an_organisation_has_people_of_its_own(data: Path, accounts: AccountStore) -> None:
-    _, told = run(data, "add-organisation", "Riverside")
-    made = re.search(r"org_[0-9a-f]{16}", told)
-    assert made is not None
-
-    run(data, "add", "dora", "--role", "clinician", "--organisation", made[0])
-
-    assert [person.login for person in accounts.find_people(made[0])] == ["dora"]
-
-
-def test_nobody_is_added_to_an_organisation_that_is_not_there(data: Path) -> None:
-    code, told = run(data, "add", "dora", "--role", "clinician", "--organisation", "org_none")
-
-    assert code == 3
-    assert "E-NOT-FOUND" in told
 
 
 def test_a_lost_phone_is_set_up_anew(data: Path, add_person: AddPerson, accounts: AccountStore) -> None:
@@ -128,10 +111,10 @@ def test_a_name_that_is_not_there_is_told(data: Path) -> None:
     assert "E-NOT-FOUND" in told
 
 
-@pytest.mark.parametrize("name", ["", "x" * 201, "Clara\nManager"])
+@pytest.mark.parametrize("name", [" ", "x" * 201, "Clara\nManager"])
 def test_a_name_that_is_none_is_refused(data: Path, accounts: AccountStore, name: str) -> None:
-    code, output = run(data, "add-organisation", name)
+    code, output = run(data, "add", "clara", "--role", "clinician", "--name", name)
 
     assert code == 3
     assert "E-PARAMETER" in output
-    assert list(accounts.find_organisations()) == []
+    assert list(accounts.find_people()) == []

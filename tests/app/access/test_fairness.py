@@ -1,8 +1,8 @@
 """What tokens ask for takes turns by token; what a person drops on the page goes first."""
 
+from app.jobs.audit_log import acting
 from app.jobs.queue import WayIn
 from app.jobs.store import JobFilter, JobStore
-from app.jobs.trail import acting
 from app.jobs.worker import run_next
 from app.request import ReportRequest
 from app.storage.store import Storage

@@ -42,8 +42,7 @@ def accounts(data: Path) -> Iterator[AccountStore]:
 
 @pytest.fixture
 def person(accounts: AccountStore, server: RunningServer) -> Person:
-    accounts.add_organisation("own", "own")
-    found = accounts.find_person("clara") or accounts.add_person("own", "clara", "Clara", ["clinician"])
+    found = accounts.find_person("clara") or accounts.add_person("clara", "Clara", ["clinician"])
     accounts.resume_person(found.id)
     return found
 

@@ -247,15 +247,9 @@ def test_no_secret_of_a_login_stands_in_the_database(
     told += [visitor.client.cookies["acromion_session"], visitor.client.cookies["acromion_browser"]]
     told.append(logins.accounts.add_token(person.id, "script", ["read"], 1e12))
 
-    rows = dump(settings.data_dir / "accounts.sqlite3")
+    rows = dump(settings.data_dir / "acromion.sqlite3")
 
     assert [secret for secret in told if secret in rows] == []
-
-
-def test_the_database_of_accounts_is_its_owners_alone(add_person: AddPerson, settings: Settings) -> None:
-    add_person()
-
-    assert (settings.data_dir / "accounts.sqlite3").stat().st_mode & 0o777 == 0o600
 
 
 @on_both_set_ups

@@ -32,9 +32,8 @@ def test_a_password_is_judged_by_length_and_by_how_many_have_it(password: str, f
     assert find_fault(password) == fault
 
 
-def test_a_password_does_not_hold_the_name_of_person_or_organisation() -> None:
+def test_a_password_does_not_hold_the_name_of_the_person() -> None:
     assert find_fault("clara goes to work", "clara") == "name"
-    assert find_fault("the Riverside clinic", "Riverside") == "name"
 
 
 def test_a_short_name_may_be_part_of_a_word() -> None:

@@ -3,12 +3,12 @@
 import json
 
 import pytest
-from sqlalchemy import select, text, update
+from sqlalchemy import select, update
 
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
-from app.access.tables import people, tickets
 from app.errors import SecondFactorSealed
+from app.jobs.database.tables import people, tickets
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret
 from tests.app.access.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
@@ -19,14 +19,12 @@ HERE = Caller("192.0.2.1", "")
 def dump(accounts: AccountStore) -> str:
     """Give every row of every table of the accounts, as bytes are."""
     found = []
-    with accounts.database.read() as connection:
-        for table in people.metadata.sorted_tables:
-            rows = connection.execute(text(f'SELECT * FROM "{table.name}"')).all()
-            found += [
-                bytes(value).decode() if isinstance(value, bytes | memoryview) else str(value)
-                for row in rows
-                for value in row
-            ]
+    for table in (people, tickets):
+        found += [
+            bytes(value).decode() if isinstance(value, bytes | memoryview) else str(value)
+            for row in accounts.database.read_all(table.select())
+            for value in row
+        ]
     return "\n".join(found)
 
 

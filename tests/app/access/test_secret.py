@@ -10,7 +10,6 @@ from fastapi.testclient import TestClient
 from app.access.gate import Gate
 from app.access.secret import StartSecret, read_or_create_secret
 from app.settings import Settings
-from tests.app.conftest import on_both_set_ups
 
 LIST = "/api/v1/recordings"
 
@@ -129,17 +128,6 @@ def test_a_stranger_is_not_told_what_lies_in_the_trash(guarded: TestClient) -> N
     answer = guarded.get("/nowhere/an_0123456789abcdef", headers={"accept": "text/html"})
 
     assert answer.status_code == 404
-
-
-@on_both_set_ups
-def test_each_organisation_has_its_own_recordings(guarded: TestClient) -> None:
-    offices = guarded.app.state.offices  # type: ignore[attr-defined]
-    bearer = {"Authorization": f"Bearer {find_secret(guarded).bearer}"}
-    guarded.put("/api/v1/analyze", content=b"recording", headers=bearer)
-
-    other = offices.find("org_other")
-
-    assert (len(offices.own.store.find_newest()), len(other.store.find_newest())) == (1, 0)
 
 
 def test_no_secret_of_a_request_reaches_the_log(

@@ -337,15 +337,6 @@ def test_a_code_of_the_authenticator_confirms_once(add_person: AddPerson, enter:
     assert answers == [303, 401]
 
 
-def test_an_assistant_deletes_nothing_for_good(add_person: AddPerson, enter: Enter) -> None:
-    add_person("clara", "assistant")
-
-    answer = enter().client.delete("/api/v1/recordings/rec_x?purge=true")
-
-    assert answer.status_code == 403
-    assert answer.json()["code"] == "E-PERMISSION"
-
-
 # Where somebody is led.
 
 

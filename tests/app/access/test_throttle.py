@@ -12,10 +12,10 @@ from sqlalchemy import select
 from app.access import passwords
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
-from app.access.tables import acts, tries
 from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
-from app.jobs.trail import NOBODY, acting
+from app.jobs.audit_log import NOBODY, acting
+from app.jobs.database.tables import audit_log, tries
 from app.settings import Settings
 from tests.app.access.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
@@ -205,8 +205,8 @@ def test_addresses_of_one_network_of_ipv6_share_a_budget() -> None:
 def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -> None:
     guess(logins, "my password by mistake")
 
-    kept = (settings.data_dir / "accounts.sqlite3").read_bytes()
-    kept += (settings.data_dir / "accounts.sqlite3-wal").read_bytes()
+    kept = (settings.data_dir / "acromion.sqlite3").read_bytes()
+    kept += (settings.data_dir / "acromion.sqlite3-wal").read_bytes()
     assert b"my password" not in kept
 
 
@@ -332,29 +332,29 @@ def test_throttling_starts_without_rows(logins: Logins) -> None:
     throttle.take([limit_address("203.0.113.1")])
 
 
-# What of it is in the trail.
+# What of it is in the audit log.
 
 
-def find_notes(logins: Logins) -> list[tuple[str, str, dict[str, str]]]:
-    """Give what waits for the trail of tries that had to wait: organisation, who, codes."""
-    rows = logins.accounts.database.read_all(select(acts).where(acts.c.act == "login.throttled"))
-    return [(row.organisation, row.who, json.loads(row.other)) for row in rows]
+def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
+    """Return what the audit log says of tries that had to wait: who, codes."""
+    query = select(audit_log).where(audit_log.c.act == "login.throttled")
+    return [(row.who, json.loads(row.other)) for row in logins.accounts.database.read_all(query)]
 
 
 def test_tries_of_an_account_that_have_to_wait_are_one_line_with_the_person(
     logins: Logins, add_person: AddPerson
 ) -> None:
-    clara = add_person(organisation="org_0123456789abcdef")
+    clara = add_person()
 
     with acting(NOBODY):
         for number in range(20):
             guess(logins, "clara", caller=Caller(f"198.51.100.{number}", ""))
 
     told = {"by": "account", "person": clara.id}
-    assert find_notes(logins) == [("org_0123456789abcdef", NOBODY, told)]
+    assert find_notes(logins) == [(NOBODY, told)]
 
 
-def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
+def test_tries_of_an_address_that_have_to_wait_are_one_line_with_nobody(
     logins: Logins, add_person: AddPerson
 ) -> None:
     add_person()
@@ -362,9 +362,7 @@ def test_tries_of_an_address_that_have_to_wait_are_one_line_with_own_and_nobody(
     for number in range(30):
         guess(logins, f"person{number}")
 
-    assert [(organisation, told) for organisation, _, told in find_notes(logins)] == [
-        ("own", {"by": "address"})
-    ]
+    assert [told for _, told in find_notes(logins)] == [{"by": "address"}]
 
 
 def test_a_name_that_nobody_has_is_in_no_line(logins: Logins, add_person: AddPerson) -> None:

@@ -240,7 +240,7 @@ def find_way(subject: Subject, *headers: tuple[bytes, bytes]) -> str:
 
 
 def of_kind(kind: Any, permissions: Sequence[Permission] = ()) -> Subject:
-    return Subject(kind, "x", "x", "own", frozenset(permissions))
+    return Subject(kind, "x", "x", frozenset(permissions))
 
 
 def test_what_a_token_sends_waits_its_turn_whatever_its_headers_say() -> None:

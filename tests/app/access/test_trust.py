@@ -1,4 +1,4 @@
-"""Releases, holds, terms, group figures, and what no organisation sees of another."""
+"""Releases, holds, terms, group figures."""
 
 import json
 import re
@@ -8,7 +8,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
-from app.api.housekeeping import grow_older
+from app.api.housekeeping import grow_older, write_side_files
+from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.database.tables import analyses, answers
 from app.jobs.governance.aggregate import AggregateStore
 from app.jobs.governance.releases import ReleaseStore
@@ -16,7 +17,6 @@ from app.jobs.governance.retention import DAY_S, RetentionStore
 from app.jobs.job import Job
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.trail import TrailQuestion, check_chain, find_lines
 from app.jobs.worker import Bench
 from app.request import ReportRequest
 from app.services import Services
@@ -30,7 +30,7 @@ both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=Tr
 
 def find_acts(services: Services, act: str) -> list[tuple[str, str, str]]:
     """Give who, recording and analysis of each line of an act, the oldest first."""
-    lines = list(find_lines(services.store.reader, TrailQuestion(act=act)))[::-1]
+    lines = list(find_lines(services.store.reader, AuditQuestion(act=act)))[::-1]
     return [(line.who, line.recording_id, line.analysis_id) for line in lines]
 
 
@@ -206,9 +206,7 @@ def test_without_a_trash_the_page_of_a_deletion_says_that_it_is_for_good(
 
 
 @pytest.mark.usefixtures("trash_keeps_nothing")
-def test_a_term_of_the_organisation_makes_a_trash_where_the_server_has_none(
-    house: House, caller: TestClient
-) -> None:
+def test_a_term_makes_a_trash_where_the_server_has_none(house: House, caller: TestClient) -> None:
     assistant = dict(house.log_in("assistant"))
     job = caller.post("/api/v1/analyze", content=b"bytes", headers=assistant).json()
     house.services.retention.put("trash", 10)
@@ -269,7 +267,7 @@ def test_a_result_goes_by_its_term_and_the_recording_stays(
     assert find_acts(house.services, "analysis.purged") == [("system", job["recording_id"], job["id"])]
 
 
-def test_the_trash_has_a_term_of_the_organisation_s_own(house: House, caller: TestClient) -> None:
+def test_the_trash_has_a_term(house: House, caller: TestClient) -> None:
     clinician = dict(house.log_in("clinician"))
     job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
     caller.delete(f"/api/v1/recordings/{job['recording_id']}", headers=clinician)
@@ -281,30 +279,30 @@ def test_the_trash_has_a_term_of_the_organisation_s_own(house: House, caller: Te
 
 
 @both
-def test_a_trail_that_is_shortened_is_proved_from_there(store: JobStore, add_job: AddJob) -> None:
+def test_the_lines_that_have_reached_their_term_go_and_a_line_says_so(
+    store: JobStore, add_job: AddJob
+) -> None:
     terms = RetentionStore(store.engine, store.reader)
     terms.put("trail", 7)
     add_job()
-    terms.add_running_time(60.0)
+    terms.add_running_time(3 * DAY_S)
     add_job(b"another")
-    terms.add_running_time(8 * DAY_S)
+    terms.add_running_time(4 * DAY_S)
 
-    gone = terms.shorten_trail()
+    gone = terms.shorten_audit_log()
 
-    number, faults = check_chain(store.reader)
-    assert (gone, faults) == (4, ())
-    assert number == 3
-    acts = [line.act for line in find_lines(store.reader, TrailQuestion())]
+    acts = [line.act for line in find_lines(store.reader, AuditQuestion())]
+    assert gone == 3
     assert acts == ["trail.shortened", "analysis.asked", "recording.stored"]
 
 
 @both
-def test_a_term_that_was_never_set_shortens_no_trail(store: JobStore, add_job: AddJob) -> None:
+def test_without_a_term_no_line_goes(store: JobStore, add_job: AddJob) -> None:
     terms = RetentionStore(store.engine, store.reader)
     add_job()
     terms.add_running_time(400 * DAY_S)
 
-    assert terms.shorten_trail() == 0
+    assert terms.shorten_audit_log() == 0
 
 
 def test_the_terms_are_changed_on_their_page(house: House, caller: TestClient) -> None:
@@ -448,57 +446,8 @@ def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: 
         assert caller.get(address, headers=employer).status_code == 403
 
 
-# Across organisations.
-
-
-def test_the_same_bytes_elsewhere_are_no_duplicate(house: House, caller: TestClient) -> None:
-    mine, other = dict(house.log_in("clinician")), dict(house.log_in("other"))
-    caller.post("/api/v1/analyze", content=b"bytes", headers=mine)
-
-    theirs = caller.post("/api/v1/analyze", content=b"bytes", headers=other).json()
-
-    recording = caller.get(f"/api/v1/recordings/{theirs['recording_id']}", headers=other).json()
-    assert (theirs.get("duplicate_of"), recording["duplicate_of"], recording["warnings"]) == (None, None, [])
-
-
-def test_counts_lists_and_cursors_hold_nothing_of_elsewhere(house: House, caller: TestClient) -> None:
-    mine, other = dict(house.log_in("clinician")), dict(house.log_in("other"))
-    for number in range(3):
-        caller.post("/api/v1/analyze", content=bytes([number]), headers=mine)
-    page = caller.get("/api/v1/recordings?limit=1", headers=mine).json()
-
-    cursor = caller.get(f"/api/v1/recordings?cursor={page['next_cursor']}", headers=other).json()
-
-    assert cursor == {"items": [], "next_cursor": None}
-    for kind in ("recordings", "analyses"):
-        assert caller.get(f"/api/v1/{kind}", headers=other).json()["items"] == []
-    assert "rec_" not in caller.get("/", headers=other).text
-
-
-def test_an_etag_of_elsewhere_is_not_known_here(
-    house: House, caller: TestClient, bench: Callable[..., Bench]
-) -> None:
-    mine, other = dict(house.log_in("clinician")), dict(house.log_in("other"))
-    job = caller.post("/api/v1/analyze", content=b"bytes", headers=mine).json()
-    do_next(bench(write_digest))
-    address = f"/api/v1/analyses/{job['id']}/results.json"
-    etag = caller.get(address, headers=mine).headers["etag"]
-
-    asked = caller.get(address, headers=other | {"If-None-Match": etag})
-
-    assert asked.status_code == 404
-
-
-def test_the_trail_of_elsewhere_is_not_shown(house: House, caller: TestClient) -> None:
-    caller.post("/api/v1/analyze", content=b"bytes", headers=dict(house.log_in("clinician")))
-
-    lines = caller.get("/api/v1/trail", headers=dict(house.log_in("other"))).json()["items"]
-
-    assert not any(line["recording_id"] for line in lines)
-    assert json.dumps(lines).count(house.people["clinician"]) == 0
-
-
 def test_a_hold_is_in_the_side_file(house: House, held: tuple[str, dict[str, str]]) -> None:
+    write_side_files(house.services)
     side = house.services.storage.read_small(f"recordings/{held[0]}.json")
 
     assert json.loads(side or b"")["rows"]["recordings"][0]["hold"] == "legal"

@@ -88,15 +88,6 @@ def test_a_session_that_was_cut_is_named_with_what_it_holds(log: Path, tmp_path:
     assert "It holds 0:01:30" in output
 
 
-def test_a_strapped_axis_stands_in_the_raw_file(log: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-
-    run(str(log), "-o", str(out), "--speed", "20", "--axis", "z")
-
-    (raw,) = out.glob("live-*.csv")
-    assert read_recording(raw).arm_axis == "+z"
-
-
 class MadeSource:
     """Frames of a sensor whose axis nobody knows, as fast as they are asked for."""
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.live.raw_file import RawFile, RawHeader, Wearer, find_cut, was_stopped
+from app.live.raw_file import RawFile, Wearer, find_cut, was_stopped
+from app.live.source import SourceFacts
 from fusion.live import Frames
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
@@ -18,7 +19,7 @@ from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_frames
 
 START = datetime(2026, 3, 2, 7, 0, tzinfo=UTC)
-HEADER = RawHeader("lsm9ds1", "replay", START, 100.0, acc_range_g=16.0, gyr_range_dps=2000.0)
+HEADER = SourceFacts("lsm9ds1", "replay", 100.0, START, acc_range_g=16.0, gyr_range_dps=2000.0)
 
 
 def write(path: Path, frames: Frames, pose_s: tuple[float, float] | None = None) -> Recording:
@@ -83,8 +84,8 @@ def test_without_a_pose_none_is_stated(tmp_path: Path) -> None:
 
 
 def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
-    header = RawHeader("other", "port", START, 100.0, Wearer(arm_axis="+z"))
-    with RawFile(tmp_path / "live-a.csv", header) as raw:
+    facts = SourceFacts("other", "port", 100.0, START)
+    with RawFile(tmp_path / "live-a.csv", facts, Wearer(arm_axis="+z")) as raw:
         raw.write(make_frames((0.0, 60.0), (95.0, 60.0)))
 
     calibration = analyse(tmp_path / "live-a.csv").calibration
@@ -95,8 +96,7 @@ def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
 
 
 def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:
-    header = RawHeader("other", "a\n# arm_axis: x", START, 100.0)
-    with RawFile(tmp_path / "live-a.csv", header) as raw:
+    with RawFile(tmp_path / "live-a.csv", SourceFacts("other", "a\n# arm_axis: x", 100.0, START)) as raw:
         raw.write(make_frames(FIRST_POSE))
 
     assert read_recording(tmp_path / "live-a.csv").arm_axis is None

@@ -16,10 +16,10 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.api.live import _find_limiter, find_hub
 from app.api.live_library import LIVE_FOLDER
-from app.jobs.database.tables import deliveries, recordings, trail
+from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
-from app.live.raw_file import RawFile, RawHeader, Wearer
+from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.session_files import SessionFiles, begin_files
 from app.live.source import SourceFacts
@@ -41,7 +41,7 @@ DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
 
 
 def write_raw(path: Path, recording: Recording, wearer: Wearer) -> None:
-    with RawFile(path, RawHeader("other", "made", START, 100.0, wearer)) as raw:
+    with RawFile(path, SourceFacts("other", "made", 100.0, START), wearer) as raw:
         for frames in replay_frames(recording, 1e6):
             raw.write(frames)
 
@@ -306,7 +306,9 @@ def test_a_session_that_a_kill_cut_off_ends_in_the_trail_when_the_server_starts(
 
 def read_trail(store: JobStore, *acts: str) -> list[Row[Any]]:
     with store.engine.connect() as connection:
-        return list(connection.execute(select(trail).where(trail.c.act.in_(acts)).order_by(trail.c.seq)))
+        return list(
+            connection.execute(select(audit_log).where(audit_log.c.act.in_(acts)).order_by(audit_log.c.seq))
+        )
 
 
 def test_boards_that_are_silent_hold_up_no_other_request(
@@ -353,7 +355,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
         asked = {"type": "start", "source": "recording", "recording": stored, "keeps": True}
         with connect(caller, **asked) as socket:
             read_until(socket, "update")
-        hub = find_hub(application.state.offices.own)
+        hub = find_hub(application.state.services)
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
@@ -400,7 +402,7 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
         while socket.receive_json()["status"]["frames"] < 1500:
             pass
 
-    hub = find_hub(client.app.state.offices.own)  # type: ignore[attr-defined]
+    hub = find_hub(client.app.state.services)  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
 
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
@@ -448,9 +450,10 @@ def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -
 def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
     client: TestClient, recording_id: str, store: JobStore, settings: Settings
 ) -> None:
-    hooks = client.app.state.offices.own.webhooks  # type: ignore[attr-defined]
-    told = hooks.add("https://hooks.example/cues", ("live.cue",), ServerSecret(settings.data_dir))
-    hooks.add("https://hooks.example/ends", ("analysis.finished",), ServerSecret(settings.data_dir))
+    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
+    server = ServerSecret(settings.data_dir)
+    told = hooks.add("https://hooks.example/cues", ("live.cue",), server)
+    hooks.add("https://hooks.example/ends", ("analysis.finished",), server)
 
     play(client, recording_id, cues=[HOLD])
 

@@ -1,4 +1,8 @@
-"""The first tables."""
+"""The baseline: every table of the code.
+
+Before the first release a change of the tables changes ``REVISION`` of the tables module, and older data
+folders are refused. The first migration after the release writes these tables out first.
+"""
 
 from alembic import op
 

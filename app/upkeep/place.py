@@ -1,0 +1,56 @@
+"""Whether a place holds anything that a command of upkeep may work on."""
+
+from app.access.accounts import MARKER
+from app.errors import NotHere
+from app.jobs.database.connect import connect, read_revision
+from app.settings import Settings
+from app.storage.open import open_storage
+
+_KEPT = ("acromion.sqlite3", MARKER, "recordings")
+"""What a folder that was ever used has one of."""
+
+
+def check_used(settings: Settings) -> None:
+    """Check that something was ever kept here. To look makes nothing.
+
+    Raises
+    ------
+    NotHere
+    """
+    if not is_used(settings):
+        raise NotHere(id=str(settings.data_dir))
+
+
+def check_recoverable(settings: Settings) -> None:
+    """Check that something is left here, even if the database is lost.
+
+    Raises
+    ------
+    NotHere
+        Nothing is in the folder, the database or the bucket.
+    """
+    is_there = _is_folder_used(settings) or is_used(settings)
+    if not is_there and not (settings.object_store and open_storage(settings).find_recordings()):
+        raise NotHere(id=str(settings.data_dir))
+
+
+def is_used(settings: Settings) -> bool:
+    """Tell whether anything was ever kept here; to look makes nothing."""
+    if settings.database_url.startswith("sqlite"):
+        return _is_folder_used(settings)
+    return _has_tables(settings) and (bool(settings.object_store) or _is_folder_used(settings))
+
+
+def _is_folder_used(settings: Settings) -> bool:
+    folder = settings.data_dir
+    return folder.is_file() or any((folder / name).exists() for name in _KEPT)  # a file is named as one later
+
+
+def _has_tables(settings: Settings) -> bool:
+    """Tell whether there are tables."""
+    engine = connect(settings.database_url)
+    try:
+        with engine.connect() as connection:
+            return read_revision(connection) is not None
+    finally:
+        engine.dispose()

@@ -1,0 +1,140 @@
+"""The audit log, terms and holds by command."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from app.access.accounts import AccountStore
+from app.cli import app
+from app.jobs.audit_log import AuditQuestion, find_lines
+from app.jobs.store import JobStore
+from app.settings import Settings
+from tests.app.conftest import AddJob
+
+
+def run(settings: Settings, *words: str) -> tuple[int, str]:
+    """Run a command over the folder; gives its exit code and what it prints."""
+    done = CliRunner().invoke(app, [*words, "--data", str(settings.data_dir)])
+    return done.exit_code, done.output
+
+
+def test_the_command_answers_who_touched_a_subject(
+    settings: Settings, store: JobStore, add_job: AddJob
+) -> None:
+    job = add_job(subject="W-1")
+    add_job(b"another", subject="W-2")
+
+    _, told = run(settings, "trail", "show", "--subject", "W-1", "--form", "jsonl")
+
+    lines = [json.loads(line) for line in told.splitlines()]
+    assert [line["act"] for line in lines] == ["analysis.asked", "recording.stored"]
+    assert {line["recording_id"] for line in lines} == {job.recording_id}
+
+
+def test_a_hold_by_command_is_of_the_machine(settings: Settings, store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+
+    assert run(settings, "hold", "begin", job.recording_id)[0] == 0
+    assert run(settings, "hold", "end", job.recording_id)[0] == 0
+
+    held = list(find_lines(store.reader, AuditQuestion(who="machine")))
+    assert [line.act for line in held] == ["recording.let_go", "recording.held"]
+
+
+def test_a_term_is_changed_by_command(settings: Settings, store: JobStore) -> None:
+    assert "Lines of the audit log: kept for good" in run(settings, "retention")[1]
+    assert "Lines of the audit log: 400 days" in run(settings, "retention", "trail", "400")[1]
+    assert "Lines of the audit log: kept for good" in run(settings, "retention", "trail", "never")[1]
+
+
+def test_backup_verify_and_restore_leave_a_line(
+    settings: Settings, store: JobStore, add_job: AddJob, tmp_path: Path
+) -> None:
+    add_job()
+    store.close()
+    run(settings, "verify")
+    run(settings, "backup", str(tmp_path / "copy.zip"))
+    there = settings.model_copy(
+        update={
+            "data_dir": tmp_path / "there",
+            "database_url": f"sqlite:///{tmp_path / 'there' / 'acromion.sqlite3'}",
+        }
+    )
+
+    run(there, "restore", str(tmp_path / "copy.zip"))
+
+    restored = JobStore(there)
+    lines = [(line.who, line.act) for line in find_lines(restored.reader, AuditQuestion(who="machine"))]
+    restored.close()
+    assert lines == [
+        ("machine", "store.restored"),
+        ("machine", "store.backed_up"),
+        ("machine", "store.verified"),
+    ]
+
+
+def test_a_place_without_a_database_is_refused_and_gets_none(settings: Settings, tmp_path: Path) -> None:
+    nowhere = settings.model_copy(
+        update={
+            "data_dir": tmp_path / "no",
+            "database_url": f"sqlite:///{tmp_path / 'no' / 'acromion.sqlite3'}",
+        }
+    )
+
+    code, told = run(nowhere, "trail", "show")
+
+    assert code != 0
+    assert "E-NOT-FOUND" in told
+    assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("moment", ["0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59-14:00"])
+def test_a_moment_beyond_the_calendar_is_refused(settings: Settings, store: JobStore, moment: str) -> None:
+    code, told = run(settings, "trail", "show", "--from", moment)
+
+    assert code != 0
+    assert "E-PARAMETER" in told
+
+
+@pytest.mark.parametrize(
+    "words", [("account", "list"), ("trail", "show"), ("retention",), ("version",), ("--help",)]
+)
+def test_a_command_whose_output_nobody_reads_any_more_ends_and_says_nothing(
+    settings: Settings, accounts: AccountStore, store: JobStore, words: tuple[str, ...]
+) -> None:
+    accounts.add_person("boss", "Boss", ["manager"])
+
+    done = run_unread(settings, *words)
+
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_an_account_is_added_though_nobody_reads_on(settings: Settings, accounts: AccountStore) -> None:
+    done = run_unread(settings, "account", "add", "boss", "--role", "manager")
+
+    assert (done.returncode, done.stderr) == (141, b"")
+    assert [person.login for person in accounts.find_people()] == ["boss"]
+
+
+def run_unread(settings: Settings, *words: str) -> "subprocess.CompletedProcess[bytes]":
+    """Run a command in a process of its own, into a pipe whose reader has left."""
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    typed = [sys.executable, "-m", "app", *words]
+    told = dict(os.environ) | settings.as_environment()
+    try:
+        return subprocess.run(typed, stdout=write_end, stderr=subprocess.PIPE, env=told, check=False)
+    finally:
+        os.close(write_end)
+
+
+def test_a_broken_byte_in_a_question_is_a_usage_error() -> None:
+    result = CliRunner().invoke(app, ["trail", "show", "--who", "\udcff"])
+
+    assert result.exit_code == 2
+    assert "--who" in result.output
