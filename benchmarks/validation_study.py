@@ -17,9 +17,9 @@ import typer
 from app.cli import app
 from fusion.simulation import SimulatedShift, write_shift
 from fusion.simulation.sensor import Device
-from fusion.simulation.tasks import LOWERING_S, simulate_session
-from fusion.simulation.write_truth import write_mvnx
 from fusion.source_paper import TITLES
+from tests.simulated_mvnx import write_mvnx
+from tests.simulated_tasks import LOWERING_S, simulate_session
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 MVN_RATE_HZ = 60.0

@@ -12,8 +12,8 @@ from fusion.simulation import SimulatedShift
 from fusion.simulation.body import ArmState
 from fusion.simulation.sensor import PARTS, Device, Part, draw_errors, quantise, sense
 from fusion.simulation.shift import START
-from fusion.simulation.tasks import LOWERING_S
 from fusion.source_paper import TaskFigures
+from tests.simulated_tasks import LOWERING_S
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 NAMES = {"gt9x": "GT9X", "lsm9ds1": "LSM9DS1"}

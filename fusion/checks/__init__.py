@@ -1,1 +1,1 @@
-"""Is what was read believable? Stopped channels, scale, axes, clipping."""
+"""Is what was read believable? Stuck channels, scale, axes, clipping."""

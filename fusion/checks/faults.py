@@ -18,12 +18,12 @@ from fusion.checks.stopped import (
     Values,
     cut_rows,
     find_held_runs,
-    join_ranges,
     place_rows,
 )
 from fusion.checks.summary import BLOCK_ROWS, SegmentSummary, SensorSummary, Summaries, summarise
 from fusion.errors import DeadSensor
 from fusion.numba_kernels import inner, kernel
+from fusion.numerics.intervals import join_overlapping
 from fusion.recording import (
     MICROSECONDS,
     QualityFlag,
@@ -108,7 +108,7 @@ def find_stuck_rows(seen: Summaries) -> list[list[Pair]]:
                 continue
             for rows, one, some in zip(found, seen, runs, strict=True):
                 rows += [(a, b) for a, b in some.tolist() if _is_stuck(one.segment, sensor, axes, (a, b))]
-    return [join_ranges(sorted(some)) for some in found]
+    return [join_overlapping(some) for some in found]
 
 
 def _read(segment: Segment, sensor: int) -> Values:

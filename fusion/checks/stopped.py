@@ -98,17 +98,6 @@ def place_rows(segment: Segment, first_row: int, stop_row: int, reason: str = ""
     return Span(start_us, end_us - start_us, reason)
 
 
-def join_ranges(ranges: Ranges) -> list[tuple[int, int]]:
-    """Make one of ranges, ordered by their first rows, that overlap or touch."""
-    joined: list[tuple[int, int]] = []
-    for first, stop in ranges:
-        if joined and first <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
-        else:
-            joined.append((first, stop))
-    return joined
-
-
 def cut_rows(segment: Segment, ranges: Ranges) -> list[Segment]:
     """What is left of a segment without some of its rows."""
     if not ranges:

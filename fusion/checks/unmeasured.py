@@ -21,12 +21,12 @@ from fusion.checks.stopped import (
     cut_rows,
     find_held_runs,
     find_runs,
-    join_ranges,
     mark_equal,
     place_rows,
 )
 from fusion.checks.summary import SegmentSummary, Summaries, summarise
 from fusion.errors import UnusableTime
+from fusion.numerics.intervals import join_overlapping
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
@@ -90,7 +90,7 @@ def _find_fillers(segment: Segment, usual_g: float) -> Rows:
         if is_too_frequent(len(fillers), len(segment)):
             raise UnusableTime(why="irregular")
         found += [fillers, find_runs(is_blind, shortest)]
-    joined = join_ranges(sorted((int(a), int(b)) for runs in found for a, b in runs))
+    joined = join_overlapping((int(a), int(b)) for runs in found for a, b in runs)
     return np.array(joined, np.int64).reshape(-1, 2)
 
 
@@ -127,7 +127,7 @@ def open_hole(segment: Segment, runs: Rows) -> list[Segment]:
     if len(runs) == 0:
         return [segment]
     bridged = set(segment.bridged)
-    every = join_ranges(sorted([*bridged, *((int(first), int(stop)) for first, stop in runs)]))
+    every = join_overlapping([*bridged, *((int(first), int(stop)) for first, stop in runs)])
     holes = [pair for pair in every if pair not in bridged]
     most_rows = int(LONGEST_BRIDGE_US * segment.rate_hz / MICROSECONDS + 1e-3) - 1
     is_short = {(a, b): a > 0 and b < len(segment) and b - a <= most_rows for a, b in holes}

@@ -1,14 +1,17 @@
-"""Stretches of time, (start, end)."""
+"""Stretches of time or ranges of rows, (start, end)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import TypeVar
+
+Number = TypeVar("Number", int, float)
 
 
-def join_overlapping(spans_s: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return spans in order of time; those that meet are one."""
-    joined: list[tuple[float, float]] = []
-    for start_s, end_s in sorted(spans_s):
-        if joined and start_s <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(joined[-1][1], end_s))
+def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Number, Number]]:
+    """Return spans in order; those that meet are one."""
+    joined: list[tuple[Number, Number]] = []
+    for start, end in sorted(spans):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], end))
         else:
-            joined.append((start_s, end_s))
+            joined.append((start, end))
     return joined

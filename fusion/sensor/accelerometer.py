@@ -93,11 +93,6 @@ class AccelerometerCorrection:
         """Shape (3,): over the recording."""
         return np.asarray(self.offset_g.mean(axis=0))
 
-    @property
-    def drift_g(self) -> float:
-        """How far the offset gets from its mean."""
-        return float(np.linalg.norm(self.offset_g - self.mean_offset_g, axis=1).max())
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovingReadings:

@@ -352,7 +352,7 @@ def test_a_place_without_a_database_is_not_backed_up(acromion: Acromion, tmp_pat
         ("backup", "{tmp}/b.zip"),
         ("verify",),
         ("recover",),
-        ("trail", "verify"),
+        ("trail", "show"),
         ("account", "list"),
         ("account", "end", "clara"),
     ],

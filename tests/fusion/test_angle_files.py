@@ -19,8 +19,8 @@ from fusion.angle_files import (
 )
 from fusion.errors import MissingSegment, RefusedXml, UnknownAxis, UnknownRate, UnusableTime, WrongAngle
 from fusion.readers import read_recording
-from fusion.simulation.write_truth import write_mvnx
 from tests.factories import hold
+from tests.simulated_mvnx import write_mvnx
 
 FRAMES = '<frame type="normal" time="0" index="0"><position>0 0 1.4 {elbow}</position></frame>'
 

@@ -1,4 +1,4 @@
-"""Unit, frame and gyroscope scale are found from the samples, changed on strong evidence only, and said."""
+"""Unit and hand are found from the samples and changed on strong evidence only; a scale is doubted."""
 
 import numpy as np
 import pytest

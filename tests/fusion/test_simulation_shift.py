@@ -7,7 +7,7 @@ import pytest
 
 from fusion.simulation import SimulatedShift, simulate_shift
 from fusion.simulation.sensor import Device
-from fusion.simulation.tasks import TASKS, simulate_task
+from tests.simulated_tasks import TASKS, simulate_task
 
 DEVICES = get_args(Device)
 

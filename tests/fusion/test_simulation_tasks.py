@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.simulation import SimulatedShift
-from fusion.simulation.tasks import CALIBRATION_S, LOWERING_S, TASKS, simulate_session, simulate_task
+from tests.simulated_tasks import CALIBRATION_S, LOWERING_S, TASKS, simulate_session, simulate_task
 
 QUASI_STATIC = (2, 5)
 TRUNK_FLEXION, THROWS = 7, 10

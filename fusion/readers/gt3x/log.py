@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import njit
+from fusion.numerics.intervals import join_overlapping
 from fusion.readers.source import mark_last
 from fusion.recording import MICROSECONDS, Span
 
@@ -76,13 +77,7 @@ def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tupl
 
 def merge_seconds(seconds: Iterable[int]) -> list[tuple[int, int]]:
     """Join single seconds into (from, to)."""
-    spans: list[tuple[int, int]] = []
-    for second in sorted(set(seconds)):
-        if spans and spans[-1][1] == second:
-            spans[-1] = (spans[-1][0], second + 1)
-        else:
-            spans.append((second, second + 1))
-    return spans
+    return join_overlapping((second, second + 1) for second in set(seconds))
 
 
 def cut_out(start_s: int, end_s: int, covered: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
