@@ -20,7 +20,7 @@ from app.storage.open import open_storage
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
 from app.upkeep.recover import find_strange
 
-RECHECKS, RECHECK_PAUSE_S = 5, 0.2
+RECHECKS, RECHECK_PAUSE_S = 10, 0.5
 """How often, and after what pause, a side file that differs is compared again."""
 
 _NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)

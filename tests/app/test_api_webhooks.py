@@ -246,7 +246,7 @@ def test_a_batch_of_what_is_done_already_is_told_at_once(
     run_next(bench(stand_ins.write_report))
     subscribe(open_client, listener.url, events=["batch.finished"])
 
-    again = open_client.post("/api/v1/batches", json={"items": items}).json()
+    again = open_client.post("/api/v1/batches", json={"name": "again", "items": items}).json()
     tell_webhooks(services_of(open_client.app), 1.0)
 
     assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": again["id"]}]
