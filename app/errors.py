@@ -352,8 +352,8 @@ class LoginRefused(NotAllowed):
     outcome = Outcome(401, 2)
 
 
-class SecondFactorSealed(NotAllowed):
-    """The authenticator's secret is sealed with a key that is not here: no code can be compared."""
+class SecondFactorLost(NotAllowed):
+    """The authenticator's secret cannot be decrypted: the secret of the server is another."""
 
     code = "E-SECOND-FACTOR"
     outcome = Outcome(503, 2)

@@ -15,7 +15,6 @@ from sqlalchemy.exc import IntegrityError
 
 from app.access.database import AccountDatabase
 from app.access.hashing import hash_secret
-from app.access.sealed_secrets import SecretSealer
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.errors import AccountsLost, BadParameter, NotHere
 from app.jobs.audit_log import NOBODY, Act, record
@@ -86,7 +85,7 @@ class AccountStore:
     ) -> None:
         self.database, self.clock = AccountDatabase(settings, engine), clock
         self._marker = settings.data_dir / MARKER
-        self.secrets = SecretSealer(ServerSecret(settings.data_dir))
+        self.secrets = ServerSecret(settings.data_dir)
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:

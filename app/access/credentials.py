@@ -22,6 +22,11 @@ BROWSER_TERM_S = 400 * 24 * 3600
 logger = logging.getLogger(__name__)
 
 
+def name_second_factor(person_id: str) -> str:
+    """Name what the secret of an authenticator is encrypted about: no row opens as another person's."""
+    return f"second factor of {person_id}"
+
+
 @dataclass(frozen=True, slots=True)
 class LinkUse:
     """A password was set by a link: ``made_by`` (an id, or ``machine``) made it, ``address`` used it.
@@ -52,7 +57,7 @@ class CredentialStore:
     """Rows of what people log in with."""
 
     def __init__(self, accounts: AccountStore) -> None:
-        self._database, self._clock, self._sealer = accounts.database, accounts.clock, accounts.secrets
+        self._database, self._clock, self._secrets = accounts.database, accounts.clock, accounts.secrets
 
     def find(self, login: str) -> Credentials | None:
         """Find what a person may log in with, by the login name; None where nobody may by this name."""
@@ -95,7 +100,7 @@ class CredentialStore:
 
     def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
         """Keep an authenticator and its recovery codes in place of those before; "" for none."""
-        sealed = self._sealer.seal(person_id, secret).encode() if secret else None
+        sealed = self._secrets.encrypt(secret, name_second_factor(person_id)).encode() if secret else None
         values = {"totp_secret": sealed, "totp_step": step}
         with self._database.write() as connection:
             connection.execute(update(people).where(people.c.id == person_id).values(values))
@@ -153,7 +158,7 @@ class CredentialStore:
 
     def _open(self, person_id: str, kept: str) -> str:
         try:
-            return self._sealer.open(person_id, kept)
+            return self._secrets.decrypt(kept, name_second_factor(person_id))
         except SecretUnreadable:
             logger.error(
                 "the second factor of %s cannot be read: put server.key back, or "

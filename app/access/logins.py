@@ -12,12 +12,12 @@ from types import ModuleType
 from typing import Literal
 
 from app.access.accounts import AccountStore, Person
-from app.access.credentials import UNOPENED, Credentials, CredentialStore, LinkUse
+from app.access.credentials import UNOPENED, Credentials, CredentialStore, LinkUse, name_second_factor
 from app.access.hashing import NameHasher, hash_secret
 from app.access.subjects import Subject
 from app.access.throttle import Budget, Throttle, limit_account, limit_address, limit_browser, limit_code
 from app.access.tickets import Ticket, TicketStore
-from app.errors import LoginRefused, SecondFactorSealed
+from app.errors import LoginRefused, SecondFactorLost
 from app.jobs.audit_log import NOBODY, find_actor
 from app.settings import Settings
 from app.storage.open import load_extra
@@ -71,7 +71,7 @@ class Logins:
         self.accounts, self.credentials = accounts, CredentialStore(accounts)
         self.tickets = TicketStore(accounts.database, accounts.clock)
         self.throttle = Throttle(accounts.database, accounts.clock)
-        self._names = NameHasher(accounts.secrets.server)
+        self._names = NameHasher(accounts.secrets)
         self._must_enrol = settings.second_factor == "required"
 
     # Logging in.
@@ -102,7 +102,7 @@ class Logins:
 
         Raises
         ------
-        LoginRefused, SecondFactorSealed, TooManyTries, TicketSpent, NotInstalled
+        LoginRefused, SecondFactorLost, TooManyTries, TicketSpent, NotInstalled
         """
         person_id = self.tickets.look("code", ticket).person_id
         found = self.credentials.find_of(person_id)
@@ -131,7 +131,7 @@ class Logins:
 
         Raises
         ------
-        LoginRefused, SecondFactorSealed, TooManyTries, NotInstalled
+        LoginRefused, SecondFactorLost, TooManyTries, NotInstalled
         """
         found = self.credentials.find_of(subject.id)
         budgets = self._limit(found, caller, limit_code(subject.id))
@@ -147,7 +147,7 @@ class Logins:
 
     def begin_enrolment(self, person_id: str) -> str:
         """Make a secret for an authenticator; it counts once a code of it was given. Gives the ticket."""
-        secret = self.accounts.secrets.seal(person_id, self._codes.make_secret())
+        secret = self.accounts.secrets.encrypt(self._codes.make_secret(), name_second_factor(person_id))
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
@@ -179,7 +179,7 @@ class Logins:
         return found.person_id, codes
 
     def _open_secret(self, ticket: Ticket) -> str:
-        return self.accounts.secrets.open(ticket.person_id, str(ticket.told["secret"]))
+        return self.accounts.secrets.decrypt(str(ticket.told["secret"]), name_second_factor(ticket.person_id))
 
     def drop_second_factor(self, person_id: str) -> None:
         """Turn the authenticator off; where it is required the next login sets one up."""
@@ -279,11 +279,11 @@ class Logins:
 
         Raises
         ------
-        SecondFactorSealed
+        SecondFactorLost
         """
         if found is not None and found.second_factor == UNOPENED and _is_step(code):
             self.throttle.give_back(budgets)
-            raise SecondFactorSealed
+            raise SecondFactorLost
 
     def _is_code(self, found: Credentials, code: str) -> bool:
         """Tell whether a code is right, and use it up."""

@@ -20,7 +20,7 @@ from app.errors import (
     BadParameter,
     LoginRefused,
     NotPermitted,
-    SecondFactorSealed,
+    SecondFactorLost,
     TooManyTries,
     WeakPassword,
 )
@@ -58,7 +58,7 @@ def change_password(request: Request, form: UsedForm, person: UsedPerson, langua
     proof, password = take_secret(form, "proof"), take_secret(form, "password")
     try:
         cookie = find_logins(request).change_password(person, proof, password, find_caller(request))
-    except (LoginRefused, SecondFactorSealed, TooManyTries, WeakPassword) as refusal:
+    except (LoginRefused, SecondFactorLost, TooManyTries, WeakPassword) as refusal:
         return _render(request, person, language, refusal=refusal)
     response = _render(request, replace(person, session=hash_secret(cookie)), language, done="password")
     set_cookie(request, response, SESSION_COOKIE, cookie, int(LONGEST_S))

@@ -33,7 +33,7 @@ from app.errors import (
     NotPermitted,
     NotSignedIn,
     ProviderRefused,
-    SecondFactorSealed,
+    SecondFactorLost,
     TicketSpent,
     TooManyTries,
     WeakPassword,
@@ -100,7 +100,7 @@ def give_code(request: Request, form: UsedForm, language: UsedLanguage) -> Respo
     ticket = first(form, "ticket")
     try:
         entered = find_logins(request).give_code(ticket, first(form, "code"), find_caller(request))
-    except (LoginRefused, SecondFactorSealed, TooManyTries) as refusal:
+    except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_code(request, language, form, ticket, refusal)
     except TicketSpent as refusal:
         return _render_login(request, language, first(form, "next"), refusal)
@@ -205,7 +205,7 @@ def confirm(request: Request, form: UsedForm, subject: UsedSubject, language: Us
     wanted = first(form, "next")
     try:
         cookie = find_logins(request).confirm(subject, take_secret(form, "proof"), find_caller(request))
-    except (LoginRefused, SecondFactorSealed, TooManyTries) as refusal:
+    except (LoginRefused, SecondFactorLost, TooManyTries) as refusal:
         return _render_confirmation(request, language, subject, wanted, refusal)
     return _lead_with(request, cookie, wanted)
 

@@ -7,7 +7,7 @@ from sqlalchemy import select, update
 
 from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
-from app.errors import SecondFactorSealed
+from app.errors import SecondFactorLost
 from app.jobs.database.tables import people, tickets
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret
@@ -61,7 +61,7 @@ def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
     person = add_person()
     ServerSecret(settings.data_dir).file.unlink()
 
-    with pytest.raises(SecondFactorSealed):
+    with pytest.raises(SecondFactorLost):
         log_in(logins, clock)
 
     assert f"the second factor of {person.id} cannot be read" in caplog.text
@@ -92,7 +92,7 @@ def test_a_code_that_cannot_be_compared_is_no_guess(
     ServerSecret(settings.data_dir).file.unlink()
     step = logins.give_password("clara", PASSWORD, HERE)
     for _ in range(20):
-        with pytest.raises(SecondFactorSealed):
+        with pytest.raises(SecondFactorLost):
             logins.give_code(step.ticket, make_code(clock), HERE)
 
     assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
@@ -117,5 +117,5 @@ def test_a_secret_does_not_open_as_another_persons(
     with accounts.database.write() as connection:
         connection.execute(update(people).where(people.c.id == clara.id).values(totp_secret=hers))
 
-    with pytest.raises(SecondFactorSealed):
+    with pytest.raises(SecondFactorLost):
         log_in(logins, clock)
