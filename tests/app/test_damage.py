@@ -58,7 +58,7 @@ def remove(storage: Any, name: str) -> None:
     if storage.is_local:
         (storage.root / name).unlink()
     else:
-        storage.inner._delete([name])
+        storage._delete([name])
 
 
 def spoil(storage: Storage, name: str, how: str) -> None:
