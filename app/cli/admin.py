@@ -177,7 +177,8 @@ def restore(
 
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
-    from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
+    from app.storage.erasures import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.backup import restore as put_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with refusals_printed(lang, settings):
@@ -186,6 +187,7 @@ def restore(
     if copied.erased:
         print_sentence(lang, "restore", "erased", number=str(copied.erased))
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
+    print_sentence(lang, "restore", "ledger", name=LEDGER_FILE)
     _exit_by(copied)
 
 

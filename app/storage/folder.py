@@ -14,6 +14,7 @@ from typing import IO
 from app.storage.erasures import LEDGER_FILE, FolderLedger
 from app.storage.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
 from app.storage.store import (
+    COPY_BYTES,
     SIDE_SUFFIX,
     UNREADABLE,
     Fetched,
@@ -153,7 +154,8 @@ class FolderStorage:
         make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with translate_disk_full():
-            shutil.copyfile(path, part)
+            with path.open("rb") as source, create_file(part) as target:
+                shutil.copyfileobj(source, target, COPY_BYTES)
             sync_file(part)
             part.rename(kept)
         for folder in (kept.parent, *kept.parent.parents[: len(Path(name).parts) - 1]):

@@ -42,7 +42,7 @@ from app.errors import (
     ResultDamaged,
     StoreDamaged,
 )
-from app.storage.permissions import create_file
+from app.storage.permissions import FILE_MODE, create_file
 
 if sys.platform != "win32":
     import fcntl
@@ -425,7 +425,7 @@ class FolderLock:
     """Held by the one server of a data folder; the system releases it when the process ends."""
 
     def __init__(self, root: Path) -> None:
-        self._file = (root / "server.lock").open("w")
+        self._file = os.fdopen(os.open(root / "server.lock", os.O_WRONLY | os.O_CREAT, FILE_MODE), "w")
         if sys.platform != "win32":
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -117,8 +117,9 @@ def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> 
 
 
 def drop_older_backups(path: Path, keep: int) -> tuple[str, ...]:
-    """Delete the older backups of this name, in which only digits differ; return their names."""
-    same = re.compile(r"\d+".join(map(re.escape, re.split(r"\d+", path.name))))
+    """Delete older backups of this name (encrypted or not; only digits differ); return their names."""
+    name = path.name.removesuffix(".age")
+    same = re.compile(r"\d+".join(map(re.escape, re.split(r"\d+", name))) + r"(\.age)?")
     found = [one for one in path.resolve().parent.iterdir() if one.is_file() and same.fullmatch(one.name)]
     found.sort(key=lambda one: (one.stat().st_mtime_ns, one.name))
     for one in found[:-keep]:

@@ -1,6 +1,9 @@
 """How long backups can still contain what was erased: what ``acromion backup`` writes down, and what follows.
 
 backups.json    {"keep": number of kept backups or null, "made_at": [when the kept ones were made]}
+
+Once a backup was made that nothing deletes (without ``--keep``), ``keep`` stays null: delete that
+backup, then this file.
 """
 
 import json
@@ -25,7 +28,10 @@ class BackupTerm:
 
 def record_backup(storage: Storage, keep: int | None) -> None:
     """Write down that a backup was made."""
-    made_at = [*_read(storage)[1], datetime.now(UTC).isoformat(timespec="seconds")]
+    kept, before = _read(storage)
+    if before and kept is None:
+        keep = None
+    made_at = [*before, datetime.now(UTC).isoformat(timespec="seconds")]
     content = {"keep": keep, "made_at": made_at[-(keep or 2) :]}
     storage.write_small(FILE, json.dumps(content).encode())
 
@@ -33,7 +39,8 @@ def record_backup(storage: Storage, keep: int | None) -> None:
 def find_backup_term(storage: Storage) -> BackupTerm:
     """Return until when backups can contain what is erased now.
 
-    The newest backup is deleted once as many further ones are made as are kept: at the pace of those known.
+    The newest backup is deleted once as many further ones are made as are kept: at the pace of those known,
+    and at most one a day.
     """
     keep, made_at = _read(storage)
     if not made_at:
@@ -42,7 +49,7 @@ def find_backup_term(storage: Storage) -> BackupTerm:
         return BackupTerm("unlimited")
     moments = [datetime.fromisoformat(one) for one in made_at]
     between = (moments[-1] - moments[0]) / (len(moments) - 1) if len(moments) > 1 else USUAL
-    return BackupTerm("until", (moments[-1] + keep * between + USUAL).date().isoformat())
+    return BackupTerm("until", (moments[-1] + keep * max(between, USUAL) + USUAL).date().isoformat())
 
 
 def _read(storage: Storage) -> tuple[int | None, list[str]]:

@@ -6,6 +6,7 @@ SQLite only: PostgreSQL has its own dump. ``acromion recover`` begins with the n
 up to date from the side files. A purge deletes every copy, and writes a new one without what is purged.
 """
 
+import logging
 import shutil
 import sqlite3
 import threading
@@ -19,6 +20,7 @@ from sqlalchemy import Engine, create_engine
 
 from app.jobs.database.connect import find_database_file
 from app.jobs.database.dump import LEFT_OUT
+from app.jobs.database.tables import REVISION
 from app.jobs.recordings import delete_recording
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
@@ -27,6 +29,7 @@ from app.storage.store import sync_file, sync_folder, translate_disk_full
 FOLDER = "copies"
 KEPT = 7
 DAY_S = 24 * 3600.0
+logger = logging.getLogger(__name__)
 _turn = threading.Lock()
 """A purge and the daily copy of one server take turns: no copy from before a purge appears after it."""
 
@@ -72,26 +75,42 @@ def renew_copies(settings: Settings, engine: Engine, purged: Collection[str]) ->
 
 
 def restore_copy(settings: Settings) -> str:
-    """Put the newest copy in the place of a lost database; return its date, "" where nothing was done.
+    """Put the newest whole copy in the place of a lost database; return its date, "" if nothing was done.
 
     A database that a refused start has made anew, without any recording or person, counts as lost.
     """
     file = find_database_file(settings.database_url)
-    copies = find_copies(settings)
-    if file is None or not copies or _holds_rows(Path(file)):
+    if file is None or _holds_rows(Path(file)):
+        return ""
+    copy = next(filter(_is_whole, reversed(find_copies(settings))), None)
+    if copy is None:
         return ""
     place = Path(file)
     for ending in ("-wal", "-shm", "-journal"):  # those of the lost database
         place.with_name(f"{place.name}{ending}").unlink(missing_ok=True)
     part = place.with_name(f"{place.name}.part")
     part.unlink(missing_ok=True)
-    with translate_disk_full(), copies[-1].open("rb") as source, create_file(part) as target:
+    with translate_disk_full(), copy.open("rb") as source, create_file(part) as target:
         shutil.copyfileobj(source, target)
     sync_file(part)
     part.replace(place)
     sync_folder(place.parent)
-    made = datetime.fromtimestamp(copies[-1].stat().st_mtime, UTC)
+    made = datetime.fromtimestamp(copy.stat().st_mtime, UTC)
     return made.isoformat(sep=" ", timespec="minutes").removesuffix("+00:00")
+
+
+def _is_whole(copy: Path) -> bool:
+    """Return whether a copy can be read from end to end and has the tables of this version."""
+    try:
+        with closing(sqlite3.connect(f"file:{copy}?mode=ro", uri=True)) as connection:
+            is_intact = connection.execute("PRAGMA quick_check(1)").fetchone() == ("ok",)
+            found = connection.execute("SELECT version_num FROM alembic_version").fetchone()
+    except sqlite3.Error:
+        is_intact, found = False, None
+    if is_intact and found == (REVISION,):
+        return True
+    logger.warning("%s is damaged or of another version, and is not used", copy)
+    return False
 
 
 def _holds_rows(database: Path) -> bool:

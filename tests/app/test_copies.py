@@ -5,6 +5,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
 from app.upkeep import copies
-from app.upkeep.copies import find_copies, keep_daily_copy, renew_copies
+from app.upkeep.copies import find_copies, keep_daily_copy, renew_copies, restore_copy
 from tests.app.conftest import AddJob
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
@@ -97,6 +98,37 @@ def test_a_copy_that_a_crash_cut_short_is_no_copy(settings: Settings, copy: Call
     assert [path.name for path in (settings.data_dir / "copies").iterdir()] == ["rows-000001.sqlite3"]
 
 
+def damage(path: Path) -> None:
+    whole = path.read_bytes()
+    path.write_bytes(whole[:8192] + b"x" * (len(whole) - 8192))
+
+
+def change_revision(path: Path) -> None:
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '0012'")
+
+
+@pytest.mark.parametrize("spoil", [damage, change_revision, lambda path: path.write_bytes(b"")])
+def test_a_copy_that_is_spoilt_or_of_another_version_leaves_the_turn_to_the_one_before(
+    store: JobStore,
+    settings: Settings,
+    add_job: AddJob,
+    copy: Callable[[], None],
+    spoil: Callable[[Path], None],
+) -> None:
+    add_job(subject="S012")
+    copy()
+    make_old(find_copies(settings)[-1], 25 * 3600)
+    copy()
+    spoil(find_copies(settings)[-1])
+    store.close()
+    (settings.data_dir / "acromion.sqlite3").unlink()
+
+    restore_copy(settings)
+
+    assert read_subjects(settings.data_dir / "acromion.sqlite3") == ["S012"]
+
+
 def test_postgresql_has_no_copies(settings: Settings, store: JobStore) -> None:
     class Elsewhere:
         class dialect:  # noqa: N801
@@ -158,14 +190,17 @@ def test_the_answer_to_an_erasure_says_until_when_backups_can_hold_the_person(
 
     for name, value in settings.as_environment().items():
         monkeypatch.setenv(name, value)
-    before = erase(b"1")
+    before, began = erase(b"1"), datetime.now(UTC)
+    for number in (1, 2):
+        CliRunner().invoke(app, ["backup", str(tmp_path / f"b-{number}.zip"), "--keep", "3"])
+    kept = erase(b"2")
     CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip")])
-    unlimited = erase(b"2")
-    CliRunner().invoke(app, ["backup", str(tmp_path / "b-1.zip"), "--keep", "3"])
-    kept = erase(b"3")
+    CliRunner().invoke(app, ["backup", str(tmp_path / "b-3.zip"), "--keep", "3"])
+    unlimited = erase(b"3")
 
-    assert (before["backups"], unlimited["backups"], kept["backups"]) == ("none", "unlimited", "until")
-    assert kept["backups_until"] > time.strftime("%Y-%m-%d")
+    assert (before["backups"], kept["backups"], unlimited["backups"]) == ("none", "until", "unlimited")
+    days = {(moment + timedelta(days=4)).strftime("%Y-%m-%d") for moment in (began, datetime.now(UTC))}
+    assert kept["backups_until"] in days  # three further backups, one a day, and a day
 
 
 def test_keep_deletes_older_backups_of_the_name_and_no_other_file(
@@ -183,7 +218,7 @@ def test_keep_deletes_older_backups_of_the_name_and_no_other_file(
         done = CliRunner().invoke(app, ["backup", str(folder / f"acromion-{day}.zip"), "--keep", "2"])
         assert done.exit_code == 0, done.output
 
-    kept = ["acromion-1.zip.age", "acromion-2.zip", "acromion-3.zip", "thesis-1.zip"]
+    kept = ["acromion-2.zip", "acromion-3.zip", "thesis-1.zip"]
     assert sorted(path.name for path in folder.iterdir()) == kept
     assert "acromion-1.zip" in done.output
 

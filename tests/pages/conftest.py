@@ -3,6 +3,7 @@
 Screenshots are taken where ACROMION_SCREENSHOTS names a folder for them.
 """
 
+import itertools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,10 +14,11 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from fusion.simulation import write_recordings
-from tests.pages.steps import see_end
+from tests.pages.steps import open_analysis, see_end, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
 HOURS = 0.05
+SUBJECTS = itertools.count(400)
 
 expect.set_options(timeout=30_000)
 
@@ -49,6 +51,14 @@ def trunk(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> st
 def right(server: RunningServer, shifts: tuple[Path, Path]) -> str:
     """The id of a finished analysis: S012, right arm."""
     return finish(server, shifts[0], subject="S012", side="right")
+
+
+@pytest.fixture
+def own_day(page: Page, server: RunningServer, shifts: tuple[Path, Path]) -> Page:
+    """The page of a finished analysis that only this test corrects, its curve drawn."""
+    open_analysis(page, server, finish(server, shifts[0], subject=f"S{next(SUBJECTS)}", side="right"))
+    wait_for_curve(page)
+    return page
 
 
 @pytest.fixture(scope="session")

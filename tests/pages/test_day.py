@@ -151,39 +151,41 @@ def test_a_handle_is_dragged(day: Page) -> None:
     assert after["startS"] == before["startS"]
 
 
-def test_a_correction_is_analysed_and_shown_beside_what_was(day: Page) -> None:
-    set_window(day, "07:00:03", "07:00:09")
-    add_period(day, "break", "coffee")
+def test_a_correction_is_analysed_and_shown_beside_what_was(own_day: Page) -> None:
+    set_window(own_day, "07:00:03", "07:00:09")
+    add_period(own_day, "break", "coffee")
 
-    day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Analyse again").click()
 
-    heading = day.get_by_role("heading", name="What the correction changed")
+    heading = own_day.get_by_role("heading", name="What the correction changed")
     expect(heading).to_be_visible(timeout=END_MS)
-    expect(day.get_by_role("row", name="Time with the arm above 60°")).to_be_visible(timeout=END_MS)
+    expect(own_day.get_by_role("row", name="Time with the arm above 60°")).to_be_visible(timeout=END_MS)
     moved = "Calibration window not stated 07:00:03 – 07:00:09"
-    expect(day.get_by_role("row", name=moved)).to_be_visible()
-    expect(day.get_by_role("row", name=re.compile(r"Periods not stated coffee 07:0\d:\d\d"))).to_be_visible()
-    wait_for_curve(day)
-    assert ("break", "coffee") in [(band["kind"], band["name"]) for band in read_bands(day)]
+    expect(own_day.get_by_role("row", name=moved)).to_be_visible()
+    expect(
+        own_day.get_by_role("row", name=re.compile(r"Periods not stated coffee 07:0\d:\d\d"))
+    ).to_be_visible()
+    wait_for_curve(own_day)
+    assert ("break", "coffee") in [(band["kind"], band["name"]) for band in read_bands(own_day)]
 
 
-def test_a_task_that_is_new_has_its_figure_now_and_none_before(day: Page) -> None:
-    add_period(day, "task", "lifting")
+def test_a_task_that_is_new_has_its_figure_now_and_none_before(own_day: Page) -> None:
+    add_period(own_day, "task", "lifting")
 
-    day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Analyse again").click()
 
-    row = day.get_by_role("row", name=re.compile(r"lifting: above 60° – \d+\.\d %"))
+    row = own_day.get_by_role("row", name=re.compile(r"lifting: above 60° – \d+\.\d %"))
     expect(row).to_be_visible(timeout=END_MS)
 
 
-def test_a_drawn_task_has_the_figure_of_the_report(day: Page) -> None:
-    add_period(day, "task", "stacking")
-    day.get_by_role("button", name="Analyse again").click()
-    changed = day.get_by_role("row", name=re.compile(r"stacking: above 60°"))
+def test_a_drawn_task_has_the_figure_of_the_report(own_day: Page) -> None:
+    add_period(own_day, "task", "stacking")
+    own_day.get_by_role("button", name="Analyse again").click()
+    changed = own_day.get_by_role("row", name=re.compile(r"stacking: above 60°"))
     expect(changed).to_be_visible(timeout=END_MS)
     reported = changed.locator("td").last.inner_text()
 
-    expect(day.locator("#tasks-now li", has_text="stacking")).to_contain_text(f"({reported})")
+    expect(own_day.locator("#tasks-now li", has_text="stacking")).to_contain_text(f"({reported})")
 
 
 @pytest.mark.parametrize(("language", "score"), [("en", r"0\.\d\d"), ("fr", r"0,\d\d")])
@@ -196,26 +198,26 @@ def test_proposals_are_written_in_the_numbers_of_the_language(
     expect(page.locator(".proposals li").first).to_contain_text(re.compile(score))
 
 
-def test_what_cannot_be_is_refused_beside_what_was_typed(day: Page) -> None:
-    add_period(day, "break", "backwards")
-    row = day.locator("#periods tr").last
+def test_what_cannot_be_is_refused_beside_what_was_typed(own_day: Page) -> None:
+    add_period(own_day, "break", "backwards")
+    row = own_day.locator("#periods tr").last
     row.locator("[name=start]").fill("07:02:00")
     row.locator("[name=end]").fill("07:01:00")
 
-    day.get_by_role("button", name="Analyse again").click()
+    own_day.get_by_role("button", name="Analyse again").click()
 
-    expect(day.locator("#refused")).to_contain_text("E-DIARY")
-    expect(day.locator("#refused").get_by_role("link", name="Back to all recordings")).to_have_count(0)
+    expect(own_day.locator("#refused")).to_contain_text("E-DIARY")
+    expect(own_day.locator("#refused").get_by_role("link", name="Back to all recordings")).to_have_count(0)
     expect(row.locator("[name=label]")).to_have_value("backwards")
 
 
-def test_of_a_window_whose_one_end_is_typed_the_other_stays_as_shown(day: Page) -> None:
-    start, end = day.locator(".window").first.locator("input").all()
+def test_of_a_window_whose_one_end_is_typed_the_other_stays_as_shown(own_day: Page) -> None:
+    start, end = own_day.locator(".window").first.locator("input").all()
     shown = end.get_attribute("placeholder") or pytest.fail("no window was found")
 
     start.fill("07:00:01")
-    with day.expect_request("**/again") as sent:
-        day.get_by_role("button", name="Analyse again").click()
+    with own_day.expect_request("**/again") as sent:
+        own_day.get_by_role("button", name="Analyse again").click()
 
     windows = parse_qs(sent.value.post_data or "")
     assert (windows["window_start"], windows["window_end"]) == (["07:00:01"], [shown])

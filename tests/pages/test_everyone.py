@@ -9,7 +9,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.pages.conftest import keep_picture
-from tests.pages.steps import END_MS, open_analysis, open_home, wait_for_curve, wait_for_end
+from tests.pages.steps import END_MS, open_home, wait_for_curve, wait_for_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -173,9 +173,8 @@ def press_until(page: Page, condition: str) -> None:
     pytest.fail(condition)
 
 
-def test_a_day_is_corrected_by_the_keyboard_alone(page: Page, server: RunningServer, right: str) -> None:
-    open_analysis(page, server, right)
-    wait_for_curve(page)
+def test_a_day_is_corrected_by_the_keyboard_alone(own_day: Page) -> None:
+    page = own_day
     press_until(page, "document.activeElement.id === 'add'")
 
     page.keyboard.press("Enter")

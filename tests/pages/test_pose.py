@@ -120,7 +120,7 @@ def test_an_answer_waits_until_unsent_changes_are_sent_or_discarded(
 
     page.get_by_role("button", name="07:01:42, 9.1\u202fs", exact=True).click()
 
-    note = page.get_by_text("You have changes that are not sent.")
+    note = page.locator("[data-unsent-first]")
     expect(note).to_be_visible()
     assert page.url == address
     note.get_by_role("link").click()
@@ -214,17 +214,17 @@ def test_without_a_pose_the_page_asks_for_the_axis_and_draws_it(day: Page) -> No
     keep_picture(day, "axis")
 
 
-def test_axis_and_slip_reach_the_next_analysis(day: Page) -> None:
-    day.locator("#pose").select_option("axis")
-    day.get_by_role("radio", name="−y").check(force=True)
-    day.get_by_label("The sensor slipped at").fill("07:01:30")
-    with day.expect_request("**/again") as sent:
-        day.get_by_role("button", name="Analyse again").click()
+def test_axis_and_slip_reach_the_next_analysis(own_day: Page) -> None:
+    own_day.locator("#pose").select_option("axis")
+    own_day.get_by_role("radio", name="−y").check(force=True)
+    own_day.get_by_label("The sensor slipped at").fill("07:01:30")
+    with own_day.expect_request("**/again") as sent:
+        own_day.get_by_role("button", name="Analyse again").click()
 
     form = read_form(sent.value)
     assert (form["pose"], form["axis"], form["slips"]) == (["axis"], ["-y"], ["07:01:30"])
-    day.wait_for_url("**before=*")
-    settings = day.get_by_role("region", name="Settings and origin")
+    own_day.wait_for_url("**before=*")
+    settings = own_day.get_by_role("region", name="Settings and origin")
     expect(settings).to_contain_text("none held: the sensor’s −y axis lay along the arm")
     expect(settings).to_contain_text("07:01:30")
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
@@ -58,6 +59,8 @@ T = TypeVar("T")
 
 POLL_S = 0.2
 LONGEST_WAIT_S = 60.0
+ONE_AT_A_TIME = threading.Lock()
+"""To look for an analysis and to add it is one step: the same request sent twice at once makes one."""
 
 
 async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
@@ -130,10 +133,13 @@ async def analyze(
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         own = (stored.id, stored.sha256)
-        same = None if parameters.again else find_same(services.store, services.storage, own, asked, way_in)
+        with ONE_AT_A_TIME:
+            same = None
+            if not parameters.again:
+                same = find_same(services.store, services.storage, own, asked, way_in)
+            job = same or services.store.add(stored, asked, way_in, parameters.external_id)
         if same is not None:
             services.storage.drop_recording(stored.id)
-        job = same or services.store.add(stored, asked, way_in, parameters.external_id)
         if parameters.study:
             services.store.join_study(parameters.study, job.id)
         return job, same is not None
@@ -261,8 +267,9 @@ def _start(
 ) -> tuple[Job, bool]:
     """Give the analysis, and whether it was there before."""
     own = (row.id, row.sha256)
-    same = None if again else find_same(services.store, services.storage, own, request, way_in)
-    return same or services.store.add_analysis(own, request, way_in), same is not None
+    with ONE_AT_A_TIME:
+        same = None if again else find_same(services.store, services.storage, own, request, way_in)
+        return same or services.store.add_analysis(own, request, way_in), same is not None
 
 
 def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
