@@ -146,7 +146,7 @@ def test_a_network_that_is_lost_behind_the_last_byte_loses_nothing_and_heals(
     page.unroute(RECORDINGS)
 
     expect(find_row(page, "healed.csv")).to_be_visible()
-    assert sent == []
+    assert set(sent) <= {"GET"}  # it asks what became of the upload, and sends no byte again
 
 
 def test_a_page_that_is_closed_behind_the_last_byte_finds_its_analysis_and_asks_nothing(
