@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
@@ -20,7 +21,7 @@ from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queue import WayIn
-from app.jobs.regeneration import find_same
+from app.jobs.regeneration import find_or_add
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
@@ -74,12 +75,12 @@ class Intake:
             stored = upload.keep()
         finally:
             upload.discard()
+        add = partial(self.store.add, stored, request, way_in)
         own = (stored.id, stored.sha256)
-        same = find_same(self.store, self.storage, own, request, way_in)
-        if same is None:
-            return self.store.add(stored, request, way_in)
-        self.storage.drop_recording(stored.id)
-        return same
+        job, existed = find_or_add(self.store, self.storage, own, request, way_in, add)
+        if existed:
+            self.storage.drop_recording(stored.id)
+        return job
 
 
 @dataclass(slots=True)

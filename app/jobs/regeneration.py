@@ -4,12 +4,38 @@ Recording and settings are still there, so that the same report can be made agai
 is damaged, too, the original has to be uploaded again, or a backup restored.
 """
 
+import threading
+from collections.abc import Callable
+
 from app.errors import StoreDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.storage.store import Storage, is_recording_whole, is_result_whole
+
+_one_at_a_time = threading.Lock()
+
+
+def find_or_add(
+    store: JobStore,
+    storage: Storage,
+    recording: tuple[str, str],
+    request: ReportRequest,
+    way_in: WayIn,
+    add: Callable[[], Job],
+) -> tuple[Job, bool]:
+    """Return the analysis that counts, else the one that ``add`` makes; and whether it was there before.
+
+    The same request sent twice at once makes one analysis: a server does this for one request at a time.
+
+    Raises
+    ------
+    StoreDamaged
+    """
+    with _one_at_a_time:
+        same = find_same(store, storage, recording, request, way_in)
+        return same or add(), same is not None
 
 
 def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:

@@ -2,6 +2,8 @@
 
 import logging
 import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 from app import intake
 from app.intake import FolderWatch, Intake
 from app.jobs.store import JobStore
+from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import Storage
 
@@ -39,6 +42,30 @@ def test_a_file_is_taken_once_it_no_longer_grows(watch: FolderWatch) -> None:
     assert job.file_name == "shift.gt3x"
     assert job.size_bytes == len(b"recording, longer")
     assert watch.scan() == []
+
+
+def test_the_same_file_sent_five_times_at_once_is_analysed_once(
+    store: JobStore, storage: Storage, settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "shift.gt3x").write_bytes(b"recording")
+    look = JobStore.find_same
+
+    def look_slowly(*asked: object) -> object:
+        found = look(*asked)  # type: ignore[arg-type]
+        time.sleep(0.05)  # without turns, all would have looked before the first adds
+        return found
+
+    monkeypatch.setattr(JobStore, "find_same", look_slowly)
+    taken = Intake(store, storage, settings)
+    with ThreadPoolExecutor(5) as pool:
+        jobs = list(
+            pool.map(
+                lambda _: taken.add(tmp_path / "shift.gt3x", ReportRequest("shift.gt3x"), "api"), range(5)
+            )
+        )
+
+    assert len({job.id for job in jobs}) == 1
+    assert len(storage.find_recordings()) == 1
 
 
 def test_a_file_that_was_taken_lies_among_the_taken(watch: FolderWatch) -> None:

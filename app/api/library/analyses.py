@@ -2,11 +2,11 @@
 
 import asyncio
 import re
-import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 
 import anyio
@@ -37,7 +37,7 @@ from app.errors import Busy
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
 from app.jobs.recordings import Place, StoredRow
-from app.jobs.regeneration import find_same, retry
+from app.jobs.regeneration import find_or_add, retry
 from app.jobs.results import check_succeeded
 from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, describe_periods
@@ -59,8 +59,6 @@ T = TypeVar("T")
 
 POLL_S = 0.2
 LONGEST_WAIT_S = 60.0
-ONE_AT_A_TIME = threading.Lock()
-"""To look for an analysis and to add it is one step: the same request sent twice at once makes one."""
 
 
 async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
@@ -132,17 +130,17 @@ async def analyze(
     asked = parameters.to_request(language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
-        own = (stored.id, stored.sha256)
-        with ONE_AT_A_TIME:
-            same = None
-            if not parameters.again:
-                same = find_same(services.store, services.storage, own, asked, way_in)
-            job = same or services.store.add(stored, asked, way_in, parameters.external_id)
-        if same is not None:
+        add = partial(services.store.add, stored, asked, way_in, parameters.external_id)
+        if parameters.again:
+            job, existed = add(), False
+        else:
+            own = (stored.id, stored.sha256)
+            job, existed = find_or_add(services.store, services.storage, own, asked, way_in, add)
+        if existed:
             services.storage.drop_recording(stored.id)
         if parameters.study:
             services.store.join_study(parameters.study, job.id)
-        return job, same is not None
+        return job, existed
 
     job, existed = await receive_recording(request, services, commit)
     wait_s = read_preference(request.headers.get("prefer", ""))
@@ -267,9 +265,10 @@ def _start(
 ) -> tuple[Job, bool]:
     """Give the analysis, and whether it was there before."""
     own = (row.id, row.sha256)
-    with ONE_AT_A_TIME:
-        same = None if again else find_same(services.store, services.storage, own, request, way_in)
-        return same or services.store.add_analysis(own, request, way_in), same is not None
+    add = partial(services.store.add_analysis, own, request, way_in)
+    if again:
+        return add(), False
+    return find_or_add(services.store, services.storage, own, request, way_in, add)
 
 
 def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
