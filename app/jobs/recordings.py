@@ -11,6 +11,7 @@ from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, 
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
 from app.jobs.audit_log import Act, find_actor, record
+from app.jobs.database.connect import lock_tables
 from app.jobs.database.tables import (
     analyses,
     batch_items,
@@ -402,7 +403,11 @@ def drop_empty_batches(connection: Connection) -> None:
 
 
 def _find_repeated(connection: Connection, stored: StoredRecording, about: Description) -> str | None:
-    """Find the recording of the same bytes and description that this subject stored within a day."""
+    """Find the recording of the same bytes and description that this subject stored within a day.
+
+    Of two that come at once, the second waits until the first has its row.
+    """
+    lock_tables(connection)
     is_new = recordings.c.since_s >= select_running_s() - REPETITION_S
     mine = (recordings.c.sha256 == stored.sha256, recordings.c.stored_by == find_actor())
     query = select(recordings).where(*mine, is_new, recordings.c.state == STORED)

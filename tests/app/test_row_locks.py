@@ -1,12 +1,18 @@
 """Rows that another transaction holds: only a database with row locks has them."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 from sqlalchemy import update
 
+from app.jobs.database.connect import lock_tables
 from app.jobs.database.tables import recordings
 from app.jobs.job import JobState
+from app.jobs.recordings import Description, RecordingStore, insert_recording
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
+from app.storage.store import StoredRecording
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
@@ -25,3 +31,16 @@ def test_a_job_whose_recording_is_being_written_waits_for_the_next_turn(
 
     assert passed_over
     assert store.get(job.id).state is JobState.SUCCEEDED
+
+
+def test_the_same_upload_waits_for_the_one_that_is_being_stored_and_is_its_row(store: JobStore) -> None:
+    first, second = (StoredRecording(f"rec_{n}", "ab" * 32, 3) for n in (1, 2))
+    recordings_of = RecordingStore(store.engine, store.reader)
+    with ThreadPoolExecutor(1) as other:
+        with store.engine.begin() as connection:
+            lock_tables(connection)
+            insert_recording(connection, first, Description("shift.csv"))
+            waiting = other.submit(recordings_of.add, second, Description("shift.csv"))
+            time.sleep(0.3)
+
+        assert waiting.result().id == first.id

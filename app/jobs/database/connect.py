@@ -181,7 +181,10 @@ def find_database_file(url: str) -> str | None:
 
 
 def lock_tables(connection: Connection) -> None:
-    """Let one process at a time prepare the tables (SQLite's transaction has locked them already)."""
+    """Let one transaction at a time create tables, or look for a repeated request and add it.
+
+    SQLite's transaction has locked the database already.
+    """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _TABLES_LOCK})
 
