@@ -108,10 +108,11 @@ def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> 
         during each of three tries.
     StoreAway, DiskFull, NotInstalled
     """
+    storage = open_storage(settings)
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
-            copied = _write(settings, path, recipients)
-            _keep_ledger(open_storage(settings).ledger.find(), path)
+            copied = _write(settings, storage, path, recipients)
+            _keep_ledger(storage.ledger.find(), path)
             return copied
     raise BackupRefused(why="recordings are being purged")
 
@@ -135,13 +136,12 @@ def _keep_ledger(erased: frozenset[str], path: Path) -> None:
         write_durably(beside, format_ledger(erased | known))
 
 
-def _write(settings: Settings, path: Path, recipients: Recipients) -> Copied:
+def _write(settings: Settings, storage: Storage, path: Path, recipients: Recipients) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         manifest, files = _write_rows(settings, archive)
-        copied = _write_files(settings, archive, files)
-        erased = open_storage(settings).ledger.find()
-        archive.writestr(LEDGER_FILE, format_ledger(erased))
+        copied = _write_files(settings, storage, archive, files)
+        archive.writestr(LEDGER_FILE, format_ledger(storage.ledger.find()))
         if (secret := ServerSecret(settings.data_dir).file).exists():
             archive.writestr(SECRET_FILE, secret.read_bytes())
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
@@ -168,7 +168,9 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
     return manifest, files
 
 
-def _write_files(settings: Settings, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]) -> Copied:
+def _write_files(
+    settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]
+) -> Copied:
     """Copy every promised file.
 
     Raises
@@ -176,7 +178,6 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile, files: tuple[Kept
     _PurgedMeanwhileError
         A file is missing together with its row.
     """
-    storage = open_storage(settings)
     storage.prepare()
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:

@@ -17,8 +17,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from sqlalchemy import Engine, create_engine
+from sqlalchemy.exc import DBAPIError
 
-from app.jobs.database.connect import find_database_file
+from app.jobs.database.connect import find_database_file, read_revision
 from app.jobs.database.dump import LEFT_OUT
 from app.jobs.database.tables import REVISION
 from app.jobs.recordings import delete_recording
@@ -67,7 +68,7 @@ def renew_copies(settings: Settings, engine: Engine, purged: Collection[str]) ->
         return
     with _turn:
         folder = settings.data_dir / FOLDER
-        for path in folder.glob("rows-*"):  # a half-written one, too
+        for path in folder.glob("rows-*"):  # also a half-written one
             path.unlink()
         if folder.is_dir():
             sync_folder(folder)
@@ -77,7 +78,7 @@ def renew_copies(settings: Settings, engine: Engine, purged: Collection[str]) ->
 def restore_copy(settings: Settings) -> str:
     """Put the newest whole copy in the place of a lost database; return its date, "" if nothing was done.
 
-    A database that a refused start has made anew, without any recording or person, counts as lost.
+    A database that a refused start has created, without any recording or person, counts as lost.
     """
     file = find_database_file(settings.database_url)
     if file is None or _holds_rows(Path(file)):
@@ -101,16 +102,18 @@ def restore_copy(settings: Settings) -> str:
 
 def _is_whole(copy: Path) -> bool:
     """Return whether a copy can be read from end to end and has the tables of this version."""
+    engine, is_whole = create_engine(f"sqlite:///{copy}"), False
     try:
-        with closing(sqlite3.connect(f"file:{copy}?mode=ro", uri=True)) as connection:
-            is_intact = connection.execute("PRAGMA quick_check(1)").fetchone() == ("ok",)
-            found = connection.execute("SELECT version_num FROM alembic_version").fetchone()
-    except sqlite3.Error:
-        is_intact, found = False, None
-    if is_intact and found == (REVISION,):
-        return True
-    logger.warning("%s is damaged or of another version, and is not used", copy)
-    return False
+        with engine.connect() as connection:
+            is_intact = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar() == "ok"
+            is_whole = is_intact and read_revision(connection) == REVISION
+    except DBAPIError:
+        pass
+    finally:
+        engine.dispose()
+    if not is_whole:
+        logger.warning("%s is damaged or of another version, and is not used", copy)
+    return is_whole
 
 
 def _holds_rows(database: Path) -> bool:
@@ -146,7 +149,7 @@ def _write(settings: Settings, engine: Engine, purged: Collection[str]) -> None:
 
 
 def _leave_out(part: Path, purged: Collection[str]) -> None:
-    """Delete sessions, and the rows of what is being purged, so that their bytes are gone, too."""
+    """Delete sessions, and the rows of what is being purged, so that their bytes are gone as well."""
     engine = create_engine(f"sqlite:///{part}")
     try:
         with engine.connect() as connection:

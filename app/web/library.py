@@ -126,7 +126,7 @@ class _Outlet(io.RawIOBase):
 
 
 class PackedResponse(StreamingResponse):
-    """Sends a ZIP as it is written, and closes it: no copy in clear outlives a download that breaks off."""
+    """Sends a ZIP as it is written, and closes it: no borrowed file outlives a download that breaks off."""
 
     def __init__(self, packed: Generator[bytes, None, None], name: str) -> None:
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
