@@ -89,7 +89,7 @@ class AccountStore:
         self._looked_s, self._exist = -LOOK_S, False
 
     def exist(self) -> bool:
-        """Tell whether there is any account, or ever was; looked up once a second until there is one."""
+        """Return whether there is any account, or ever was; looked up once a second until there is one."""
         now_s = time.monotonic()
         if not self._exist and now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s

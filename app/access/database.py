@@ -31,7 +31,7 @@ class AccountDatabase:
             yield connection
 
     def has_people(self) -> bool:
-        """Tell whether there is any account; to look makes neither file nor table."""
+        """Return whether there is any account; to look makes neither file nor table."""
         query = select(func.count()).select_from(people)
         if self._engine is not None:
             return bool(self.read_value(query))

@@ -127,7 +127,7 @@ def get_validation_file(
 
 
 def find_validation(services: Services, validation_id: str) -> Job:
-    """Give a job that is a comparison. Raises NotHere."""
+    """Return a job that is a comparison. Raises NotHere."""
     job = services.store.get(validation_id)
     if job.request.reference is None:
         raise NotHere

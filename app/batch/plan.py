@@ -60,7 +60,7 @@ _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 
 def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
-    """Give each recording its folder: that of an earlier run, or one that no other recording has.
+    """Assign each recording its folder: that of an earlier run, or one that no other recording has.
 
     Whatever part of a study is done already, by this process or another, the plan is the same. The results
     are looked at once: folders that another process makes meanwhile change nothing of it.

@@ -72,7 +72,7 @@ def _read_results(path: Path) -> dict[tuple[str, str], float]:
 
 
 def _check(signal: str, item: "Expected", value: float | None) -> str:
-    """Tell whether the figure given is within the tolerance of the one expected."""
+    """Return whether the figure given is within the tolerance of the one expected."""
     wanted = f"{signal} {item.figure}: expected {item.value:.6g} ± {item.tolerance:g} {item.unit}"
     if value is None:
         return f"MISSING {wanted}"

@@ -50,7 +50,7 @@ def _tell_time_in_postgresql(*_: object, **__: object) -> str:
 
 
 def start_job(connection: Connection, analysis_id: str, lease_s: float) -> None:
-    """Give a queued job to a worker, with a new token for the attempt and a lease."""
+    """Assign a queued job to a worker, with a new token for the attempt and a lease."""
     started: dict[str, object] = {
         "token": secrets.token_hex(8),
         "stage": None,

@@ -139,7 +139,7 @@ def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
 
 
 def replace_rows(connection: Connection, side: SideFile) -> Rows:
-    """Replace the older rows of a recording by those of its side file; gives these."""
+    """Replace the older rows of a recording by those of its side file; return these."""
     recording_id = str(side.recording["id"])
     of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
     connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))

@@ -309,7 +309,7 @@ class LiveHub:
         return session
 
     def get(self, session_id: str) -> RunningSession:
-        """Give a session that runs, or ended less than an hour ago. Raises NotHere."""
+        """Return a session that runs, or ended less than an hour ago. Raises NotHere."""
         session = self._sessions.get(session_id)
         if session is None:
             raise NotHere

@@ -138,7 +138,7 @@ class BucketStorage:
             raise
 
     def hash(self, name: str) -> tuple[str, Mark]:
-        """Give the SHA-256 of an object, and its size and ETag."""
+        """Return the SHA-256 of an object, and its size and ETag."""
         sha256 = hashlib.sha256()
         with translate_store_errors():
             found = obstore.get(self.bucket, name)
@@ -147,7 +147,7 @@ class BucketStorage:
         return sha256.hexdigest(), _read_mark(found.meta)
 
     def read_part(self, name: str, first_byte: int, count: int) -> bytes:
-        """Give a part of an object."""
+        """Return a part of an object."""
         with translate_store_errors():
             end_byte = min(first_byte + count, obstore.head(self.bucket, name)["size"])
             if end_byte <= first_byte:  # of nothing no range can be asked
@@ -155,7 +155,7 @@ class BucketStorage:
             return bytes(obstore.get_range(self.bucket, name, start=first_byte, end=end_byte))
 
     def find_mark(self, name: str) -> Mark | None:
-        """Give size and ETag of an object; None where there is none."""
+        """Return size and ETag of an object; None where there is none."""
         with translate_store_errors(), suppress(FileNotFoundError):
             return _read_mark(obstore.head(self.bucket, name))
         return None

@@ -78,7 +78,7 @@ class DecodedCache:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
     def find_recordings(self) -> frozenset[str]:
-        """Give the id of every recording whose samples are here."""
+        """Return the id of every recording whose samples are here."""
         return frozenset(path.name.partition(".")[0] for path in self.folder.glob("rec_*"))
 
     def forget(self, recording_ids: Collection[str]) -> None:

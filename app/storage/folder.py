@@ -112,23 +112,23 @@ class FolderStorage:
         sync_folder(self.root / "recordings")
 
     def fetch(self, name: str) -> Fetched:
-        """Give the file in place."""
+        """Return the file in place."""
         mark = read_mark(self.root / name)
         return Fetched(self.root / name, mark, mark)
 
     def hash(self, name: str) -> tuple[str, Mark]:
-        """Give the SHA-256 of a file, and its size, time and inode."""
+        """Return the SHA-256 of a file, and its size, time and inode."""
         mark = read_mark(self.root / name)
         return hash_file(self.root / name), mark
 
     def read_part(self, name: str, first_byte: int, count: int) -> bytes:
-        """Give a part of a file."""
+        """Return a part of a file."""
         with (self.root / name).open("rb") as file:
             file.seek(first_byte)
             return file.read(count)
 
     def find_mark(self, name: str) -> Mark | None:
-        """Give size, time and inode of a file; None where it cannot be read."""
+        """Return size, time and inode of a file; None where it cannot be read."""
         try:
             mark = read_mark(self.root / name)
             with (self.root / name).open("rb"):

@@ -107,7 +107,7 @@ class Incoming:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     def path(self, upload_id: str) -> Path:
-        """Give the path of an upload's bytes."""
+        """Return the path of an upload's bytes."""
         return self.folder / upload_id
 
     def open(self, upload_id: str, offset_bytes: int) -> GrowingFile:
@@ -130,7 +130,7 @@ class Incoming:
             return 0
 
     def read_first(self, upload_id: str, count: int) -> bytes:
-        """Give the first bytes of an upload; none where there are none yet."""
+        """Return the first bytes of an upload; none where there are none yet."""
         try:
             with self.path(upload_id).open("rb") as file:
                 return file.read(count)
@@ -163,7 +163,7 @@ class Incoming:
         running.offset_bytes += len(chunk)
 
     def hash(self, upload_id: str, size_bytes: int) -> str:
-        """Give the SHA-256 of a whole upload; it is read again only after a restart of the server.
+        """Return the SHA-256 of a whole upload; it is read again only after a restart of the server.
 
         Bytes behind the last that counts are cut off.
 
@@ -209,5 +209,5 @@ class Incoming:
 
 
 def name_recording(upload_id: str) -> str:
-    """Give the id of the recording that an upload becomes: the same, however often its end is repeated."""
+    """Return the id of the recording that an upload becomes: the same, however often its end is repeated."""
     return f"rec_{upload_id.removeprefix('up_')[:16]}"

@@ -205,7 +205,7 @@ class Storage(Protocol):
         """Give the permanent id of this store; the first call creates it."""
 
     def fetch(self, name: str) -> Fetched:
-        """Give a file by its name in the store, unverified. Raises FileNotFoundError, StoreAway."""
+        """Return a file by its name in the store, unverified. Raises FileNotFoundError, StoreAway."""
 
     def release(self, path: Path) -> None:
         """End the use of a fetched file; a copy is removed."""
@@ -220,13 +220,13 @@ class Storage(Protocol):
         """Store a durable file of this machine as a recording; twice does no harm. The caller removes it."""
 
     def hash(self, name: str) -> tuple[str, Mark]:
-        """Give the SHA-256 of a file, and its mark. Raises FileNotFoundError."""
+        """Return the SHA-256 of a file, and its mark. Raises FileNotFoundError."""
 
     def read_part(self, name: str, first_byte: int, count: int) -> bytes:
-        """Give a part of a file, unverified. Raises FileNotFoundError."""
+        """Return a part of a file, unverified. Raises FileNotFoundError."""
 
     def find_mark(self, name: str) -> Mark | None:
-        """Give the mark of a file, its size first; None where there is none."""
+        """Return the mark of a file, its size first; None where there is none."""
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
         """Make the attempt's files durable and readable from every machine.

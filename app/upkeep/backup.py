@@ -190,7 +190,7 @@ def _write_files(
 
 
 def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
-    """Copy a file; gives its fault, None where its content matches its row."""
+    """Copy a file; return its fault, None where its content matches its row."""
     try:
         path = storage.fetch(file.name).path
     except FileNotFoundError:
@@ -477,7 +477,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: froz
 
 
 def _is_erased(row: Mapping[str, object], erased: frozenset[str], gone: Collection[str]) -> bool:
-    """Tell a row of an erased recording, or of its analyses."""
+    """Return whether a row is of an erased recording, or of its analyses."""
     ids = {row.get("id"), row.get("recording_id"), row.get("analysis_id")}
     return not ids.isdisjoint(erased) or not ids.isdisjoint(gone)
 

@@ -35,7 +35,7 @@ def check_recoverable(settings: Settings) -> None:
 
 
 def is_used(settings: Settings) -> bool:
-    """Tell whether anything was ever kept here; to look makes nothing."""
+    """Return whether anything was ever kept here; to look makes nothing."""
     if settings.database_url.startswith("sqlite"):
         return _is_folder_used(settings)
     return _has_tables(settings) and (bool(settings.object_store) or _is_folder_used(settings))
@@ -47,7 +47,7 @@ def _is_folder_used(settings: Settings) -> bool:
 
 
 def _has_tables(settings: Settings) -> bool:
-    """Tell whether there are tables."""
+    """Return whether there are tables."""
     engine = connect(settings.database_url)
     try:
         with engine.connect() as connection:

@@ -159,7 +159,7 @@ STUDY = "Packing line"
 
 @pytest.fixture
 def group(client: TestClient, bench: OpenBench, store: JobStore) -> str:
-    """A study of five people, each with a Monday and a Friday: 2.0 to 4.0 points more; gives its id."""
+    """Make a study of five people, each with a Monday and a Friday 2.0 to 4.0 points higher."""
     at_work = bench(write_day)
     shares = {"A": (4, 6), "B": (8, 12), "C": (4, 6), "D": (8, 12), "E": (6, 9)}
     days = [(subject, f"{4 * k} {both[k]}") for subject, both in shares.items() for k in (0, 1)]

@@ -43,7 +43,7 @@ def read_again(findings: Findings) -> Findings:
 
 
 def list_values(value: Any, path: str = "") -> dict[str, Any]:
-    """Give every value of a frozen record by its path; an array as the list of its numbers."""
+    """Return every value of a frozen record by its path; an array as the list of its numbers."""
     if hasattr(value, "__dataclass_fields__"):
         return list_values({name: getattr(value, name) for name in value.__dataclass_fields__}, path)
     if isinstance(value, np.ndarray):

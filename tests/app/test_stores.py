@@ -55,7 +55,7 @@ def test_an_upload_that_is_discarded_cannot_be_fetched(storage: Storage) -> None
 
 
 def list_files(storage: Storage) -> list[str]:
-    """Give every file of this machine."""
+    """Return every file of this machine."""
     return sorted(path.name for path in storage.root.rglob("*") if path.is_file())
 
 

@@ -80,7 +80,7 @@ def bring_up_to_date(settings: Settings) -> None:
 
 
 def connect(url: str) -> Engine:
-    """Give an engine whose commits outlast a power cut and take their lines of the audit log with them.
+    """Return an engine whose commits outlast a power cut and take their lines of the audit log with them.
 
     Its errors hold no subject code.
     """

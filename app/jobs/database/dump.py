@@ -29,7 +29,7 @@ def reflect_tables(connection: Connection) -> tuple[Table, ...]:
 
 
 def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
-    """Give every row of a table as a line of JSON."""
+    """Return every row of a table as a line of JSON."""
     order = tuple(table.primary_key.columns)
     found = connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order))
     for row in found:

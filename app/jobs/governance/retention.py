@@ -89,7 +89,7 @@ class RetentionStore(RowStore):
         return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
 
     def find_trash_term_s(self, otherwise_s: float) -> float:
-        """Give how long the trash is kept; ``otherwise_s`` where no term is set."""
+        """Return how long the trash is kept; ``otherwise_s`` where no term is set."""
         days = self.find_all()["trash"]
         return otherwise_s if days is None else days * DAY_S
 

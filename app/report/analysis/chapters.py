@@ -330,7 +330,7 @@ def _format_hour(part: PartExposure, clock: Clock) -> str:
 
 
 def _name_part(part: PartExposure, words: Words) -> str:
-    """Give the diary's label, else what kind of time it is."""
+    """Return the diary's label, else what kind of time it is."""
     return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
 
 

@@ -44,7 +44,7 @@ FIGURES = (
 
 
 def describe_profile(studied: StudiedDays) -> dict[str, Any]:
-    """Give every day, mean, spread, overlay and change, for JSON; of a group nothing of single people."""
+    """Return every day, mean, spread, overlay and change, for JSON; of a group nothing of single people."""
     document: dict[str, Any] = round_all(
         {
             "schema": SCHEMA,
@@ -163,7 +163,7 @@ def follow_days(arm: ArmDays) -> Trend | None:
 
 
 def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict[str, GroupSpread]]]:
-    """Give the spread of each arm and side of the change between and within five people or more."""
+    """Return the spread of each arm and side of the change between and within five people or more."""
     if not studied.is_group:
         return
     for side in studied.sides:

@@ -55,7 +55,7 @@ def _name_figure(name: str, language: Language) -> str:
 
 
 def build_means(studied: StudiedDays, words: Words, language: Language) -> Section | None:
-    """Give the mean of each figure over the days of each arm."""
+    """Return the mean of each figure over the days of each arm."""
     entry = words["means"]
     tables = tuple(_tabulate_means(arm, words, language) for arm in studied.arms if arm.counted)
     return Section("means", entry["title"], tables=tables) if tables else None

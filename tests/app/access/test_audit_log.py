@@ -529,7 +529,7 @@ def _find_by(house: House, name: str, act: str) -> list[AuditLine]:
 
 
 def _find_read(house: House, name: str) -> list[tuple[str, str, str]]:
-    """Give what somebody read or took, without the log-ins, which come into the log when they may."""
+    """Return what somebody read or took, without the log-ins, which come into the log when they may."""
     lines = read(house.services.store, AuditQuestion(who=house.people[name]))
     told = [(line.act, line.recording_id, line.analysis_id) for line in lines]
     return [one for one in told if not one[0].startswith("login.")]

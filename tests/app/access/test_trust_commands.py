@@ -18,7 +18,7 @@ from tests.app.conftest import AddJob
 
 
 def run(settings: Settings, *words: str) -> tuple[int, str]:
-    """Run a command over the folder; gives its exit code and what it prints."""
+    """Run a command over the folder; return its exit code and what it prints."""
     done = CliRunner().invoke(app, [*words, "--data", str(settings.data_dir)])
     return done.exit_code, done.output
 
