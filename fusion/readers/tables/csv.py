@@ -136,7 +136,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             described["angular_rate_unit"],
             is_known=described["units_from"] == "header",
             left_gyr_factor=round(layout.device.left_gyr_factor, 5) if layout.device else 1.0,
-            is_counted=not time.has_times and time.has_date,
+            is_counted=not time.has_times,
         ),
         device=layout.device.device if layout.device else device if find_device_name(device) else "other",
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),

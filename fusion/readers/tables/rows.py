@@ -250,7 +250,7 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
             if steps and median(steps) == 1:
                 return place, TimeColumn("packet counter")
             break
-    return None, TimeColumn(has_date=layout.dates is None or layout.dates.has_date)
+    return None, TimeColumn()
 
 
 def choose_calendar(layout: TextLayout) -> TimeColumn:
