@@ -7,13 +7,10 @@ zero. Sectors that are all ones or all zeros were never written.
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
-from collections.abc import Iterable, Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner, kernel
-from fusion.readers.source import mark_last
 
 BLOCK_BYTES = 512
 HEAD_BYTES = 30
@@ -163,21 +160,3 @@ def take_samples(
                 gyr[row, axis] = turn * scales[block, 1]
                 acc[row, axis] = pull * scales[block, 0]
             row += 1
-
-
-def find_blocks(
-    pieces: Iterable[bytes], tally: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.void]]]:
-    """Scan a file, from after its header, piece by piece: its bytes, where sound blocks begin, their heads.
-
-    What a piece does not finish goes into the next.
-    """
-    carried = b""
-    for piece, is_last in mark_last(pieces):
-        buffer = np.frombuffer(carried + piece if carried else piece, np.uint8)
-        starts = np.empty(len(buffer) // BLOCK_BYTES + 1, np.int64)
-        used, found = scan_blocks(buffer, is_last, starts, tally)
-        starts = starts[:found]
-        heads = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
-        yield buffer, starts, np.ascontiguousarray(heads).reshape(-1).view(BLOCK_HEAD)
-        carried = buffer[used:].tobytes()

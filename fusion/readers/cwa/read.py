@@ -20,18 +20,19 @@ from fusion.readers.cwa.blocks import (
     BLOCK_HEAD,
     DAMAGED_BYTES,
     FIRST_DAMAGE,
+    HEAD_BYTES,
     LAST_DAMAGE,
     RESYNCS,
     SAMPLE_BYTES,
     TAIL_BYTES,
     TALLY_PLACES,
-    find_blocks,
     is_block,
+    scan_blocks,
     take_samples,
 )
 from fusion.readers.cwa.clock import Blocks, cut_blocks, nominal_hz, order_blocks
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks
+from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks, scan_pieces
 from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, flag_counts
@@ -174,7 +175,16 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """
     log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
-    for buffer, starts, heads in find_blocks(_count_bytes(pieces, log), log.tally):
+
+    def scan(buffer: NDArray[np.uint8], is_last: bool) -> tuple[int, NDArray[np.int64]]:  # noqa: FBT001
+        starts = np.empty(len(buffer) // BLOCK_BYTES + 1, np.int64)
+        used, found = scan_blocks(buffer, is_last, starts, log.tally)
+        log.n_bytes += len(buffer) if is_last else used
+        return used, starts[:found]
+
+    for buffer, starts in scan_pieces(pieces, scan):
+        rows_of_bytes = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
+        heads = np.ascontiguousarray(rows_of_bytes).reshape(-1).view(BLOCK_HEAD)
         axes, rows = (heads["axes"] >> 4).astype(np.int64), heads["count"].astype(np.int64)
         is_inertial = np.isin(axes, INERTIAL_AXES) & (heads["axes"] & 0xF == WORDS)
         fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
@@ -191,12 +201,6 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
             to_come = 0
     log.columns.trim()
     return log
-
-
-def _count_bytes(pieces: Iterable[bytes], log: BlockLog) -> Iterable[bytes]:
-    for piece in pieces:
-        log.n_bytes += len(piece)
-        yield piece
 
 
 def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

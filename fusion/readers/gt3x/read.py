@@ -6,7 +6,7 @@ seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled 
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
@@ -25,6 +25,7 @@ from fusion.readers.gt3x.records import (
     ACTIVITY2,
     BATTERY,
     EVENT,
+    FRAME_BYTES,
     METADATA,
     SCHEMA,
     SENSOR_DATA,
@@ -36,11 +37,11 @@ from fusion.readers.gt3x.records import (
     make_decoder,
     pair_sleep,
     parse_schema,
-    scan_pieces,
+    scan_records,
     summarise_tally,
 )
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source
+from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, scan_pieces
 from fusion.readers.timebase.clock import (
     find_zone,
     flag_drift,
@@ -289,7 +290,14 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
-    for buffer, records in scan_pieces(_count_bytes(pieces, log), log.tally):
+
+    def scan(buffer: NDArray[np.uint8], is_last: bool) -> tuple[int, NDArray[np.int64]]:  # noqa: FBT001
+        records = np.empty((len(buffer) // FRAME_BYTES + 1, 4), np.int64)
+        used, found = scan_records(buffer, is_last, records, log.tally)
+        log.n_bytes += len(buffer) if is_last else used
+        return used, records[:found]
+
+    for buffer, records in scan_pieces(pieces, scan):
         kinds, sizes = records[:, 0], records[:, 3]
         # of the primary accelerometer its one-byte dock events are read, and a second now and then
         is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
@@ -303,12 +311,6 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
             to_come = 0
     log.columns.trim()
     return log
-
-
-def _count_bytes(pieces: Iterable[bytes], log: DeviceLog) -> Iterator[bytes]:
-    for piece in pieces:
-        log.n_bytes += len(piece)
-        yield piece
 
 
 def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:

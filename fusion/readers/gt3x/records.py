@@ -8,14 +8,13 @@ n bytes, checksum = complement of the XOR of all bytes before it. Zeros between 
 
 import re
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import njit
-from fusion.readers.source import mark_last
 
 Bytes = NDArray[np.uint8]
 
@@ -187,22 +186,6 @@ def summarise_tally(tally: NDArray[np.int64]) -> ScanTally:
         first_damage_unix_s=int(tally[DAMAGE_S]),
         last_damage_unix_s=int(tally[LAST_DAMAGE_S]),
     )
-
-
-def scan_pieces(
-    pieces: Iterable[bytes], tally: NDArray[np.int64]
-) -> Iterator[tuple[Bytes, NDArray[np.int64]]]:
-    """Scan log.bin piece by piece: its bytes, and its records as :func:`scan_records` writes them.
-
-    What a piece does not finish is carried into the next.
-    """
-    carried = b""
-    for piece, is_last in mark_last(pieces):
-        buffer = np.frombuffer(carried + piece if carried else piece, np.uint8)
-        records = np.empty((len(buffer) // FRAME_BYTES + 1, 4), np.int64)
-        used, found = scan_records(buffer, is_last, records, tally)
-        yield buffer, records[:found]
-        carried = buffer[used:].tobytes()
 
 
 # SENSOR_SCHEMA: how a row of SENSOR_DATA is laid out, and how it is turned into g and deg/s.
