@@ -36,7 +36,7 @@ from fusion.checks.gravity_windows import (
 from fusion.checks.summary import Summaries, summarise
 from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
-from fusion.units import DEG_PER_RAD, LEFT_GYR_FACTOR, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
+from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 
 # Scale of the accelerometer: how long gravity reads at rest, in all the directions that were seen.
 #
@@ -219,8 +219,6 @@ WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 10.0
 """Less is too short for a report, and tells nothing of a unit."""
-COUNTED = ("row number", "packet counter")
-"""The readers' words for a table whose rows bear no time: its rate comes from a person or a header."""
 FEWEST_RESTS, UNEVEN_G = 10, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 UNSEEN_SCALE = 1.5
@@ -259,17 +257,17 @@ def check_physics(recording: Recording, known: Summaries = ()) -> Recording:
 
 def is_header_known(recording: Recording) -> bool:
     """Whether a known device's format or header states units and axes: nothing overrules it."""
-    return recording.understood.get("units_from") == "header"
+    return recording.stated.is_known
 
 
 def are_units_stated(recording: Recording) -> bool:
     """Whether the file, its device or a person states both units in words that say how large they are."""
-    units = (_known_acc_unit(recording), _known_unit(recording.understood.get("angular_rate_unit", "deg/s")))
+    units = (_known_unit(recording.stated.acc_unit), _known_unit(recording.stated.gyr_unit))
     return not {"", "registers"} & set(units)
 
 
 def _check_rates(recording: Recording, rests: Rests, known: Summaries) -> Recording:
-    unit = _known_unit(recording.understood.get("angular_rate_unit", "deg/s"))
+    unit = _known_unit(recording.stated.gyr_unit)
     candidates = _rate_candidates(unit)
     windows, cut_off = cut_whole_windows(recording.segments, known)
     offset_dps = np.median(rests.gyr, axis=0) if len(rests) else np.zeros(3)
@@ -356,7 +354,7 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
         recording = flag_correction(recording, "angular rate", "motion", {"factor": factor})
     if chosen.factor < 0.0:
         recording = turn_frame(recording)
-        library = float(recording.understood.get(LEFT_GYR_FACTOR, 1.0))
+        library = recording.stated.left_gyr_factor
         if library != 1.0:  # Arduino_LSM9DS1 prints 61.04 mdps for a count of 70
             recording = replace(multiply_rates(recording, library), device="lsm9ds1")
             recording = flag_correction(recording, "angular rate", "layout", {"factor": library})
@@ -374,7 +372,7 @@ def _doubt_scale(recording: Recording, overall: float) -> Recording:
 
     A wrong rate looks like a gyroscope of another scale: if the rows have no time, the rate is doubted.
     """
-    if recording.understood.get("time") not in COUNTED:
+    if not recording.stated.is_counted:
         return flag_doubt(recording, "gyroscope", factor=round(overall, 3))
     other_hz = round(recording.rate_hz / overall, 1)
     facts: Facts = {"rate_from": "doubted", "rate_hz": round(recording.rate_hz, 3), "other_hz": other_hz}
@@ -409,7 +407,7 @@ def _known_unit(unit: str) -> str:
 
 
 def _known_acc_unit(recording: Recording) -> str:
-    return _known_unit(recording.understood.get("acceleration_unit", "g"))
+    return _known_unit(recording.stated.acc_unit)
 
 
 def _refuse_short(recording: Recording) -> None:

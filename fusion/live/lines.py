@@ -18,10 +18,9 @@ from fusion.devices import KnownDevice
 from fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
 from fusion.live.clock import STAMP_SIZE, StreamClock
 from fusion.live.session import Frames
-from fusion.readers.tables.careful_path import NUMERIC_TIME, STAMP
 from fusion.readers.tables.csv import choose_rate_hz
-from fusion.readers.tables.header import is_row, split_fields
-from fusion.readers.tables.layout import TextLayout, find_layout
+from fusion.readers.tables.csv_lines import STAMP
+from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
 from fusion.readers.tables.rows import TablePlan, plan_table
 from fusion.readers.timebase.grid import estimate_period_us
 from fusion.recording import MICROSECONDS
@@ -267,10 +266,10 @@ def _learn(lines: Sequence[str]) -> _Columns:
             raise UnknownUnit(sensor=sensor)
     return _Columns(
         plan.layout,
-        by_target.get(STAMP) if plan.has_times and plan.stamp_kind == NUMERIC_TIME else None,
+        by_target.get(STAMP) if plan.time.kind == "number" else None,
         next((k for k, column in enumerate(plan.layout.columns) if column.channel == "counter"), None),
         places,
-        10.0**plan.stamp_exponent,
+        10.0**plan.time.unit.exponent,
         _find_factors(plan, plan.layout.device),
     )
 
