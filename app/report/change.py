@@ -35,7 +35,6 @@ from app.report.pairs import (
     load_pair_words,
     name_method,
     read_code,
-    share_whole,
 )
 from app.report.render.brief import format_signature
 from app.report.words.numbers import NONE
@@ -149,7 +148,15 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
 
 
 def _build_bars(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
-    shares = (share_whole(sides[0]), share_whole(sides[1]))
+    shares = [
+        (
+            side.name,
+            exposure.analysed_s,
+            {int(item.threshold_deg): item.percent for item in exposure.time_above},
+        )
+        for side in sides
+        for exposure in (side.kept.findings.exposure,)
+    ]
     return build_two_bars(shares, load_pair_words(language)["bars"]["note"], language)
 
 

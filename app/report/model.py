@@ -3,10 +3,13 @@
 The templates (HTML and PDF) only loop over these.
 """
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from app.report.charts.svg import NARROW, WIDE
 from app.report.words.wording import Language
 
 
@@ -47,6 +50,19 @@ class Chart:
     narrow: str
     table: Table
     note: str = ""
+
+    @classmethod
+    def draw(
+        cls,
+        words: tuple[str, str],
+        draw: Callable[[tuple[str, str], float], str],
+        columns: Sequence[str],
+        rows: Iterable[tuple[str, ...]],
+        note: str = "",
+    ) -> Chart:
+        """Draw a chart in both widths; ``words`` are its title and text, ``draw`` takes them and a width."""
+        table = Table(words[0], tuple(columns), tuple(rows))
+        return cls(*words, draw(words, WIDE), draw(words, NARROW), table, note)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,15 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from app.report.analysis.charts import build_day_labels
-from app.report.analysis.day import build_timeline, shift_day
-from app.report.charts.day import draw_two_days
-from app.report.charts.svg import NARROW, WIDE
+from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.figures import round_all
 from app.report.findings import Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
-    BarShares,
     OnePerson,
     PairSide,
     build_curves,
@@ -141,8 +137,8 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     header = _build_header(pair, words, language)
     shared_s = pair.shared.shared_s  # the bars cover it, so that the page has one value for each arm
     bars = (
-        BarShares(words["left"], shared_s, pair.shared.left.percent_above),
-        BarShares(words["right"], shared_s, pair.shared.right.percent_above),
+        (words["left"], shared_s, pair.shared.left.percent_above),
+        (words["right"], shared_s, pair.shared.right.percent_above),
     )
     spread = []
     if can_draw_curves(sides):
@@ -257,24 +253,7 @@ def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Langu
     for side, begin_s in zip(sides, begins_s, strict=True):
         own = build_timeline(side.kept.findings, clock, report_words)
         days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
-    alternative = fill(entry["alternative"], {"start": clock.format(0), "end": clock.format(whole_s)})
-    labels = build_day_labels(entry["title"], alternative, report_words)
-    bands = [(name, band) for name, day in days for run in day.runs for band in run]
-    rows = tuple(
-        (
-            name,
-            clock.format(band.start_s),
-            *(format_angle(deg, language) for deg in (band.low_deg, band.middle_deg, band.high_deg)),
-        )
-        for name, band in bands
-    )
-    return Chart(
-        title=entry["title"],
-        alternative=alternative,
-        wide=draw_two_days(days, labels, WIDE),
-        narrow=draw_two_days(days, labels, NARROW),
-        table=Table(entry["title"], tuple(entry["columns"]), rows),
-    )
+    return build_two_days(days, entry, report_words)
 
 
 def _build_figures(pair: ArmPair, words: Words, language: Language) -> Section:

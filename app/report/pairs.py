@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal
 
 from app.report.analysis.chapters import format_accuracy, format_found, format_pose_caution
-from app.report.analysis.charts import build_parts, share_below
-from app.report.charts.distribution import Curve, draw_two_curves
-from app.report.charts.svg import NARROW, WIDE
+from app.report.charts.bars import build_parts
+from app.report.charts.distribution import build_two_curves
 from app.report.figures import format_figure
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Note, Section, Table
@@ -73,48 +72,23 @@ def load_pair_words(language: Language) -> Words:
     return load_wording(language, "pairs")
 
 
-@dataclass(frozen=True, slots=True)
-class BarShares:
-    """What the bar of one of the two shows: analysed time, s, and its share above each threshold, percent."""
+def build_two_bars(
+    sides: Sequence[tuple[str, float, dict[int, float]]], note: str, language: Language
+) -> Chart:
+    """Build one stacked bar for each, to one scale; ``note`` says which time they cover.
 
-    name: str
-    analysed_s: float
-    percent_above: dict[int, float]
-
-
-def build_two_bars(shares: tuple[BarShares, BarShares], note: str, language: Language) -> Chart:
-    """Build one stacked bar for each, to one scale; ``note`` says which time they cover."""
+    ``sides``: name, analysed time in s and the share of it above each threshold in percent.
+    """
     parts = [
-        (share.name, PartExposure("", 0.0, 0.0, share.analysed_s, {}, share.percent_above, None))
-        for share in shares
+        (name, PartExposure("", 0.0, 0.0, analysed_s, {}, above, None)) for name, analysed_s, above in sides
     ]
-    return replace(build_parts("bars", parts, load_pair_words(language), language), note=note)
+    return build_parts("bars", parts, load_pair_words(language), language, note)
 
 
-def share_whole(side: PairSide) -> BarShares:
-    """Give the shares of all analysed time of a recording."""
-    exposure = side.kept.findings.exposure
-    above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
-    return BarShares(side.name, exposure.analysed_s, above)
-
-
-def build_curves(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
+def build_curves(sides: Sequence[PairSide], language: Language) -> Chart:
     """Build both distributions in one picture."""
-    entry = load_pair_words(language)["curves"]
-    first, second = (Curve(s.name, share_below(s.kept.findings.exposure)) for s in sides)
-    title = (entry["title"], fill(entry["alternative"], {"first": first.name, "second": second.name}))
-    axes = (entry["axes"][0], entry["axes"][1])
-    rows = tuple(
-        (f"{d}°", *(format_number(curve.below_percent[d], 1, language) for curve in (first, second)))
-        for d in range(10, 181, 10)
-    )
-    return Chart(
-        title=entry["title"],
-        alternative=title[1],
-        wide=draw_two_curves((first, second), axes, title, WIDE),
-        narrow=draw_two_curves((first, second), axes, title, NARROW),
-        table=Table(entry["title"], (entry["column"], first.name, second.name), rows),
-    )
+    named = [(side.name, side.kept.findings.exposure) for side in sides]
+    return build_two_curves(named, load_pair_words(language)["curves"], language)
 
 
 def can_draw_curves(sides: tuple[PairSide, PairSide]) -> bool:

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from app.report.agreement.figures import draw_bland_altman, draw_error_over_time, draw_overlay
 from app.report.agreement.tables import (
     list_sentences,
     tabulate_exposure,
@@ -17,6 +16,7 @@ from app.report.agreement.tables import (
     tabulate_tasks,
     tell_drift,
 )
+from app.report.charts.agreement import draw_bland_altman, draw_error_over_time, draw_overlay
 from app.report.model import AgreementReport, Note, Pair, Section
 from app.report.words.numbers import NONE, format_duration, format_number
 from app.report.words.subject import clean_text

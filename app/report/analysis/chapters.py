@@ -7,10 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import accumulate
 
-from app.report.analysis.charts import build_parts, build_spread, is_drawable
-from app.report.analysis.day import format_reason
 from app.report.analysis.tables import build_measures
 from app.report.bibliography import format_bibliography
+from app.report.charts.bars import build_parts, is_drawable
+from app.report.charts.day import format_reason
+from app.report.charts.distribution import build_spread
 from app.report.export.results import SCHEMA
 from app.report.findings import CalibrationFacts, Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine

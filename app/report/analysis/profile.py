@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from app.report.analysis.chapters import choose_ranges, format_pose_caution, format_quality
-from app.report.analysis.charts import build_day
-from app.report.analysis.day import WORST_WINDOW_S, Block
 from app.report.analysis.norms import LIMITS, extend_scale, find_reason
+from app.report.charts.day import WORST_WINDOW_S, Block, build_day
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
 from app.report.findings import Findings
 from app.report.model import Drawing, Profile, Table, Tile

@@ -16,9 +16,9 @@ from app.report.analysis.chapters import (
     format_pose_state,
     format_walking_note,
 )
-from app.report.analysis.charts import build_bar
-from app.report.analysis.day import WORST_WINDOW_S
 from app.report.analysis.profile import build_profile
+from app.report.charts.bars import build_bar
+from app.report.charts.day import WORST_WINDOW_S
 from app.report.findings import Findings
 from app.report.model import Note, Pair, Report
 from app.report.words.numbers import (

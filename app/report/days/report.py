@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.report.analysis.chapters import format_accuracy, format_pose_caution
-from app.report.charts.days import FigureRow
-from app.report.days.charts import build_overlays, build_rows, build_visits
+from app.report.days.charts import FigureRow, build_overlays, build_rows, build_visits
 from app.report.days.document import (
     MAIN,
     describe_arm,

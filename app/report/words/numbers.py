@@ -5,8 +5,10 @@ All languages group thousands with a narrow no-break space and put a no-break sp
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from app.report.words.wording import Language, is_french, load_wording
@@ -57,6 +59,13 @@ def format_angle(angle_deg: float | None, language: Language, decimals: int = 0)
     """Degrees; the sign follows without a space in both languages."""
     text = format_number(angle_deg, decimals, language)
     return text if text == NONE else f"{text}°"
+
+
+def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
+    """Write classes by their edges: "3–7 s"; the last may be open."""
+    return tuple(
+        f"≥ {low:g}{unit}" if high is None else f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges)
+    )
 
 
 def format_range(interval: "Interval | None", language: Language) -> str:
