@@ -12,31 +12,28 @@ from typing import Any
 
 from app.errors import CannotCompare
 from app.report.figures import format_figure, round_all
-from app.report.findings import Findings, Kept
-from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
+from app.report.findings import Kept
+from app.report.model import Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
     PairSide,
     are_mixed,
     build_curves,
-    build_limits,
+    build_report,
     build_sources,
     build_two_bars,
-    can_draw_curves,
     describe_source,
-    find_end,
     format_cautions,
     format_person,
     format_points,
     format_start,
     format_unconfirmed,
-    identify,
     is_confirmed,
     judge_person,
     load_pair_words,
     name_method,
+    name_pose,
     read_code,
 )
-from app.report.render.brief import format_signature
 from app.report.words.numbers import NONE
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -50,7 +47,8 @@ from fusion.comparison import (
 from fusion.recording import MICROSECONDS
 
 SCHEMA = "acromion.comparison/1"
-_ABOVE_60, _MEDIAN = "time_above_60_percent", "elevation_p50_deg"
+_TOLD = ("time_above_60_percent", "elevation_p50_deg")
+"""Figures of which the answer states the change."""
 _LONGEST_CODE = 16
 
 
@@ -103,61 +101,50 @@ def refuse_no_comparison(
 
 def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
     """Turn two analyses into a report on the change between them."""
-    words, compared = load_pair_words(language)["compare"], _compare(before, after)
-    sides = (PairSide(words["before"], before), PairSide(words["after"], after))
-    report_id = identify(describe_comparison(before, after, same_subject=same_subject))
+    words, common, compared = load_pair_words(language), load_wording(language), _compare(before, after)
+    entry, label, sides_of = words["compare"], common["label"], common["side"]
+    sides = (PairSide(entry["before"], before), PairSide(entry["after"], after))
     needs_pose = format_unconfirmed(sides, "change", language)
-    cautions = (
-        format_person(judge_person((before, after), is_stated=same_subject), language),
-        "" if needs_pose else fill(words["caution"], {"source": SOURCE}),
-        format_cautions(sides, language),
+    subjects = [kept.subject for kept in (before, after)]
+    codes = dict.fromkeys(
+        cut_text(clean_text(subject.subject), _LONGEST_CODE) or label["not_given"] for subject in subjects
     )
-    limits, use = build_limits(sides, language)
-    header = _build_header(sides, language)
+    arms = dict.fromkeys(sides_of[subject.side or "unknown"] for subject in subjects)
     sentences = []
-    for name in (_ABOVE_60, _MEDIAN):
-        for change in (each for each in compared.changes if each.name == name):
-            facts, entry = _format_change(change, language), words["sentence"]
-            sentences.append(f"{fill(entry[name], facts)} {fill(entry[change.verdict], facts)}")
-    table = words["table"]
-    rows, note = format_rows(compared.changes, language), fill(table["note"], {"source": SOURCE})
-    changes = Table(table["caption"], tuple(table["columns"]), rows, note=note)
-    footer = fill(words["footer"], {"version": after.subject.software.version, "id": report_id})
-    return Report(
-        language=language,
-        title=words["title"],
-        subtitle=load_wording(language)["heading"]["subtitle"],
-        header=header,
-        verdict=_build_verdict(compared, words),
-        sentences=tuple(sentences),
-        pose_caution=" ".join(filter(None, cautions)),
-        range_note="",
-        figures=(_build_bars(sides, language),)
-        + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
-        limits=limits,
-        intended_use=use,
-        sections=(Section("changes", table["title"], tables=(changes,)), build_sources(sides, language)),
-        report_id=report_id,
-        footer=footer,
-        brief=format_signature(header, footer, language),
-        made_of=find_end(sides),
-        amendment="",
-        needs_pose=needs_pose,
-        words=load_wording(language)["label"],
-    )
-
-
-def _build_bars(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
+    for change in (each for name in _TOLD for each in compared.changes if each.name == name):
+        facts, told = _format_change(change, language), entry["sentence"]
+        sentences.append(f"{fill(told[change.name], facts)} {fill(told[change.verdict], facts)}")
     shares = [
-        (
-            side.name,
-            exposure.analysed_s,
-            {int(item.threshold_deg): item.percent for item in exposure.time_above},
-        )
+        (side.name, exposure.analysed_s, {int(t.threshold_deg): t.percent for t in exposure.time_above})
         for side in sides
         for exposure in (side.kept.findings.exposure,)
     ]
-    return build_two_bars(shares, load_pair_words(language)["bars"]["note"], language)
+    table, rows = entry["table"], format_rows(compared.changes, language)
+    note = fill(table["note"], {"source": SOURCE})
+    changes = Table(table["caption"], tuple(table["columns"]), rows, note=note)
+    return build_report(
+        (before, after),
+        describe_comparison(before, after, same_subject=same_subject),
+        entry,
+        language,
+        title=entry["title"],
+        version=after.subject.software.version,
+        header=(
+            Pair(label["subject"], " → ".join(codes)),
+            Pair(label["arm"], " → ".join(arms)),
+            *(Pair(side.name, format_start(side.kept, language)) for side in sides),
+        ),
+        verdict=_build_verdict(compared, entry),
+        sentences=sentences,
+        cautions=(
+            format_person(judge_person((before, after), is_stated=same_subject), language),
+            "" if needs_pose else fill(entry["caution"], {"source": SOURCE}),
+            format_cautions(sides, language),
+        ),
+        figures=(build_two_bars(shares, words["bars"]["note"], language), *build_curves(sides, language)),
+        sections=(Section("changes", table["title"], tables=(changes,)), build_sources(sides, language)),
+        needs_pose=needs_pose,
+    )
 
 
 def _compare(before: Kept, after: Kept) -> DayComparison:
@@ -169,7 +156,7 @@ def _build_day(kept: Kept) -> ComparedDay:
     return ComparedDay(
         exposure=findings.exposure,
         method=name_method(findings),
-        pose=_find_pose(findings),
+        pose=name_pose(findings),
         side=kept.subject.side,
         verdict=findings.quality.verdict,
         sha256=findings.recording.sha256,
@@ -177,26 +164,6 @@ def _build_day(kept: Kept) -> ComparedDay:
         start=findings.recording.start,
         duration_s=findings.recording.duration_us / MICROSECONDS,
         is_confirmed=is_confirmed(findings),
-    )
-
-
-def _find_pose(findings: Findings) -> str:
-    """Name what the angle rests on; a day without a pose is not like one with."""
-    return (findings.calibration.pose or "axis") if findings.calibration else ""
-
-
-def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Pair, ...]:
-    label = load_wording(language)["label"]
-    codes = dict.fromkeys(
-        cut_text(clean_text(side.kept.subject.subject), _LONGEST_CODE) or label["not_given"] for side in sides
-    )
-    arms = dict.fromkeys(
-        load_wording(language)["side"][side.kept.subject.side or "unknown"] for side in sides
-    )
-    return (
-        Pair(label["subject"], " → ".join(codes)),
-        Pair(label["arm"], " → ".join(arms)),
-        *(Pair(side.name, format_start(side.kept, language)) for side in sides),
     )
 
 

@@ -163,15 +163,38 @@ class Profile:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """All that a template may use.
+class Sheet:
+    """What every report has.
 
     Attributes
     ----------
     sentences
-        The answer in three sentences.
+        The answer.
     figures
         Beside the sentences.
+    words
+        The fixed words of the templates (headings, labels).
+    """
+
+    language: Language
+    title: str
+    subtitle: str
+    header: tuple[Pair, ...]
+    sentences: tuple[str, ...]
+    figures: tuple[Chart, ...]
+    limits: Note
+    sections: tuple[Section, ...]
+    report_id: str
+    footer: str
+    words: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Report(Sheet):
+    """All that the template of a report of one recording, or of several, may use.
+
+    Attributes
+    ----------
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
     range_note
@@ -182,8 +205,6 @@ class Report:
         End of the recording, the only date a report bears; None without a clock.
     amendment
         Which version this is and why, where it replaces an earlier one; else empty.
-    words
-        The fixed words of the templates (headings, labels).
     pose_state
         How the calibration pose is known, in a line; empty for ready angles.
     needs_pose
@@ -191,29 +212,18 @@ class Report:
     walking_note
         How far walking lies from the axis, if that is far; else empty.
     profile
-        The first page, behind which the rest then stands; None in a report of two recordings.
+        The first page, behind which the rest then stands; None in a report of several.
     conclusion
         What a clinician concludes: name and date as its title; None where nobody has.
     """
 
-    language: Language
-    title: str
-    subtitle: str
-    header: tuple[Pair, ...]
     verdict: VerdictLine
-    sentences: tuple[str, ...]
     pose_caution: str
     range_note: str
-    figures: tuple[Chart, ...]
-    limits: Note
     intended_use: Note
-    sections: tuple[Section, ...]
-    report_id: str
-    footer: str
     brief: str
     made_of: datetime | None
-    amendment: str
-    words: Mapping[str, str]
+    amendment: str = ""
     pose_state: str = ""
     needs_pose: str = ""
     walking_note: str = ""
@@ -222,23 +232,10 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class AgreementReport:
+class AgreementReport(Sheet):
     """All that the template of a comparison, or of a study of several, may use.
 
-    ``main`` is the table that answers the question; ``made_of`` is always None: a comparison has no date of
-    its own.
+    ``main`` is the table that answers the question. It has no date of its own.
     """
 
-    language: Language
-    title: str
-    subtitle: str
-    header: tuple[Pair, ...]
-    sentences: tuple[str, ...]
     main: tuple[Table, ...]
-    figures: tuple[Chart, ...]
-    limits: Note
-    sections: tuple[Section, ...]
-    report_id: str
-    footer: str
-    made_of: datetime | None
-    words: Mapping[str, str]

@@ -6,6 +6,7 @@ over the shared time come from :mod:`fusion.arms`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,32 +18,29 @@ from app.report.pairs import (
     OnePerson,
     PairSide,
     build_curves,
-    build_limits,
+    build_report,
     build_sources,
     build_two_bars,
-    can_draw_curves,
     describe_source,
-    find_end,
     format_cautions,
     format_person,
     format_start,
     format_unconfirmed,
-    identify,
     is_confirmed,
     load_pair_words,
 )
-from app.report.render.brief import format_signature
 from app.report.words.numbers import (
     NONE,
     Clock,
     format_angle,
     format_angle_range,
     format_duration,
+    format_ends,
     format_number,
     format_percent,
     format_range,
 )
-from app.report.words.subject import clean_text, cut_text
+from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.exposure.types import LEAST_RANGED_S
 from fusion.recording import MICROSECONDS
@@ -51,8 +49,6 @@ if TYPE_CHECKING:
     from fusion.arms import PairedArms, TrunkRelative
 
 SCHEMA = "acromion.pair/1"
-_LEVELS = ("good", "caution", "poor")
-_LONGEST_CODE = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,80 +117,61 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
 
 def build_pair(pair: ArmPair, language: Language) -> Report:
     """Turn both arms into one report."""
-    words = load_pair_words(language)["pair"]
+    words, common = load_pair_words(language)["pair"], load_wording(language)
     sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
-    report_id = identify(describe_pair(pair))
-    limits, use = build_limits(sides, language)
-    if any(trunk.percentiles_deg for trunk in pair.trunk):
-        limits = replace(limits, paragraphs=(words["limits_with_trunk"], *limits.paragraphs[1:]))
-    order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
-    offset = fill(words["clock"][order], {"offset": format_duration(abs(pair.offset_s), language)})
-    cautions = (
-        format_person(pair.one_person, language),
-        f"{offset} {words['clock'][pair.offset_from]}",  # nothing in the signals confirms it
-        format_cautions(sides, language),
-    )
-    header = _build_header(pair, words, language)
-    shared_s = pair.shared.shared_s  # the bars cover it, so that the page has one value for each arm
-    bars = (
-        (words["left"], shared_s, pair.shared.left.percent_above),
-        (words["right"], shared_s, pair.shared.right.percent_above),
-    )
-    spread = []
-    if can_draw_curves(sides):
-        title, curves = load_wording(language)["section"]["spread"], build_curves(sides, language)
-        spread.append(Section("spread", title, figures=(replace(curves, note=words["curves_note"]),)))
-    footer = fill(words["footer"], {"version": pair.left.subject.software.version, "id": report_id})
-    return Report(
-        language=language,
+    shared, label = pair.shared, common["label"]
+    order, sign = ("later", "+") if pair.offset_s > 0 else ("earlier", "−")
+    if pair.offset_s == 0:
+        order, sign = "together", ""
+    offset = format_duration(abs(pair.offset_s), language)
+    told_offset = fill(words["clock"][order], {"offset": offset})
+    codes = dict.fromkeys(clean_text(side.kept.subject.subject) for side in sides)
+    code = " / ".join(cut_text(code, LONGEST_CODE) for code in codes if code)
+    bars = [  # over the shared time, so that the page has one value for each arm
+        (side.name, shared.shared_s, arm.percent_above)
+        for side, arm in zip(sides, (shared.left, shared.right), strict=True)
+    ]
+    curves = (replace(chart, note=words["curves_note"]) for chart in build_curves(sides, language))
+    return build_report(
+        (pair.left, pair.right),
+        describe_pair(pair),
+        words,
+        language,
         title=words["title"],
-        subtitle=load_wording(language)["heading"]["subtitle"],
-        header=header,
-        verdict=_build_verdict(sides, words, language),
+        version=pair.left.subject.software.version,
+        header=(
+            Pair(label["subject"], code or label["not_given"]),
+            Pair(label["date"], format_start(pair.left, language)),
+            Pair(words["shared"], format_duration(shared.shared_s, language)),
+            Pair(words["offset"], sign + offset),
+        ),
+        verdict=_build_verdict(sides, words, common["verdict"]),
         sentences=_format_answers(pair, words, language),
-        pose_caution=" ".join(filter(None, cautions)),
-        range_note=_format_ranges_note(pair, words),
+        cautions=(
+            format_person(pair.one_person, language),
+            f"{told_offset} {words['clock'][pair.offset_from]}",  # nothing in the signals confirms it
+            format_cautions(sides, language),
+        ),
         figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
-        limits=limits,
-        intended_use=use,
         sections=(
-            _build_figures(pair, words, language),
+            _build_figures(pair, words["table"], language),
             _build_trunk(pair, words, language),
-            *spread,
+            *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
             build_sources(sides, language),
         ),
-        report_id=report_id,
-        footer=footer,
-        brief=format_signature(header, footer, language),
-        made_of=find_end(sides),
-        amendment="",
+        range_note=_format_ranges_note(pair, words["ranges"]),
         needs_pose=format_unconfirmed(sides, "pair", language),
-        words=load_wording(language)["label"],
+        first_limit=words["limits_with_trunk"] if any(t.percentiles_deg for t in pair.trunk) else "",
     )
 
 
-def _build_header(pair: ArmPair, words: Words, language: Language) -> tuple[Pair, ...]:
-    label = load_wording(language)["label"]
-    codes = dict.fromkeys(clean_text(kept.subject.subject) for kept in (pair.left, pair.right))
-    code = " / ".join(cut_text(c, _LONGEST_CODE) for c in codes if c) or label["not_given"]
-    sign = "+" if pair.offset_s > 0 else "−" if pair.offset_s < 0 else ""
-    return (
-        Pair(label["subject"], code),
-        Pair(label["date"], format_start(pair.left, language)),
-        Pair(words["shared"], format_duration(pair.shared.shared_s, language)),
-        Pair(words["offset"], sign + format_duration(abs(pair.offset_s), language)),
-    )
-
-
-def _build_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> VerdictLine:
+def _build_verdict(sides: Sequence[PairSide], words: Words, verdicts: Words) -> VerdictLine:
     """Give the worse of the two, and name the arm of each."""
     levels = [side.kept.findings.quality.verdict for side in sides]
-    worst = max(levels, key=_LEVELS.index)
-    entry = load_wording(language)["verdict"]
-    if len(set(levels)) == 1:
-        return VerdictLine(worst, entry[worst]["label"], words["verdict_both"])
-    facts = {"left": words["verdict"][levels[0]], "right": words["verdict"][levels[1]]}
-    return VerdictLine(worst, entry[worst]["label"], fill(words["verdict_each"], facts))
+    worst = max(levels, key=("good", "caution", "poor").index)
+    told = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
+    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], told)
+    return VerdictLine(worst, verdicts[worst]["label"], reason)
 
 
 def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
@@ -225,23 +202,18 @@ def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
         return format_range(interval, language)
     if name.endswith("_deg"):
         return format_angle_range(interval, language)
-    if interval is None:
-        return ""
-    return "–".join(format_number(end, 2, language) for end in (interval.low, interval.high))
+    return format_ends(interval, 2, language)
 
 
-def _format_ranges_note(pair: ArmPair, words: Words) -> str:
+def _format_ranges_note(pair: ArmPair, entry: Words) -> str:
     """State what the ranges hold, or that there are none."""
-    if pair.shared.shared_s < LEAST_RANGED_S:
-        return str(words["ranges"]["short"])
-    entry = words["ranges"]
-    if not pair.shared.intervals:
-        return str(entry["none"])
+    if pair.shared.shared_s < LEAST_RANGED_S or not pair.shared.intervals:
+        return str(entry["short" if pair.shared.shared_s < LEAST_RANGED_S else "none"])
     is_open = not (is_confirmed(pair.left.findings) and is_confirmed(pair.right.findings))
     return f"{entry['known']} {entry['unconfirmed']}" if is_open else str(entry["known"])
 
 
-def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Language) -> Chart:
+def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) -> Chart:
     """Draw both days one above the other on the clock of the one that began first."""
     entry, report_words = load_pair_words(language)["days"], load_wording(language)
     first_s = min(0.0, pair.offset_s)
@@ -256,56 +228,49 @@ def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Langu
     return build_two_days(days, entry, report_words)
 
 
-def _build_figures(pair: ArmPair, words: Words, language: Language) -> Section:
-    entry, shared = words["table"], pair.shared
-    left, right = shared.left, shared.right
-    rows: list[tuple[str, ...]] = []
-    for c in left.percent_above:
-        above = (format_percent(arm.percent_above[c], language) for arm in (left, right))
+def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
+    shared, arms = pair.shared, (pair.shared.left, pair.shared.right)
+    name = str(load_wording(language)["ranges"]["name"]["known"])
+    ranges_label, rows = name[0].upper() + name[1:], []
+
+    def add(label: str, cells: Iterable[str], names: Iterable[str]) -> None:
+        """Add a row of figures, and the row of their ranges where any is known."""
+        rows.append((label, *cells))
+        ranges = tuple(_format_interval(pair, name, language) if name else "" for name in names)
+        rows.extend([(ranges_label, *ranges)] if any(ranges) else [])
+
+    def name_arms(name: str, ratio: str) -> tuple[str, str, str]:
+        return f"left_{name}", f"right_{name}", f"right_to_left_{ratio}"
+
+    for c in shared.left.percent_above:
+        above = (format_percent(arm.percent_above[c], language) for arm in arms)
         ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
-        rows.append((fill(entry["above"], {"threshold": f"{c:g}"}), *above, ratio))
-        rows += _build_ranges(pair, f"time_above_{c:g}_percent", f"time_above_{c:g}", language)
-    for p in left.percentiles_deg:
-        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in (left, right))
+        names = name_arms(f"time_above_{c:g}_percent", f"time_above_{c:g}")
+        add(fill(entry["above"], {"threshold": f"{c:g}"}), (*above, ratio), names)
+    for p in shared.left.percentiles_deg:
+        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in arms)
         ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
-        rows.append((fill(entry["percentile"], {"p": str(p)}), *angles, ratio))
-        rows += _build_ranges(pair, f"elevation_p{p}_deg", f"elevation_p{p}", language)
-    rows.append((entry["both"], format_percent(shared.both_above_60_percent, language), NONE, NONE))
-    if both := _format_interval(pair, "both_above_60_percent", language):
-        rows.append((_find_ranges_label(language), both, "", ""))
+        names = name_arms(f"elevation_p{p}_deg", f"elevation_p{p}")
+        add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
+    both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
+    add(entry["both"], both, ("both_above_60_percent", "", ""))
     table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
     return Section("figures", entry["title"], tables=(table,))
-
-
-def _build_ranges(pair: ArmPair, name: str, ratio: str, language: Language) -> list[tuple[str, ...]]:
-    """Give the row of ranges under a figure of both arms; none where none is known."""
-    names = (f"left_{name}", f"right_{name}", f"right_to_left_{ratio}")
-    cells = tuple(_format_interval(pair, end, language) for end in names)
-    return [(_find_ranges_label(language), *cells)] if any(cells) else []
-
-
-def _find_ranges_label(language: Language) -> str:
-    name = str(load_wording(language)["ranges"]["name"]["known"])
-    return name[0].upper() + name[1:]
 
 
 def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     """Give the arm's elevation less the trunk's inclination, or state what is missing for it."""
     entry = words["trunk"]
-    known = [
-        (name, trunk)
-        for name, trunk in zip((words["left"], words["right"]), pair.trunk, strict=True)
-        if trunk.percentiles_deg
-    ]
-    if not known:
-        return Section("trunk", entry["title"], (entry["missing"],))
     rows = tuple(
         (
             name,
             format_duration(trunk.shared_s, language),
-            *(format_angle(value, language, 1) for value in (trunk.percentiles_deg or {}).values()),
+            *(format_angle(value, language, 1) for value in trunk.percentiles_deg.values()),
         )
-        for name, trunk in known
+        for name, trunk in zip((words["left"], words["right"]), pair.trunk, strict=True)
+        if trunk.percentiles_deg
     )
+    if not rows:
+        return Section("trunk", entry["title"], (entry["missing"],))
     table = Table(entry["caption"], tuple(entry["columns"]), rows)
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))

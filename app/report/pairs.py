@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Any, Literal
 
 from app.report.analysis.chapters import format_accuracy, format_found, format_pose_caution
@@ -14,7 +14,7 @@ from app.report.charts.bars import build_parts
 from app.report.charts.distribution import build_two_curves
 from app.report.figures import format_figure
 from app.report.findings import Findings, Kept
-from app.report.model import Chart, Note, Section, Table
+from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
@@ -57,6 +57,11 @@ def name_method(findings: Findings) -> str:
     return f"{findings.method.name} {findings.method.version}" if findings.method else ""
 
 
+def name_pose(findings: Findings) -> str:
+    """Name what the angle rests on; a day without a pose is not like one with."""
+    return (findings.calibration.pose or "axis") if findings.calibration else ""
+
+
 def are_mixed(every: Iterable[Kept]) -> bool:
     """Tell whether several methods, or versions of one, made the figures."""
     return len({name_method(kept.findings) for kept in every}) > 1
@@ -85,15 +90,12 @@ def build_two_bars(
     return build_parts("bars", parts, load_pair_words(language), language, note)
 
 
-def build_curves(sides: Sequence[PairSide], language: Language) -> Chart:
-    """Build both distributions in one picture."""
+def build_curves(sides: Sequence[PairSide], language: Language) -> list[Chart]:
+    """Build both distributions in one picture; nothing unless both hold analysed time."""
     named = [(side.name, side.kept.findings.exposure) for side in sides]
-    return build_two_curves(named, load_pair_words(language)["curves"], language)
-
-
-def can_draw_curves(sides: tuple[PairSide, PairSide]) -> bool:
-    """Whether both hold analysed time."""
-    return all(side.kept.findings.exposure.histogram_s.sum() > 0 for side in sides)
+    if any(exposure.histogram_s.sum() <= 0 for _, exposure in named):
+        return []
+    return [build_two_curves(named, load_pair_words(language)["curves"], language)]
 
 
 def format_start(kept: Kept, language: Language) -> str:
@@ -102,19 +104,7 @@ def format_start(kept: Kept, language: Language) -> str:
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
 
 
-def find_end(sides: tuple[PairSide, PairSide]) -> datetime | None:
-    """Give the end of the recording that ended last, the only date of a report of two."""
-    recordings = [side.kept.findings.recording for side in sides]
-    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
-    return max(ends, key=_read_wall_clock, default=None)
-
-
-def _read_wall_clock(moment: datetime) -> datetime:
-    """A clock with a zone and one without are compared by what they showed."""
-    return moment.replace(tzinfo=None)
-
-
-def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str:
+def format_cautions(sides: Sequence[PairSide], language: Language) -> str:
     """Say which of the two has the one-sided error of the N-pose, and what that does to the difference."""
     words, entry = load_wording(language), load_pair_words(language)["pose_error"]
     posed = [side for side in sides if format_pose_caution(side.kept.findings, words)]
@@ -130,7 +120,7 @@ def is_confirmed(findings: Findings) -> bool:
     return calibration is None or calibration.state == "axis" or calibration.state in CONFIRMED
 
 
-def format_unconfirmed(sides: tuple[PairSide, PairSide], effect: str, language: Language) -> str:
+def format_unconfirmed(sides: Sequence[PairSide], effect: str, language: Language) -> str:
     """Return whose pose nobody confirmed and what follows from it; empty if both are confirmed.
 
     ``effect``: key of the sentence that says what follows.
@@ -144,41 +134,86 @@ def format_unconfirmed(sides: tuple[PairSide, PairSide], effect: str, language: 
     return " ".join((*told, entry[effect])) if told else ""
 
 
-def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:
-    """Give what the figures cannot show, how accurate each method is, and the intended use."""
-    words = load_wording(language)
-    limits, use = words["limits"], words["intended_use"]
-    accuracy = dict.fromkeys(format_accuracy(side.kept.findings, words) for side in sides)
-    paragraphs = (*limits["paragraphs"], *accuracy)
-    return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
+def build_report(
+    every: Sequence[Kept],
+    document: Mapping[str, Any],
+    words: Words,
+    language: Language,
+    *,
+    title: str,
+    version: str,
+    header: tuple[Pair, ...],
+    verdict: VerdictLine,
+    sentences: Iterable[str],
+    cautions: Iterable[str],
+    figures: Iterable[Chart],
+    sections: Iterable[Section],
+    range_note: str = "",
+    needs_pose: str = "",
+    first_limit: str = "",
+) -> Report:
+    """Build what every report of several analyses has; the rest is given.
+
+    Its only date is the end of the recording that ended last. ``version`` is of the software;
+    ``first_limit`` takes the place of the first limit that the report of one recording states.
+    """
+    common = load_wording(language)
+    limits, use, label = common["limits"], common["intended_use"], common["label"]
+    accuracy = dict.fromkeys(format_accuracy(kept.findings, common) for kept in every)
+    stated = (first_limit or limits["paragraphs"][0], *limits["paragraphs"][1:], *accuracy)
+    recordings = [kept.findings.recording for kept in every]  # compared by what their clocks showed
+    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
+    report_id = identify(document)
+    footer = fill(words["footer"], {"version": version, "id": report_id})
+    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
+    return Report(
+        language=language,
+        title=title,
+        subtitle=common["heading"]["subtitle"],
+        header=header,
+        verdict=verdict,
+        sentences=tuple(sentences),
+        pose_caution=" ".join(filter(None, cautions)),
+        range_note=range_note,
+        figures=tuple(figures),
+        limits=Note(limits["title"], stated),
+        intended_use=Note(use["title"], (use["text"],)),
+        sections=tuple(sections),
+        report_id=report_id,
+        footer=footer,
+        brief=fill(label["brief_two"], {"header": told, "footer": footer}),
+        made_of=max(
+            ends, key=lambda end: end.replace(tzinfo=None), default=None
+        ),  # by what the clocks showed
+        needs_pose=needs_pose,
+        words=label,
+    )
 
 
-def build_sources(sides: tuple[PairSide, ...], language: Language) -> Section:
+def build_sources(sides: Sequence[PairSide], language: Language) -> Section:
     """Build the table of where each comes from."""
-    words, entry = load_wording(language), load_pair_words(language)["sources"]
-    rows = list(
-        zip(entry["rows"], *(_format_source(side.kept, words, language) for side in sides), strict=True)
-    )
-    columns = (entry["column"], *(side.name for side in sides))
-    return Section("provenance", entry["title"], tables=(Table(entry["caption"], columns, tuple(rows)),))
-
-
-def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...]:
-    findings, subject = kept.findings, kept.subject
-    clock = Clock(findings.recording.start, language)
-    unknown = words["label"]["not_given"]
-    return (
-        clean_text(subject.file_name) or unknown,
-        findings.recording.sha256[:16] + "…",
-        find_device_name(words, findings.recording.device),
-        f"{format_start(kept, language)}, {clock.format(0)}" if findings.recording.start else NONE,
-        format_duration(findings.time.analysed_us / MICROSECONDS, language),
-        load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
-        name_method(findings) or NONE,
-        format_pose(findings, words),
-        f"Acromion {subject.software.version}",
-        subject.report_id,
-    )
+    words, pair_words = load_wording(language), load_pair_words(language)
+    entry, unknown = pair_words["sources"], words["label"]["not_given"]
+    columns = []
+    for kept in (side.kept for side in sides):
+        findings, subject, start = kept.findings, kept.subject, kept.findings.recording.start
+        columns.append(
+            (
+                clean_text(subject.file_name) or unknown,
+                findings.recording.sha256[:16] + "…",
+                find_device_name(words, findings.recording.device),
+                f"{format_date(start, language)}, {Clock(start, language).format(0)}" if start else NONE,
+                format_duration(findings.time.analysed_us / MICROSECONDS, language),
+                pair_words["pair"]["verdict"][findings.quality.verdict],
+                name_method(findings) or NONE,
+                format_pose(findings, words),
+                f"Acromion {subject.software.version}",
+                subject.report_id,
+            )
+        )
+    rows = tuple(zip(entry["rows"], *columns, strict=True))
+    table = Table(entry["caption"], (entry["column"], *(side.name for side in sides)), rows)
+    return Section("provenance", entry["title"], tables=(table,))
 
 
 def format_pose(findings: Findings, words: Words) -> str:

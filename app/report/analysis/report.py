@@ -34,7 +34,14 @@ from app.report.words.numbers import (
     format_range,
     format_rate,
 )
-from app.report.words.subject import ReportSubject, Software, clean_paragraphs, clean_text, cut_text
+from app.report.words.subject import (
+    LONGEST_CODE,
+    ReportSubject,
+    Software,
+    clean_paragraphs,
+    clean_text,
+    cut_text,
+)
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording, name_ranges
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import LEAST_RANGED_S, Episodes, Exposure, Interval
@@ -129,9 +136,6 @@ def _format_worst_window(exposure: Exposure, teller: SentenceContext) -> str:
     key = "window_elapsed" if teller.clock.start is None else "window"
     return fill(teller.words["sentence"][key], facts).replace(" – ", f"{NARROW}–{NARROW}")
 
-
-LONGEST_CODE = 24
-"""Of a subject code at the head of the page; the provenance holds it whole."""
 
 __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.report.agreement.study_tables import find_paper_row
+from app.report.agreement.export import find_paper_row
 from app.report.charts import svg
 from app.report.charts.svg import NARROW, Plot, Span
 from app.report.model import Chart

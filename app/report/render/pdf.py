@@ -88,7 +88,7 @@ def spell_uncovered(text: str) -> str:
 
 def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: Paper) -> bytes:
     values = asdict(report)
-    made_of = values.pop("made_of") or NO_CLOCK
+    made_of = values.pop("made_of", None) or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
     values["paper"] = _TYPST_PAPERS[paper]
     values["language"], _, values["region"] = report.language.partition("-")

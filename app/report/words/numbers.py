@@ -84,6 +84,13 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
     return f"{low}–{format_angle(interval.high, language, decimals)}"
 
 
+def format_ends(interval: "Interval | None", decimals: int, language: Language) -> str:
+    """Write both ends of a range without a unit: "2.5–6.0"; empty without an interval."""
+    if interval is None:
+        return ""
+    return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
+
+
 def format_duration_range(interval: "Interval", language: Language) -> str:
     """Write a range of lengths, "40 s–1 min 5 s"; ends that would read alike are rounded outwards."""
     low, high = interval.low, interval.high

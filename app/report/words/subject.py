@@ -7,6 +7,8 @@ from typing import Literal
 from app.request import LONGEST_CONCLUSION, Conclusion
 
 MAX_TEXT = 200
+LONGEST_CODE = 24
+"""Of a subject code at the head of a page; the provenance holds it whole."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
