@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from app.report.export.csv import Cell, CellKind
     from fusion.exposure.types import Interval
 
+TableName = Literal["summary", "periods"]
 Results = Mapping[str, Any]
 """A document ``results.json``."""
 
@@ -340,7 +341,7 @@ class Column:
     def _texts(self) -> dict[str, str]:
         return {key: str(value) for key, value in self.facts.items()}
 
-    def explain(self, language: Language, table: Literal["summary", "periods"] = "summary") -> str:
+    def explain(self, language: Language, table: TableName = "summary") -> str:
         """Give the meaning of the column: its own words, or those of its field in ``results.json``."""
         words = load_wording(language, "tables")[table]
         text = words.get(self.name) or words.get(self.pattern)
@@ -390,8 +391,8 @@ SUMMARY: tuple[Column, ...] = (
 )
 """The columns of ``summary.csv``, for each recording one row. A new one follows all others."""
 
-NOT_OF_ONE = frozenset({"error_code", "path", "folder"})
-"""Columns of the summary that say something only in a table of many recordings."""
+SUMMARY_OF_ONE = tuple(column for column in SUMMARY if column.name not in ("error_code", "path", "folder"))
+"""Without what says something only in a table of many recordings."""
 
 PERIODS: tuple[Column, ...] = (
     *(Column(name, kind="text") for name in ("file_name", "subject", "kind", "label")),

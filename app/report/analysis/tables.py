@@ -72,7 +72,7 @@ def build_measures(context: Context) -> tuple[Table, ...]:
 _FROM_THIRD, _LAST = slice(2, None), slice(-1, None)
 
 
-def _tabulate(entry: Words, rows: Rows, droppable: slice = _FROM_THIRD) -> Table:
+def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]], droppable: slice = _FROM_THIRD) -> Table:
     """Make a table; a ``droppable`` column in which nothing stands (no interval anywhere) is left out."""
     columns = tuple(entry["columns"])
     places = range(len(columns))
@@ -155,7 +155,7 @@ def _format_end(value: float, name: str, language: Language) -> str:
 
 
 def _list_cycles(exposure: Exposure, language: Language) -> Rows:
-    rows = []
+    rows: Rows = []
     for c in exposure.cycles:
         name = f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°"
         interval = exposure.intervals.get(CYCLES_COUNT.spell(CYCLES.describe(c)))
@@ -177,7 +177,8 @@ def _list_velocities(exposure: Exposure, entry: Words, language: Language) -> Ro
 
 
 def _list_windows(context: Context) -> Rows:
-    exposure, clock, language, rows = context.exposure, context.clock, context.language, []
+    exposure, clock, language = context.exposure, context.clock, context.language
+    rows: Rows = []
     for window in exposure.peak_windows:
         length = format_duration(window.length_s, language).replace("1\u202fh", "60\u202fmin")
         place, share = NONE, format_percent(window.percent_above_60, language)
@@ -190,7 +191,7 @@ def _list_windows(context: Context) -> Rows:
 
 def _list_long_stays(exposure: Exposure, language: Language) -> Rows:
     """List the time in stays longer than 5, 10, 30 and 60 s."""
-    rows = []
+    rows: Rows = []
     for item in exposure.episodes:
         if item.longer_s:
             stays = EPISODES.describe(item)

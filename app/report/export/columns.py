@@ -1,9 +1,9 @@
 """The tables of figures: one row for each recording, one for each hour and period, and their dictionary."""
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 from app.report.export.csv import INTERNATIONAL, Dialect, Origin, Row, encode_table, find_place
 from app.report.figures import (
@@ -11,6 +11,7 @@ from app.report.figures import (
     SUMMARY,
     Column,
     Results,
+    TableName,
     find_unit,
     read_figures,
     read_pose_ranges,
@@ -74,13 +75,28 @@ def encode_dictionary() -> bytes:
 
 
 def describe_dictionary() -> list[Row]:
-    """Give one row for each column of the tables and of the angles, and each field of ``results.json``."""
-    return [
-        *(_describe_column("summary", column) for column in SUMMARY),
-        *(_describe_column("periods", column) for column in PERIODS),
-        *_describe_all("elevation.parquet", *(words["elevation"] for words in _load_words("tables"))),
-        *_describe_all("results.json", *_load_words("fields")),
-    ]
+    """Return one row for each column of the tables and of the angles, and each field of ``results.json``."""
+    rows: list[Row] = []
+
+    def add(file: str, name: str, kind: str | None, told: Iterable[str]) -> None:
+        english, french = told
+        words = {"unit": find_unit(name), "english": english, "french": french}
+        rows.append({"file": file, "column": name, "kind": kind, **words})
+
+    tables: tuple[tuple[TableName, Sequence[Column]], ...] = (
+        ("summary", SUMMARY),
+        ("periods", PERIODS),
+    )
+    for table, columns in tables:
+        for column in columns:
+            told = (column.explain(language, table) for language in LANGUAGES)
+            add(f"{table}.csv", column.name, column.kind, told)
+    angles = [load_wording(language, "tables")["elevation"] for language in LANGUAGES]
+    fields = [load_wording(language, "fields") for language in LANGUAGES]
+    for file, words in (("elevation.parquet", angles), ("results.json", fields)):
+        for name in words[0]:
+            add(file, name, None, (one[name] for one in words))
+    return rows
 
 
 def write_document() -> str:
@@ -107,24 +123,6 @@ def find_paths(value: Any, path: str = "") -> Iterator[str]:
             yield from find_paths(inner, f"{path}[].{key}")
     else:
         yield path
-
-
-def _describe_column(table: Literal["summary", "periods"], column: Column) -> Row:
-    english, french = (column.explain(language, table) for language in LANGUAGES)
-    return _describe(f"{table}.csv", column.name, column.kind, english, french)
-
-
-def _load_words(part: str) -> list[Mapping[str, Any]]:
-    return [load_wording(language, part) for language in LANGUAGES]
-
-
-def _describe_all(file: str, english: Mapping[str, str], french: Mapping[str, str]) -> list[Row]:
-    return [_describe(file, name, None, english[name], french[name]) for name in english]
-
-
-def _describe(file: str, name: str, kind: str | None, english: str, french: str) -> Row:
-    told = {"unit": find_unit(name), "english": english, "french": french}
-    return {"file": file, "column": name, "kind": kind, **told}
 
 
 if __name__ == "__main__":
