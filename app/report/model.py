@@ -131,24 +131,10 @@ class Drawing:
 class Profile:
     """The first page, the Arm Elevation Profile (docs/profile.md).
 
-    Attributes
-    ----------
-    quality
-        What limits the data, by name.
-    tiles
-        Time above 30, 60 and 90 deg, rises above 60 deg an hour.
-    strip
-        The day with its tasks.
-    tasks
-        The tasks, or the quarter hours, with the most time above 60 deg; None without any.
-    sure
-        The doubts about the time above 60 deg.
-    next_title, next_steps
-        What to do next, each by a stated rule.
-    not_a_diagnosis
-        What the page is not.
-    amendment
-        On paper, that the report replaces another; empty for a first report.
+    ``quality`` names what limits the data; ``tiles`` are time above 30, 60 and 90 deg, and rises above 60 deg
+    an hour; ``strip`` is the day with its tasks. ``tasks``: the tasks, or the quarter hours, with the most
+    time above 60 deg; None without any. ``sure``: the doubts about the time above 60 deg. ``next_steps``:
+    each by a stated rule. ``amendment``: on paper, that the report replaces another; else empty.
     """
 
     quality: str
@@ -164,16 +150,8 @@ class Profile:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """What every report has.
-
-    Attributes
-    ----------
-    sentences
-        The answer.
-    figures
-        Beside the sentences.
-    words
-        The fixed words of the templates (headings, labels).
+    """What every report has. ``figures`` stand beside the sentences, which are the answer; ``words`` are the
+    fixed words of the templates (headings, labels).
     """
 
     language: Language

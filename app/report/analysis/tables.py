@@ -7,19 +7,14 @@ from collections.abc import Sequence
 from app.report.analysis.context import Context
 from app.report.figures import (
     CYCLES,
-    CYCLES_COUNT,
-    ENTRIES_PER_H,
+    ENTRIES,
     EPISODES,
-    PERCENTILE,
+    PERCENTILES,
     REST_TABLE,
     SINGLE_GROUPS,
-    STAY_LONGEST_S,
-    STAY_MEDIAN_S,
-    STAY_P90_S,
-    STAYS_PER_H,
     VELOCITIES,
     VELOCITY,
-    WORST_WINDOW,
+    WINDOWS,
     format_figure,
     format_figure_range,
 )
@@ -98,7 +93,7 @@ def _tabulate_percentiles(exposure: Exposure, said: Words, language: Language) -
     ranks = sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
-    intervals = [exposure.intervals.get(PERCENTILE.spell({"name": p})) for p in ranks]
+    intervals = [exposure.intervals.get(PERCENTILES[""].spell({"name": p})) for p in ranks]
     posed = [interval.with_pose if interval else None for interval in intervals]
     rows = [(said["row"], *(format_angle(exposure.percentiles_deg[p], language, 1) for p in ranks))]
     for name, ranges in (("range", intervals), ("pose", posed)):
@@ -122,7 +117,8 @@ def _list_entries(exposure: Exposure, said: Words, language: Language) -> Rows:
             format_number(stay.censored if stay else None, 0, language),
         )
         above = {"threshold_deg": item.threshold_deg}
-        per_h, median, longest = (f.spell(above) for f in (ENTRIES_PER_H, STAY_MEDIAN_S, STAY_LONGEST_S))
+        per_h = ENTRIES["per_hour"].spell(above)
+        median, longest = (EPISODES[key].spell(above) for key in ("median_s", "longest_s"))
         rows += [row, *_list_ranges(exposure, ("", per_h, "", median, longest, ""), said, language)]
         interval = exposure.intervals.get(per_h)
         posed = interval.with_pose if interval else None
@@ -158,7 +154,7 @@ def _list_cycles(exposure: Exposure, language: Language) -> Rows:
     rows: Rows = []
     for c in exposure.cycles:
         name = f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°"
-        interval = exposure.intervals.get(CYCLES_COUNT.spell(CYCLES.describe(c)))
+        interval = exposure.intervals.get(CYCLES["count"].spell(CYCLES.describe(c)))
         told = format_ends(interval, 1, language) or NONE
         rows.append((name, format_number(c.count, 1, language), told))
     return rows
@@ -184,7 +180,7 @@ def _list_windows(context: Context) -> Rows:
         place, share = NONE, format_percent(window.percent_above_60, language)
         if window.start_s is not None:
             place = "–".join(clock.format(window.start_s + at_s) for at_s in (0, window.length_s))
-        interval = exposure.intervals.get(WORST_WINDOW.spell({"length_s": window.length_s}))
+        interval = exposure.intervals.get(WINDOWS["percent_above_60"].spell({"length_s": window.length_s}))
         rows.append((length, place, f"{share} ({format_range(interval, language)})" if interval else share))
     return rows
 
@@ -195,8 +191,8 @@ def _list_long_stays(exposure: Exposure, language: Language) -> Rows:
     for item in exposure.episodes:
         if item.longer_s:
             stays = EPISODES.describe(item)
-            rates = _format_range(exposure, STAYS_PER_H.spell(stays), language)
-            lengths = _format_range(exposure, STAY_P90_S.spell(stays), language)
+            rates = _format_range(exposure, EPISODES["per_hour"].spell(stays), language)
+            lengths = _format_range(exposure, EPISODES["p90_s"].spell(stays), language)
             row = (
                 f"{item.threshold_deg:g}°",
                 format_rate(item.per_hour, language) + (f" ({rates})" if rates else ""),

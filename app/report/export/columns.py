@@ -14,7 +14,6 @@ from app.report.figures import (
     TableName,
     find_unit,
     read_figures,
-    read_pose_ranges,
     read_ranges,
 )
 from app.report.words.wording import LANGUAGES, load_wording
@@ -23,10 +22,9 @@ from app.report.words.wording import LANGUAGES, load_wording
 def summarise_results(results: Results) -> Row:
     """Give the row of one analysed recording."""
     told = read_figures(results)
-    for name, (low, high) in read_ranges(results).items():
-        told |= {f"{name}_low": low, f"{name}_high": high}
-    for name, (low, high) in read_pose_ranges(results).items():
-        told |= {f"{name}_low_pose": low, f"{name}_high_pose": high}
+    for suffix in ("", "_pose"):
+        for name, (low, high) in read_ranges(results, suffix).items():
+            told |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
     told["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
     told |= {place: find_place(results, place) for place in ("path", "folder")}
     return {column.name: told.get(column.name) for column in SUMMARY}

@@ -17,7 +17,7 @@ from typing import Any
 
 from app.report.export.columns import summarise_results
 from app.report.export.naming import format_report_name
-from app.report.figures import RANGE_ENDS, SUMMARY, Results, find_unit, read_pose_ranges, read_ranges
+from app.report.figures import RANGE_ENDS, SUMMARY, Results, find_unit, read_ranges
 from app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
@@ -89,7 +89,7 @@ def _describe_common(results: Results) -> dict[str, Any]:
 
 def _list_observations(results: Results, common: Mapping[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
     """Return one observation for each figure there is, with the ends of its range where they are known."""
-    row, ranges, posed = summarise_results(results), read_ranges(results), read_pose_ranges(results)
+    row, ranges, posed = summarise_results(results), read_ranges(results), read_ranges(results, "_pose")
     for column in SUMMARY:
         name = column.name
         if column.kind != "number" or row[name] is None or name.endswith(RANGE_ENDS):

@@ -23,12 +23,10 @@ from app.report.figures import (
     BINS,
     CYCLES,
     ENTRIES,
-    ENTRIES_PER_H,
     EPISODES,
     EVA_SUMMARY,
     HOUR_VARIATION,
-    PERCENTILE,
-    SHARE_ABOVE,
+    PERCENTILES,
     SINGLE_GROUPS,
     TIME_ABOVE,
     VELOCITIES,
@@ -171,7 +169,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
     entries = []
     for item in exposure.entries:
         described = ENTRIES.describe(item)
-        interval = exposure.intervals.get(ENTRIES_PER_H.spell(described))
+        interval = exposure.intervals.get(ENTRIES["per_hour"].spell(described))
         entries.append(described | {end: getattr(interval, end, None) for end in POSE_ENDS})
     eva = exposure.eva
     return {
@@ -248,14 +246,15 @@ def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
 
 
 def _describe_part(part: PartExposure) -> dict[str, object]:
+    percentile, above = PERCENTILES[""], TIME_ABOVE["percent"]
     return {
         "label": part.label,
         "start_s": part.start_s,
         "end_s": part.end_s,
         "analysed_s": part.analysed_s,
-        **{PERCENTILE.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
-        **{SHARE_ABOVE.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
-        ENTRIES_PER_H.spell({"threshold_deg": 60}): part.entries_above_60_per_h,
+        **{percentile.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
+        **{above.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
+        ENTRIES["per_hour"].spell({"threshold_deg": 60}): part.entries_above_60_per_h,
         **_describe_intervals(part.intervals),
     }
 
