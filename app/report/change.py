@@ -120,8 +120,7 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
         for exposure in (side.kept.findings.exposure,)
     ]
     table, rows = entry["table"], format_rows(compared.changes, language)
-    note = fill(table["note"], {"source": SOURCE})
-    changes = Table(table["caption"], tuple(table["columns"]), rows, note=note)
+    changes = Table.lay(table, rows, fill(table["note"], {"source": SOURCE}))
     return build_report(
         (before, after),
         describe_comparison(before, after, same_subject=same_subject),
@@ -181,7 +180,6 @@ def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
 
 
 def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
-    """Write the values of a change with their units."""
     detectable = change.detectable
     return {
         "before": format_figure(change.before, change.name, language),

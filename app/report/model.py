@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from app.report.charts.svg import NARROW, WIDE
-from app.report.words.wording import Language
+from app.report.words.wording import Language, Words
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,13 @@ class Table:
     note: str = ""
     prose: bool = False
     even: bool = False
+
+    @classmethod
+    def lay(
+        cls, entry: Words, rows: Iterable[Iterable[str]], note: str = "", *, prose: bool = False
+    ) -> Table:
+        """Lay rows out under the caption and the columns of their words."""
+        return cls(entry["caption"], tuple(entry["columns"]), tuple(map(tuple, rows)), note, prose)
 
 
 @dataclass(frozen=True, slots=True)

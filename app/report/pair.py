@@ -196,7 +196,6 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
 
 
 def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
-    """Write the range of a figure in its unit; empty where none is known."""
     interval = pair.shared.intervals.get(name)
     if name.endswith("_percent"):
         return format_range(interval, language)
@@ -254,7 +253,7 @@ def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
         add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
     both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
     add(entry["both"], both, ("both_above_60_percent", "", ""))
-    table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+    table = Table.lay(entry, rows, entry["note"])
     return Section("figures", entry["title"], tables=(table,))
 
 
@@ -272,5 +271,5 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     )
     if not rows:
         return Section("trunk", entry["title"], (entry["missing"],))
-    table = Table(entry["caption"], tuple(entry["columns"]), rows)
+    table = Table.lay(entry, rows)
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))

@@ -121,7 +121,6 @@ def encode_validation(validation: Mapping[str, Any]) -> bytes:
 
 
 def _describe_agreement(agreement: Agreement) -> dict[str, Any]:
-    """Return every statistic of some rows."""
     *shared, samples, duration_s = STATISTICS
     return {
         **{name: getattr(agreement, name) for name in shared},
@@ -132,7 +131,6 @@ def _describe_agreement(agreement: Agreement) -> dict[str, Any]:
 
 
 def _describe_limits(limits: Limits) -> dict[str, Any]:
-    """Return limits of agreement with repeated measures."""
     return {
         "bias_deg": limits.bias_deg,
         "loa_low_deg": limits.low_deg,

@@ -66,11 +66,6 @@ def tell_r(r: float | None, language: Language) -> str:
 # The tables.
 
 
-def tabulate(entry: Words, rows: Iterable[Iterable[str]], note: str = "") -> Table:
-    """Lay rows out under the caption and the columns of their words."""
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(map(tuple, rows)), note)
-
-
 def format_angles(values_deg: Iterable[float | None], language: Language) -> list[str]:
     """Write angles to a hundredth of a degree."""
     return [format_angle(value_deg, language, 2) for value_deg in values_deg]
@@ -101,7 +96,6 @@ def tabulate_tasks(comparison: Comparison, words: Words, language: Language) -> 
 
 
 def _tell_statistics(agreement: Agreement, language: Language) -> list[str]:
-    """Return r, RMSE, mean absolute error, bias and limits of agreement."""
     low, high = (format_angle(edge, language, 1) for edge in (agreement.loa_low_deg, agreement.loa_high_deg))
     errors = (agreement.rmse_deg, agreement.mean_absolute_error_deg, agreement.bias_deg)
     limits = NONE if low == NONE else f"{low}\u00a0…\u00a0{high}"
@@ -127,7 +121,7 @@ def tabulate_overall(overall: Agreement, words: Words, language: Language) -> Ta
         "duration": format_duration(overall.duration_s, language),
         "samples": format_number(overall.count, 0, language),
     }
-    return tabulate(entry, ((entry["row"][name], value) for name, value in values.items()), entry["note"])
+    return Table.lay(entry, ((entry["row"][name], value) for name, value in values.items()), entry["note"])
 
 
 def tabulate_strata(strata: Sequence[Stratum], key: str, words: Words, language: Language) -> Table:
@@ -140,7 +134,7 @@ def tabulate_strata(strata: Sequence[Stratum], key: str, words: Words, language:
         one = stratum.agreement
         errors = format_angles((one.rmse_deg, one.mean_absolute_error_deg, one.bias_deg), language)
         rows.append((name, format_percent(stratum.percent, language), *errors))
-    return tabulate(entry, rows)
+    return Table.lay(entry, rows)
 
 
 def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, language: Language) -> Table:
@@ -155,7 +149,7 @@ def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, languag
         else:
             told = [format_number(value, 0, language) for value in values]
         rows.append((_name_figure(figure.name, entry), *told))
-    return tabulate(entry, rows, entry["note"])
+    return Table.lay(entry, rows, entry["note"])
 
 
 def _name_figure(name: str, entry: Words) -> str:
@@ -181,7 +175,7 @@ def tabulate_repeated(tasks: Sequence[TaskAgreement], words: Words, language: La
         for task in tasks
         if task.repetitions > 1
     )
-    return tabulate(words["repeated"], rows, words["repeated"]["note"])
+    return Table.lay(words["repeated"], rows, words["repeated"]["note"])
 
 
 def format_limits(limits: Limits, language: Language) -> list[str]:
@@ -203,4 +197,4 @@ def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language
         for k in (chosen if is_cut else range(len(windows)))
     )
     cut = {"shown": str(MOST_LAGS), "all": str(len(windows))} if is_cut else {}
-    return tabulate(entry, rows, fill(entry["note"], cut))
+    return Table.lay(entry, rows, fill(entry["note"], cut))

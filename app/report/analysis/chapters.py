@@ -244,7 +244,6 @@ def build_sections(context: Context) -> tuple[Section, ...]:
 
 
 def _has_pose_ranges(context: Context) -> bool:
-    """Return whether ranges hold the error of the N-pose, too."""
     return any(above.interval and above.interval.with_pose for above in context.exposure.time_above)
 
 
@@ -275,7 +274,7 @@ def _build_published(context: Context) -> Section:
     elif any(item.reason == "not computed" and item.reference.key == "velocity" for item in compared):
         why = fill(comparison["does_not_apply"], {"reason": comparison["reason"]["not_computed_velocity"]})
         note = f"{words['reference']['velocity']['name']} – {why}"
-    table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True, note=note)
+    table = Table.lay(entry, rows, prose=True, note=note)
     paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
 
@@ -357,7 +356,7 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
             )
             rows.append((range_name, "", *cells))
     cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=fill(entry["note"], cut))
+    return Table.lay(entry, rows, note=fill(entry["note"], cut))
 
 
 # ------------------------------------------------------------------ quality and time
@@ -373,7 +372,7 @@ def _build_quality(context: Context) -> Section:
         lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
         rows.append((flag.code, _describe_flag(flag, clock.language), count, lasted, *places))
     entry = words["quality"]
-    flags = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True)
+    flags = Table.lay(entry, rows, prose=True)
     tables = (flags, _tabulate_time(context), _tabulate_time_parts(context))
     return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
 
@@ -393,7 +392,7 @@ def _tabulate_time(context: Context) -> Table:
         for reason, us in _sum_exclusions(context.findings).items()
     )
     note = fill(entry["note"], {"reasons": reasons})
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
+    return Table.lay(entry, rows, note=note)
 
 
 def _build_time_rows(
@@ -424,7 +423,7 @@ def _tabulate_time_parts(context: Context) -> Table:
         name = format_reason(part.name, words) if is_excluded else str(kinds.get(part.name, part.name))
         amounts.append((fill(entry[part.account], {"name": name}), part.duration_us))
     rows = _build_time_rows(amounts, time.recorded_us, context.language)
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+    return Table.lay(entry, rows, note=entry["note"])
 
 
 # ------------------------------------------------------------------ method and provenance

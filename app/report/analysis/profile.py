@@ -130,7 +130,6 @@ def _build_rises(context: Context) -> Tile:
 
 
 def _build_tile(scale: TileScale, facts: Mapping[str, str], context: Context) -> Tile:
-    """Build a tile from its written facts: value, duration, range, pose, published."""
     entry, name = context.words["profile"], scale.words[0]
     calibration = context.findings.calibration
     told = {
@@ -172,7 +171,6 @@ def _format_published(values: Sequence[float], language: Language) -> str:
 
 
 def _rank_tasks(context: Context) -> list[PartExposure]:
-    """Return the tasks of the diary with the most time above 60 deg, the most first."""
     named = [part for part in context.exposure.by_task if _is_task(part) and part.analysed_s > 0]
     return sorted(named, key=lambda part: -_find_above_s(part))[:SHOWN_TASKS]
 

@@ -181,7 +181,6 @@ def _build_header(context: Context) -> tuple[Pair, ...]:
 
 
 def _build_conclusion(context: Context) -> Note | None:
-    """Write what a clinician concludes, as it was typed."""
     concluded, told = context.subject.conclusion, context.words["conclusion"]
     if concluded is None:
         return None

@@ -186,7 +186,6 @@ def _list_windows(context: Context) -> Rows:
 
 
 def _list_long_stays(exposure: Exposure, language: Language) -> Rows:
-    """List the time in stays longer than 5, 10, 30 and 60 s."""
     rows: Rows = []
     for item in exposure.episodes:
         if item.longer_s:
@@ -222,7 +221,6 @@ def _list_rest(exposure: Exposure, names: Words, language: Language) -> Rows:
 
 
 def _format_range(exposure: Exposure, name: str, language: Language) -> str:
-    """Write the range of a figure; empty where none is known."""
     interval = exposure.intervals.get(name)
     return format_figure_range(interval, name, language) if interval else ""
 

@@ -162,7 +162,6 @@ def _mark_errors(reach_deg: float, language: Language) -> list[Tick]:
 
 
 def _break(middles: Vector, values: Vector) -> list[list[Span]]:
-    """Cut a curve where it has no value."""
     runs: list[list[Span]] = [[]]
     for x, y in zip(middles.tolist(), values.tolist(), strict=True):
         if np.isfinite(y):

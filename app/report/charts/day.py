@@ -278,20 +278,9 @@ def _lay_out(day: Day, left_px: float, right_px: float, top_px: float, bottom_px
 class Overlay:
     """Several days on one clock.
 
-    Attributes
-    ----------
-    name
-        Of which arm, say.
-    day
-        P10 to P90 and median by quarter hour; missing where too few days are.
-    inner
-        P25 to P75, in the same runs.
-    counts
-        Quarter hours with the days that they rest upon: start and end, s on the axis, and days.
-    days
-        All days.
-    counts_label
-        Words of the lane of counts.
+    ``day``: P10 to P90 and median by quarter hour, missing where too few days are; ``inner``: P25 to P75, in
+    the same runs. ``counts``: quarter hours with the days that they rest upon: start and end, s on the axis,
+    and days, of ``days`` in all.
     """
 
     name: str
@@ -453,7 +442,6 @@ def _draw_bracket(start_px: float, end_px: float, bottom_px: float) -> str:
 
 
 def _draw_triangle(x_px: float, bottom_px: float) -> str:
-    """Point at the longest continuous time above 60 deg."""
     commands = f"M{svg.number(x_px)} {svg.number(bottom_px)}l-5 -9h10Z"
     return svg.path(commands, f'class="mark" fill="{svg.RAMP[3]}"')
 

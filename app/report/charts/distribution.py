@@ -52,7 +52,6 @@ class _MarkedPercentile:
 
 
 def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
-    """Build the cumulative distribution with P10, P50, P90 and P99."""
     below, marks = share_below(exposure), []
     for percent in MARKED_PERCENTILES:
         if percent not in exposure.percentiles_deg:
@@ -208,8 +207,6 @@ class _Grid:
 
 
 def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
-    """Build the heat map of elevation by how long the arm stayed in its class."""
-
     def tell(values: Sequence[float]) -> tuple[str, ...]:
         return tuple(format_number(float(value), 1, language) for value in values)
 

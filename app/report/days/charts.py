@@ -161,7 +161,6 @@ def build_visits(arms: Sequence[ArmDays], words: Words, language: Language) -> t
 
 
 def _draw_visits(panels: Sequence[_VisitPanel], words: tuple[str, str], width_px: float) -> str:
-    """Draw a panel for each arm, all to one scale of time and of shares."""
     every = [visit for panel in panels for visit in panel.visits]
     first, last = (find(visit.at_days for visit in every) for find in (min, max))
     step, top = _find_scale(panels)

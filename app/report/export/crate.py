@@ -104,7 +104,6 @@ def _refer(entity: Entity) -> Entity:
 
 
 def _find_date(made: Made) -> date:
-    """Give the day on which a recording ended."""
     results = made.results or {}
     start = results.get("recording", {}).get("start")
     if not start:

@@ -127,7 +127,6 @@ def _lay_segment(segment: ElevationSegment) -> Iterator[pa.Table]:
 
 
 def _round(values: FloatArray) -> FloatArray:
-    """Round in place."""
     return np.rint(values, out=values)
 
 

@@ -226,7 +226,6 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
 
 
 def _describe(group: Group, record: object) -> dict[str, object] | None:
-    """Describe a record that an exposure may lack."""
     return None if record is None else group.describe(record)
 
 
@@ -404,7 +403,6 @@ def _read_number(value: float | None) -> float:
 
 
 def _read_range(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Read a record that holds the ends of its range."""
     return {**told, "interval": None if told["low"] is None else {end: told[end] for end in _ENDS}}
 
 
