@@ -46,16 +46,11 @@ _UNITS |= {"s": "s", "us": "us"}
 class Figure:
     """One figure, of one record or of each record of a list.
 
-    Attributes
-    ----------
-    key
-        Its key in ``results.json``; empty where the value stands there without a record about it.
-    name
-        Its name as a column, as the code in FHIR and of its range in ``exposure.intervals``. It ends in the
-        unit. A place such as ``{threshold_deg}`` takes the value of that key in the same record, ``{name}``
-        the name of the record. Empty for what is no figure (an edge) or has another name already.
-    attribute
-        The field of the record, where it is not called like the key.
+    ``key``: its key in ``results.json``; empty where the value stands there without a record about it.
+    ``name``: its name as a column, as the code in FHIR and of its range in ``exposure.intervals``, which ends
+    in the unit. A place such as ``{threshold_deg}`` takes the value of that key in the same record,
+    ``{name}`` the name of the record. Empty for what is no figure (an edge) or has another name already.
+    ``attribute``: the field of the record, where it is not called like the key.
     """
 
     key: str
@@ -63,15 +58,16 @@ class Figure:
     attribute: str = ""
 
     def spell(self, record: Mapping[str, Any]) -> str:
-        """Give the name in one record: ``time_above_60_percent``."""
+        """Return the name in one record: ``time_above_60_percent``."""
         facts = {"length_min": record["length_s"] // 60, **record} if "length_s" in record else record
-        return _PLACEHOLDER.sub(lambda place: _spell_edge(facts[place[1]]), self.name)
 
+        def spell_edge(place: re.Match[str]) -> str:
+            value = facts[place[1]]
+            if value is None:
+                return "up"  # no upper edge
+            return value if isinstance(value, str) else f"{value:g}"
 
-def _spell_edge(value: str | float | None) -> str:
-    if value is None:
-        return "up"  # no upper edge
-    return value if isinstance(value, str) else f"{value:g}"
+        return _PLACEHOLDER.sub(spell_edge, self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +95,7 @@ class Group:
         return {f.attribute or f.key: told[f.key] for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
-        """Give the figures of a record of the exposure by their names."""
+        """Return the figures of a record of the exposure by their names."""
         described = {"name": name, **self.describe(record)}
         return {figure.spell(described): described[figure.key] for figure in self.figures if figure.name}
 
@@ -318,7 +314,7 @@ class Column:
         return fill(self.pattern, self.facts)
 
     def explain(self, language: Language, table: TableName = "summary") -> str:
-        """Give the meaning of the column: its own words, or those of its field in ``results.json``."""
+        """Return the meaning of the column: its own words, or those of its field in ``results.json``."""
         words = load_wording(language, "tables")[table]
         text = words.get(self.name) or words.get(self.pattern)
         return fill(text, self.facts) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])

@@ -61,7 +61,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
 def _format_understood(
     understood: Mapping[str, Any], words: Words, language: Language
 ) -> Iterable[tuple[str, str]]:
-    """Give what the reader took the file for, in the words and numbers of the language."""
+    """Return what the reader took the file for, in the words and numbers of the language."""
     for name, value in understood.items():
         if value and name not in _TOLD_ABOVE:
             told = words["term"].get(name, {}).get(value) or clean_text(str(value))

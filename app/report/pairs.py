@@ -1,27 +1,50 @@
-"""What the report of two arms and that of two days share: bars and curves to one scale, and the sources."""
+"""The reports of two finished analyses: both arms of one shift, or a day beside an earlier one.
+
+Pure. :func:`describe_pair` is what ``pair.json`` holds, :func:`build_pair` the report for people; the figures
+over the shared time come from :mod:`fusion.arms`. :func:`describe_comparison` is what ``comparison.json`` and
+the API hold, :func:`build_comparison` the report for people; both come from
+:func:`fusion.comparison.compare_days`. The report of several days shares their skeleton.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import timedelta
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from app.errors import CannotCompare
 from app.report.analysis.chapters import format_accuracy, format_found, format_pose_caution
 from app.report.charts.bars import build_parts
+from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.charts.distribution import build_two_curves
-from app.report.figures import format_figure
+from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
-from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
-from app.report.words.subject import clean_text
+from app.report.words.numbers import (
+    NONE,
+    Clock,
+    format_angle,
+    format_angle_range,
+    format_date,
+    format_duration,
+    format_ends,
+    format_number,
+    format_percent,
+    format_range,
+)
+from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from app.request import find_code
+from fusion.comparison import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
 from fusion.conventions import CONFIRMED, UNHELD
-from fusion.exposure.types import PartExposure
+from fusion.exposure.types import LEAST_RANGED_S, PartExposure
 from fusion.recording import MICROSECONDS
+
+if TYPE_CHECKING:
+    from fusion.arms import PairedArms, TrunkRelative
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,3 +282,392 @@ def identify(document: Mapping[str, Any]) -> str:
 def encode_document(document: Mapping[str, Any]) -> bytes:
     """Write the figures of a report of two as JSON: the same figures give the same bytes."""
     return json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False).encode() + b"\n"
+
+
+# ------------------------------------------------------------------ both arms of one shift
+
+
+PAIR_SCHEMA = "acromion.pair/1"
+
+
+@dataclass(frozen=True, slots=True)
+class TrunkClock:
+    """When the trunk's first sample was taken, seconds after the left arm's, and who states it."""
+
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPair:
+    """Two arms on one clock.
+
+    ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
+    says whether by the devices' clocks or by a person. ``trunk``: each arm relative to the trunk, whose clock
+    is ``trunk_clock``, None without one. ``one_person``: whether all of them are of one person.
+    """
+
+    left: Kept
+    right: Kept
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+    shared: PairedArms
+    trunk: tuple[TrunkRelative, TrunkRelative]
+    trunk_clock: TrunkClock | None = None
+    one_person: OnePerson = "codes"
+
+
+def describe_pair(pair: ArmPair) -> dict[str, Any]:
+    """Return the figures of both arms over the time they share, for JSON."""
+    shared, clock = pair.shared, pair.trunk_clock
+    document: dict[str, Any] = round_all(
+        {
+            "schema": PAIR_SCHEMA,
+            "left": describe_source(pair.left),
+            "right": describe_source(pair.right),
+            "one_person": pair.one_person,
+            "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
+            "trunk_clock": {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None,
+            "shared_s": shared.shared_s,
+            "arms": {
+                side: {
+                    "percentiles_deg": {str(p): deg for p, deg in share.percentiles_deg.items()},
+                    "time_above_percent": {f"{c:g}": value for c, value in share.percent_above.items()},
+                }
+                for side, share in (("left", shared.left), ("right", shared.right))
+            },
+            "both_above_60_percent": shared.both_above_60_percent,
+            "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
+            "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
+            "trunk_relative": {
+                side: {
+                    "limit": trunk.limit,
+                    "shared_s": trunk.shared_s,
+                    "percentiles_deg": {str(p): deg for p, deg in trunk.percentiles_deg.items()}
+                    if trunk.percentiles_deg
+                    else None,
+                }
+                for side, trunk in zip(("left", "right"), pair.trunk, strict=True)
+            },
+        }
+    )
+    return document
+
+
+def build_pair(pair: ArmPair, language: Language) -> Report:
+    """Turn both arms into one report."""
+    words, common = load_pair_words(language)["pair"], load_wording(language)
+    sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
+    shared, label = pair.shared, common["label"]
+    order, sign = ("later", "+") if pair.offset_s > 0 else ("earlier", "−")
+    if pair.offset_s == 0:
+        order, sign = "together", ""
+    offset = format_duration(abs(pair.offset_s), language)
+    told_offset = fill(words["clock"][order], {"offset": offset})
+    codes = dict.fromkeys(clean_text(side.kept.subject.subject) for side in sides)
+    code = " / ".join(cut_text(code, LONGEST_CODE) for code in codes if code)
+    bars = [  # over the shared time, so that the page has one value for each arm
+        (side.name, shared.shared_s, arm.percent_above)
+        for side, arm in zip(sides, (shared.left, shared.right), strict=True)
+    ]
+    curves = (replace(chart, note=words["curves_note"]) for chart in build_curves(sides, language))
+    return build_report(
+        (pair.left, pair.right),
+        describe_pair(pair),
+        words,
+        language,
+        title=words["title"],
+        version=pair.left.subject.software.version,
+        header=(
+            Pair(label["subject"], code or label["not_given"]),
+            Pair(label["date"], format_start(pair.left, language)),
+            Pair(words["shared"], format_duration(shared.shared_s, language)),
+            Pair(words["offset"], sign + offset),
+        ),
+        verdict=_judge_arms(sides, words, common["verdict"]),
+        sentences=_format_answers(pair, words, language),
+        cautions=(
+            format_person(pair.one_person, language),
+            f"{told_offset} {words['clock'][pair.offset_from]}",  # nothing in the signals confirms it
+            format_cautions(sides, language),
+        ),
+        figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
+        sections=(
+            _build_figures(pair, words["table"], language),
+            _build_trunk(pair, words, language),
+            *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
+            build_sources(sides, language),
+        ),
+        range_note=_format_ranges_note(pair, words["ranges"]),
+        needs_pose=format_unconfirmed(sides, "pair", language),
+        first_limit=words["limits_with_trunk"] if any(t.percentiles_deg for t in pair.trunk) else "",
+    )
+
+
+def _judge_arms(sides: Sequence[PairSide], words: Words, verdicts: Words) -> VerdictLine:
+    """Return the worse of the two, and name the arm of each."""
+    levels = [side.kept.findings.quality.verdict for side in sides]
+    worst = max(levels, key=("good", "caution", "poor").index)
+    told = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
+    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], told)
+    return VerdictLine(worst, verdicts[worst]["label"], reason)
+
+
+def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
+    entry, shared = words["sentence"], pair.shared
+    ratio = format_number(shared.ratio_above_60, 2, language)
+    figures = {
+        "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
+        "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
+        "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
+        "left_90": ("left_time_above_90_percent", format_percent(shared.left.percent_above[90], language)),
+        "right_90": ("right_time_above_90_percent", format_percent(shared.right.percent_above[90], language)),
+        "left_p50": ("left_elevation_p50_deg", format_angle(shared.left.percentiles_deg[50], language)),
+        "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
+        "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
+    }
+    facts = {"shared": format_duration(shared.shared_s, language)}
+    for key, (name, value) in figures.items():
+        interval = _format_interval(pair, name, language)
+        pattern = entry["ranged_inside" if key == "ratio" else "ranged"]  # which stands in brackets already
+        facts[key] = fill(pattern, {"value": value, "range": interval}) if value and interval else value
+    return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
+
+
+def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
+    interval = pair.shared.intervals.get(name)
+    if name.endswith("_percent"):
+        return format_range(interval, language)
+    if name.endswith("_deg"):
+        return format_angle_range(interval, language)
+    return format_ends(interval, 2, language)
+
+
+def _format_ranges_note(pair: ArmPair, entry: Words) -> str:
+    """State what the ranges hold, or that there are none."""
+    if pair.shared.shared_s < LEAST_RANGED_S or not pair.shared.intervals:
+        return str(entry["short" if pair.shared.shared_s < LEAST_RANGED_S else "none"])
+    is_open = not (is_confirmed(pair.left.findings) and is_confirmed(pair.right.findings))
+    return f"{entry['known']} {entry['unconfirmed']}" if is_open else str(entry["known"])
+
+
+def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) -> Chart:
+    """Draw both days one above the other on the clock of the one that began first."""
+    entry, report_words = load_pair_words(language)["days"], load_wording(language)
+    first_s = min(0.0, pair.offset_s)
+    begins_s = (0.0 - first_s, pair.offset_s - first_s)
+    lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
+    whole_s = max(begin + lasts for begin, lasts in zip(begins_s, lasts_s, strict=True))
+    clock = Clock(Clock(pair.left.findings.recording.start, language).at(first_s), language)
+    days = []
+    for side, begin_s in zip(sides, begins_s, strict=True):
+        own = build_timeline(side.kept.findings, clock, report_words)
+        days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
+    return build_two_days(days, entry, report_words)
+
+
+def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
+    shared, arms = pair.shared, (pair.shared.left, pair.shared.right)
+    name = str(load_wording(language)["ranges"]["name"]["known"])
+    ranges_label, rows = name[0].upper() + name[1:], []
+
+    def add(label: str, cells: Iterable[str], names: Iterable[str]) -> None:
+        """Add a row of figures, and the row of their ranges where any is known."""
+        rows.append((label, *cells))
+        ranges = tuple(_format_interval(pair, name, language) if name else "" for name in names)
+        rows.extend([(ranges_label, *ranges)] if any(ranges) else [])
+
+    def name_arms(name: str, ratio: str) -> tuple[str, str, str]:
+        return f"left_{name}", f"right_{name}", f"right_to_left_{ratio}"
+
+    for c in shared.left.percent_above:
+        above = (format_percent(arm.percent_above[c], language) for arm in arms)
+        ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
+        names = name_arms(f"time_above_{c:g}_percent", f"time_above_{c:g}")
+        add(fill(entry["above"], {"threshold": f"{c:g}"}), (*above, ratio), names)
+    for p in shared.left.percentiles_deg:
+        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in arms)
+        ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
+        names = name_arms(f"elevation_p{p}_deg", f"elevation_p{p}")
+        add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
+    both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
+    add(entry["both"], both, ("both_above_60_percent", "", ""))
+    table = Table.lay(entry, rows, entry["note"])
+    return Section("figures", entry["title"], tables=(table,))
+
+
+def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
+    """Return the arm's elevation less the trunk's inclination, or state what is missing for it."""
+    entry = words["trunk"]
+    rows = tuple(
+        (
+            name,
+            format_duration(trunk.shared_s, language),
+            *(format_angle(value, language, 1) for value in trunk.percentiles_deg.values()),
+        )
+        for name, trunk in zip((words["left"], words["right"]), pair.trunk, strict=True)
+        if trunk.percentiles_deg
+    )
+    if not rows:
+        return Section("trunk", entry["title"], (entry["missing"],))
+    table = Table.lay(entry, rows)
+    return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
+
+
+# ------------------------------------------------------------------ a day beside an earlier one
+
+
+COMPARISON_SCHEMA = "acromion.comparison/1"
+_TOLD = ("time_above_60_percent", "elevation_p50_deg")
+"""Figures of which the answer states the change."""
+_LONGEST_OF_TWO = 16
+
+
+def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False) -> dict[str, Any]:
+    """Return the changes, the verdicts and what the two differ in besides the work, for JSON.
+
+    ``same_subject``: a person states that both are of one person, if a code is missing.
+    """
+    compared = _compare(before, after)
+    document: dict[str, Any] = round_all(
+        {
+            "schema": COMPARISON_SCHEMA,
+            "before": describe_source(before),
+            "after": describe_source(after),
+            "one_person": judge_person((before, after), is_stated=same_subject),
+            "figures": [asdict(change) for change in compared.changes],
+            "differences": list(compared.differences),
+            "source": SOURCE,
+        }
+    )
+    return document
+
+
+def refuse_no_comparison(
+    before: Kept, after: Kept, *, same_subject: bool = False, mixed_methods: bool = False
+) -> None:
+    """Refuse two people, the same hours of one arm, one analysis twice, and methods mixed unasked.
+
+    The two arms of one shift are no change either, which their report says, with the cure.
+
+    ``same_subject``: a person states that both are of one person, if a code is missing.
+    ``mixed_methods``: figures of two methods, or versions of one, may be compared.
+
+    Raises
+    ------
+    CannotCompare
+    """
+    differences = _compare(before, after).differences
+    if before.findings == after.findings:
+        raise CannotCompare(why="same")
+    if "subject" in differences:
+        raise CannotCompare(why="subjects")
+    if judge_person((before, after), is_stated=same_subject) == "unknown":
+        raise CannotCompare(why="person")
+    if "hours" in differences and "side" not in differences:
+        raise CannotCompare(why="same hours")
+    if are_mixed((before, after)) and not mixed_methods:
+        raise CannotCompare(why="methods")
+
+
+def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
+    """Turn two analyses into a report on the change between them."""
+    words, common, compared = load_pair_words(language), load_wording(language), _compare(before, after)
+    entry, label, sides_of = words["compare"], common["label"], common["side"]
+    sides = (PairSide(entry["before"], before), PairSide(entry["after"], after))
+    needs_pose = format_unconfirmed(sides, "change", language)
+    subjects = [kept.subject for kept in (before, after)]
+    codes = dict.fromkeys(
+        cut_text(clean_text(subject.subject), _LONGEST_OF_TWO) or label["not_given"] for subject in subjects
+    )
+    arms = dict.fromkeys(sides_of[subject.side or "unknown"] for subject in subjects)
+    sentences = []
+    for change in (each for name in _TOLD for each in compared.changes if each.name == name):
+        facts, told = _format_change(change, language), entry["sentence"]
+        sentences.append(f"{fill(told[change.name], facts)} {fill(told[change.verdict], facts)}")
+    shares = [
+        (side.name, exposure.analysed_s, {int(t.threshold_deg): t.percent for t in exposure.time_above})
+        for side in sides
+        for exposure in (side.kept.findings.exposure,)
+    ]
+    table, rows = entry["table"], format_rows(compared.changes, language)
+    changes = Table.lay(table, rows, fill(table["note"], {"source": SOURCE}))
+    return build_report(
+        (before, after),
+        describe_comparison(before, after, same_subject=same_subject),
+        entry,
+        language,
+        title=entry["title"],
+        version=after.subject.software.version,
+        header=(
+            Pair(label["subject"], " → ".join(codes)),
+            Pair(label["arm"], " → ".join(arms)),
+            *(Pair(side.name, format_start(side.kept, language)) for side in sides),
+        ),
+        verdict=_judge_change(compared, entry),
+        sentences=sentences,
+        cautions=(
+            format_person(judge_person((before, after), is_stated=same_subject), language),
+            "" if needs_pose else fill(entry["caution"], {"source": SOURCE}),
+            format_cautions(sides, language),
+        ),
+        figures=(build_two_bars(shares, words["bars"]["note"], language), *build_curves(sides, language)),
+        sections=(Section("changes", table["title"], tables=(changes,)), build_sources(sides, language)),
+        needs_pose=needs_pose,
+    )
+
+
+def _compare(before: Kept, after: Kept) -> DayComparison:
+    return compare_days(_build_day(before), _build_day(after))
+
+
+def _build_day(kept: Kept) -> ComparedDay:
+    findings = kept.findings
+    return ComparedDay(
+        exposure=findings.exposure,
+        method=name_method(findings),
+        pose=name_pose(findings),
+        side=kept.subject.side,
+        verdict=findings.quality.verdict,
+        sha256=findings.recording.sha256,
+        subject=read_code(kept),
+        start=findings.recording.start,
+        duration_s=findings.recording.duration_us / MICROSECONDS,
+        is_confirmed=is_confirmed(findings),
+    )
+
+
+def _judge_change(compared: DayComparison, words: Words) -> VerdictLine:
+    """Return whether like is compared with like."""
+    if not compared.differences:
+        return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
+    for name, entry in words["no_two_days"].items():
+        if name in compared.differences:
+            return VerdictLine("poor", entry["label"], entry["reason"])
+    differences = ", ".join(words["difference"][name] for name in compared.differences)
+    level = "poor" if "poor" in compared.differences else "caution"
+    entry = words["unlike"]
+    return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": differences}))
+
+
+def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
+    detectable = change.detectable
+    return {
+        "before": format_figure(change.before, change.name, language),
+        "after": format_figure(change.after, change.name, language),
+        "change": format_points(change.change, change.name, language, is_signed=True),
+        "detectable": NONE if detectable is None else format_points(detectable, change.name, language),
+    }
+
+
+def format_rows(changes: Iterable[FigureChange], language: Language) -> tuple[tuple[str, ...], ...]:
+    """Write each change with its units: name, before, after, change, minimal detectable change, verdict."""
+    entry = load_pair_words(language)["compare"]["table"]
+    return tuple(
+        (
+            entry["figure"][change.name],
+            *_format_change(change, language).values(),
+            entry["verdict"][change.verdict],
+        )
+        for change in changes
+    )

@@ -197,7 +197,7 @@ def _describe_cell(cell: AgreementCell) -> dict[str, Any]:
 
 
 def find_paper_row(cell: AgreementCell) -> dict[str, float | None] | None:
-    """Give the paper's figures for this task and device, where it has them."""
+    """Return the paper's figures for this task and device, where it has them."""
     paper = TABLE_1.get(cell.device, {}).get(cell.paper_task or 0)
     if paper is None:
         return None

@@ -167,7 +167,7 @@ def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict
 
 
 def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
-    """Give the mean over people of the ends of the range that holds the pose's error, each person once."""
+    """Return the mean over people of the ends of the range that holds the pose's error, each person once."""
     arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
     ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
     if not ends or len(ends) < len(arms):
@@ -176,7 +176,7 @@ def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: S
 
 
 def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, dict[str, Any]]]]:
-    """Give the change of each arm, after less before, by figure; nothing without a change."""
+    """Return the change of each arm, after less before, by figure; nothing without a change."""
     if "after" not in studied.stages:
         return
     for side in studied.sides:
@@ -187,7 +187,7 @@ def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, 
 
 
 def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> dict[str, list[float]]:
-    """Give the figure of each person's days that count; people without any are left out."""
+    """Return the figure of each person's days that count; people without any are left out."""
     arms = (arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
     values = {arm.subject: arm.list_values(name) for arm in arms}
     return {subject: days for subject, days in values.items() if days}

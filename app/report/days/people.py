@@ -65,7 +65,7 @@ class MeasuredDay:
         return "short" if self.kept.findings.exposure.analysed_s < WHOLE_DAY_S else None
 
     def list_figures(self) -> dict[str, float | None]:
-        """Give the figures that days are compared by."""
+        """Return the figures that days are compared by."""
         exposure = self.kept.findings.exposure
         rises = next(e for e in exposure.entries if e.threshold_deg == 60)
         return {
@@ -75,7 +75,7 @@ class MeasuredDay:
         }
 
     def find_interval(self, name: str) -> Interval | None:
-        """Give the range of one of these figures on this day; None where it is not known."""
+        """Return the range of one of these figures on this day; None where it is not known."""
         exposure = self.kept.findings.exposure
         above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
         return above[name] if name in above else exposure.intervals.get(name)
@@ -100,12 +100,12 @@ class ArmDays:
         return tuple(day for day in self.days if day.left_out is None)
 
     def list_values(self, name: str) -> list[float]:
-        """Give a figure of every day that counts."""
+        """Return a figure of every day that counts."""
         values = (day.list_figures()[name] for day in self.counted)
         return [value for value in values if value is not None]
 
     def find_pose_ends(self, name: str) -> PoseEnds | None:
-        """Give the mean over the days that count of the ends of the range that holds the pose's error.
+        """Return the mean over the days that count of the ends of the range that holds the pose's error.
 
         The error is the same every day, so that no number of days makes it smaller. None unless every day
         has both ends.

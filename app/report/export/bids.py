@@ -79,7 +79,7 @@ def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
 
 
 def _place(every: Sequence[Angles]) -> Iterator[_Run]:
-    """Give each analysis its subject, and a number among those of the same arm, in order of time.
+    """Return each analysis its subject, and a number among those of the same arm, in order of time.
 
     Codes stand in letters and digits; two that then read alike are numbered. Without a code each recording
     is of somebody else.

@@ -20,7 +20,7 @@ from app.report.words.wording import LANGUAGES, load_wording
 
 
 def summarise_results(results: Results) -> Row:
-    """Give the row of one analysed recording."""
+    """Return the row of one analysed recording."""
     told = read_figures(results)
     for suffix in ("", "_pose"):
         for name, (low, high) in read_ranges(results, suffix).items():
@@ -31,7 +31,7 @@ def summarise_results(results: Results) -> Row:
 
 
 def summarise_failure(origin: Origin, code: str) -> Row:
-    """Give the row of a recording without result: only what is known."""
+    """Return the row of a recording without result: only what is known."""
     empty: Row = dict.fromkeys(column.name for column in SUMMARY)
     return empty | asdict(origin) | {"folder": None, "error_code": code}
 
@@ -40,7 +40,7 @@ PERIOD_COLUMNS = [column.name for column in PERIODS]
 
 
 def describe_periods(results: Results) -> list[Row]:
-    """Give the rows of ``periods.csv`` for one recording."""
+    """Return the rows of ``periods.csv`` for one recording."""
     who = {name: results["recording"][name] for name in ("file_name", "subject", "side")}
     who["path"] = find_place(results, "path")
     kinds = (("hour", "by_hour"), ("period", "by_period"), ("task", "by_task"))
@@ -111,7 +111,7 @@ def write_document() -> str:
 
 
 def find_paths(value: Any, path: str = "") -> Iterator[str]:
-    """Give the path of every field of a results document: ``exposure.bins[].percent``."""
+    """Return the path of every field of a results document: ``exposure.bins[].percent``."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from find_paths(inner, f"{path}.{key}" if path else key)

@@ -36,7 +36,7 @@ def render_html(report: Report | AgreementReport) -> bytes:
 
 @cache
 def content_security_policy() -> str:
-    """Give the policy the file states about itself: nothing may be loaded, only its own style applies.
+    """Return the policy the file states about itself: nothing may be loaded, only its own style applies.
 
     A server that sends the file should send this policy in the header, too, for a stricter one of its own
     would block the style.
@@ -47,13 +47,13 @@ def content_security_policy() -> str:
 
 @cache
 def read_style() -> str:
-    """Give the style sheet that every page of ours carries inside."""
+    """Return the style sheet that every page of ours carries inside."""
     return (find_template_folder() / "report.css").read_text(encoding="utf-8")
 
 
 @cache
 def load_template(name: str) -> Template:
-    """Give one of the report's templates, compiled once."""
+    """Return one of the report's templates, compiled once."""
     environment = Environment(
         loader=FileSystemLoader(find_template_folder()),
         autoescape=True,

@@ -84,12 +84,12 @@ def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str
 
 
 def find_flag_codes() -> tuple[str, ...]:
-    """Give the code of every caveat that has words."""
+    """Return the code of every caveat that has words."""
     return tuple(sorted(load_wording("en")["flag"]))
 
 
 def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
-    """Give the facts of the first row, and those of each further one that was refused with it."""
+    """Return the facts of the first row, and those of each further one that was refused with it."""
     rows: dict[int, dict[str, Fact]] = {1: {}}
     for name, value in facts.items():
         stem, _, number = name.rpartition("_")

@@ -51,7 +51,7 @@ def format_percent(percent: float | None, language: Language) -> str:
 
 
 def percent_sign(language: Language) -> str:
-    """Give the sign with the space before it: no-break in French, narrow in English."""
+    """Return the sign with the space before it: no-break in French, narrow in English."""
     return f"{NO_BREAK if is_french(language) else NARROW}%"
 
 
@@ -72,8 +72,7 @@ def format_range(interval: "Interval | None", language: Language) -> str:
     """Write a range of shares: "6.0–9.5 %"; empty without an interval."""
     if interval is None:
         return ""
-    low, high = format_number(interval.low, 1, language), format_percent(interval.high, language)
-    return f"{low}–{high}"
+    return f"{format_number(interval.low, 1, language)}–{format_percent(interval.high, language)}"
 
 
 def format_angle_range(interval: "Interval | None", language: Language, decimals: int = 0) -> str:
@@ -168,7 +167,7 @@ class Clock:
     language: Language = "en"
 
     def at(self, elapsed_s: float) -> datetime | None:
-        """Give the clock time, in the zone of the recording; None without a clock.
+        """Return the clock time, in the zone of the recording; None without a clock.
 
         A zone with daylight saving is followed (UTC-stamped files); a device clock counts on.
         """
@@ -197,7 +196,7 @@ class Clock:
         return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
 
     def seconds_to_whole_hour(self) -> float:
-        """Give the time from the first sample to the first whole hour, s; 0 without a clock."""
+        """Return the time from the first sample to the first whole hour, s; 0 without a clock."""
         if self.start is None:
             return 0.0
         into = self.start.minute * 60 + self.start.second + self.start.microsecond / 1e6

@@ -71,7 +71,7 @@ def load_wording(language: Language, part: Part = "report") -> Words:
 
 @cache
 def _split_language(language: str) -> Mapping[str, str]:
-    """Give the text of each part: to parse all of them takes ten times as long as most need."""
+    """Return the text of each part: to parse all of them takes ten times as long as most need."""
     texts: dict[str, str] = {}
     for table in _TABLES.split((_FOLDER / f"{language}.toml").read_text(encoding="utf-8")):
         part = _TABLE_PART.match(table)
@@ -86,7 +86,7 @@ def is_french(language: Language) -> bool:
 
 
 def find_other_language(language: Language) -> Language:
-    """Give the second language of a report that is made in two."""
+    """Return the second language of a report that is made in two."""
     return "en" if is_french(language) else "fr"
 
 
@@ -103,12 +103,12 @@ def join_clauses(clauses: Iterable[str], language: Language) -> str:
 
 
 def find_device_name(words: Words, device: str) -> str:
-    """Give the name of a known device, the same in every language; a plug-in's device names itself."""
+    """Return the name of a known device, the same in every language; a plug-in's device names itself."""
     return find_known_name(device) or str(words["device"].get(device) or clean_text(device))
 
 
 def load_device_names(language: Language) -> dict[str, str]:
-    """Give the names of all kinds of device, known ones and what the words call the others."""
+    """Return the names of all kinds of device, known ones and what the words call the others."""
     known = {one.device: find_known_name(one.device) or "" for one in KNOWN_DEVICES}
     return known | dict(load_wording(language)["device"])
 
