@@ -13,7 +13,6 @@ from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, Overlay, dra
 from app.report.charts.svg import NARROW, Plot, Span
 from app.report.days.document import MAIN, follow_days
 from app.report.days.people import ArmDays
-from app.report.days.tables import name_arm
 from app.report.figures import format_figure
 from app.report.model import Chart
 from app.report.pairs import format_points
@@ -125,14 +124,14 @@ class _VisitPanel:
     band: Span
 
 
-def build_visits(arms: Sequence[ArmDays], words: Words, language: Language) -> tuple[Chart, ...]:
+def build_visits(arms: Sequence[tuple[str, ArmDays]], words: Words, language: Language) -> tuple[Chart, ...]:
     """Draw every day by its date against the first; nothing where no arm has two days with a date."""
     entry, panels, spreads = words["visits"], [], []
-    for arm in arms:
+    for name, arm in arms:
         trend = follow_days(arm)
         if trend is None:
             continue
-        name, visits = name_arm(arm.side, arm.stage, language), []
+        visits = []
         for day in arm.days:
             percent, interval = day.list_figures()[MAIN], day.find_interval(MAIN)
             if day.start and percent is not None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from app.report.analysis.chapters import format_pose_caution
 from app.report.days.charts import FigureRow, build_overlays, build_rows, build_visits
 from app.report.days.document import (
+    FIGURES,
     MAIN,
     describe_arm,
     describe_profile,
@@ -20,35 +21,44 @@ from app.report.days.document import (
     list_groups,
     tell_days,
 )
-from app.report.days.people import ArmDays, PoseEnds, StudiedDays
-from app.report.days.tables import (
-    TILES,
-    build_changes,
-    build_days_table,
-    build_group,
-    build_means,
-    build_sources,
-    format_span,
-    load_days_words,
-    name_arm,
+from app.report.days.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
+from app.report.figures import format_figure, format_figure_range
+from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
+from app.report.pairs import (
+    build_report,
+    format_person,
+    format_points,
+    format_pose,
+    load_pair_words,
+    name_method,
 )
-from app.report.figures import format_figure
-from app.report.model import Chart, Pair, Report, Section, VerdictLine
-from app.report.pairs import build_report, format_person, format_points
-from app.report.words.numbers import NONE, format_date, format_number
-from app.report.words.subject import LONGEST_CODE, cut_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.numbers import (
+    NONE,
+    Clock,
+    format_angle_range,
+    format_date,
+    format_duration,
+    format_ends,
+    format_number,
+    format_range,
+)
+from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from fusion.comparison import SOURCE
 from fusion.days import LEAST_OWN_DAYS
 from fusion.exposure.types import Interval
+from fusion.recording import MICROSECONDS
 
+TILES = ("time_above_30_percent", "time_above_60_percent", "time_above_90_percent", "entries_above_60_per_h")
+MOST_DAYS = 60
+"""Rows of a table of days in the report; all of them are in profile.csv."""
 MOST_ROWS = 14
 """Rows of the drawing of days; all of them are in the table behind and in profile.csv."""
 
 
 def build_days(studied: StudiedDays, language: Language) -> Report:
     """Turn several days into one report."""
-    words, common = load_days_words(language), load_wording(language)
+    words, common = _load_words(language), load_wording(language)
     every = [day.kept for day in studied.days]
     rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
     poses = dict.fromkeys(format_pose_caution(kept.findings, common) for kept in every)
@@ -117,7 +127,7 @@ def _list_sentences(studied: StudiedDays, entry: Words, language: Language) -> I
 
 
 def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[str]:
-    name = name_arm(arm.side, arm.stage, language)
+    name = _name_arm(arm.side, arm.stage, language)
     days, telling, values = describe_arm(arm).get(MAIN), tell_days(arm), arm.list_values(MAIN)
     if days is None or telling is None:
         return [fill(entry["none"], {"arm": name})]
@@ -125,8 +135,8 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
         "arm": name,
         "days": str(days.days),
         "mean": format_figure(days.mean, MAIN, language),
-        "range": format_span(days.mean_range, MAIN, language),
-        "pose": _format_pose(arm.find_pose_ends(MAIN), language),
+        "range": _format_span(days.mean_range, MAIN, language),
+        "pose": _format_pose(arm.find_pose_ends(MAIN), MAIN, language),
         "low": format_figure(min(values), MAIN, language),
         "high": format_figure(max(values), MAIN, language),
         "sd": format_points(days.sd, MAIN, language) if days.sd is not None else "",
@@ -176,12 +186,12 @@ def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language
             for sd in (spread.between_sd, spread.within_sd)
         )
         facts = {
-            "arm": name_arm(side, stage, language),
+            "arm": _name_arm(side, stage, language),
             "people": str(spread.people),
             "days": str(spread.days),
             "mean": format_figure(spread.mean, MAIN, language),
-            "range": format_span(spread.mean_range, MAIN, language),
-            "pose": _format_pose(find_group_pose(studied, MAIN, side, stage), language),
+            "range": _format_span(spread.mean_range, MAIN, language),
+            "pose": _format_pose(find_group_pose(studied, MAIN, side, stage), MAIN, language),
             "between": between,
             "within": within,
         }
@@ -195,8 +205,8 @@ def _format_two_ends(name: str, interval: Interval | None, language: Language) -
     return dict(zip((f"{name}_low", f"{name}_high"), told, strict=False))
 
 
-def _format_pose(ends: PoseEnds | None, language: Language) -> str:
-    return format_figure(ends[1], MAIN, language) if ends else ""
+def _format_pose(ends: PoseEnds | None, name: str, language: Language) -> str:
+    return format_figure(ends[1], name, language) if ends else ""
 
 
 def _list_change_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterator[str]:
@@ -213,7 +223,7 @@ def _list_change_sentences(studied: StudiedDays, entry: Words, language: Languag
             for stage in ("before", "after")
         )
         facts = {
-            "arm": name_arm(side, "all", language),
+            "arm": _name_arm(side, "all", language),
             "people": str(change["people"]),
             "before_days": before_days,
             "after_days": after_days,
@@ -234,7 +244,7 @@ def _list_change_sentences(studied: StudiedDays, entry: Words, language: Languag
 def _list_figures(studied: StudiedDays, words: Words, language: Language) -> Iterator[Chart]:
     """Draw one person's days: over one another, and the last days of each arm under its mean."""
     shown = [
-        (name_arm(arm.side, arm.stage, language), arm)
+        (_name_arm(arm.side, arm.stage, language), arm)
         for arm in studied.arms
         if any(band.percentiles_deg for band in arm.bands)
     ]
@@ -256,7 +266,7 @@ def _lay_mean(arm: ArmDays, language: Language) -> list[FigureRow]:
     figures = describe_arm(arm)
     means = [figures.get(key) for key in TILES]
     row = _lay_row(
-        name_arm(arm.side, arm.stage, language), [mean.mean if mean else None for mean in means], language
+        _name_arm(arm.side, arm.stage, language), [mean.mean if mean else None for mean in means], language
     )
     spans = (mean.mean_range if mean else None for mean in means)
     ranges = tuple((span.low, span.high) if span else None for span in spans)
@@ -274,9 +284,169 @@ def _lay_row(
 
 
 def _list_sections(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    yield from (build_group if studied.is_group else build_means)(studied, words, language)
-    yield from build_changes(studied, words, language)
+    yield from (_build_group if studied.is_group else _build_means)(studied, words, language)
+    yield from _build_changes(studied, words, language)
     if not studied.is_group:
-        visits = build_visits(studied.arms, words, language)
-        yield replace(build_days_table(studied, words, language), figures=visits)
-        yield build_sources(studied, words, language)
+        visits = build_visits(
+            [(_name_arm(arm.side, arm.stage, language), arm) for arm in studied.arms], words, language
+        )
+        yield replace(_build_days_table(studied, words, language), figures=visits)
+        yield _build_sources(studied, words, language)
+
+
+def _load_words(language: Language) -> Words:
+    """Read the words of a report of several days."""
+    return load_wording(language, "days")
+
+
+def _name_arm(side: Side | None, stage: Stage, language: Language) -> str:
+    """Name an arm, and the side of the change where there is one: "Right arm, before"."""
+    words = _load_words(language)
+    arm = str(words["arm"][side or "unknown"])
+    return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
+
+
+def _format_span(interval: Interval | None, name: str, language: Language) -> str:
+    """Write a range of a figure; empty without one."""
+    if name.endswith("_percent"):
+        return format_range(interval, language)
+    if name.endswith("_deg"):
+        return format_angle_range(interval, language, 1)
+    return format_figure_range(interval, name, language) if interval else ""
+
+
+def _name_figure(name: str, language: Language) -> str:
+    return str(load_pair_words(language)["compare"]["table"]["figure"][name])
+
+
+# ------------------------------------------------------------------ the chapters
+
+
+def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with the mean of each figure over the days of each arm; none without any."""
+    entry, tables = words["means"], []
+    for arm in studied.arms:
+        rows = tuple(
+            (
+                _name_figure(name, language),
+                str(figure.days),
+                format_figure(figure.mean, name, language),
+                _format_span(figure.mean_range, name, language) or NONE,
+                _format_pose(arm.find_pose_ends(name), name, language) or NONE,
+                _format_points(figure.sd, name, language),
+                format_ends(figure.sd_range, 1, language) or NONE,
+            )
+            for name, figure in describe_arm(arm).items()
+        )
+        name = _name_arm(arm.side, arm.stage, language)
+        tables += [Table(name, tuple(entry["columns"]), rows, note=entry["note"])] if arm.counted else []
+    if tables:
+        yield Section("means", entry["title"], tables=tuple(tables))
+
+
+def _format_points(points: float | None, name: str, language: Language) -> str:
+    return NONE if points is None else format_points(points, name, language)
+
+
+def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with the mean of a group, its spread between and within people; none without any."""
+    entry, tables = words["group"], []
+    for side, stage, figures in list_groups(studied):
+        rows = tuple(
+            (
+                _name_figure(name, language),
+                f"{spread.people} / {spread.days}",
+                format_figure(spread.mean, name, language),
+                _format_span(spread.mean_range, name, language) or NONE,
+                _format_pose(find_group_pose(studied, name, side, stage), name, language) or NONE,
+                _format_points(spread.between_sd, name, language),
+                _format_points(spread.within_sd, name, language),
+            )
+            for name, spread in figures.items()
+        )
+        caption = _name_arm(side, stage, language)
+        tables.append(Table(caption, tuple(entry["columns"]), rows, note=entry["note"]))
+    if tables:
+        yield Section("group", entry["title"], tables=tuple(tables))
+
+
+def _build_changes(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with the change of each arm: its range, or the least change that days do not make."""
+    entry, tables = words["change"], []
+    for side, figures in list_changes(studied):
+        rows = tuple(
+            (
+                _name_figure(name, language),
+                str(change["people"]),
+                format_figure(change["before"], name, language),
+                format_figure(change["after"], name, language),
+                format_points(change["change"], name, language, is_signed=True),
+                format_ends(Interval(*change["change_range"]), 1, language)
+                if change["change_range"]
+                else NONE,
+                _format_points(change["detectable"], name, language),
+                entry["verdict"][change["verdict"]],
+            )
+            for name, change in figures.items()
+        )
+        caption, note = _name_arm(side, "all", language), fill(entry["note"], {"source": SOURCE})
+        tables.append(Table(caption, tuple(entry["columns"]), rows, note=note, even=True))
+    if tables:
+        yield Section("changes", entry["title"], tables=tuple(tables))
+
+
+def _build_days_table(studied: StudiedDays, words: Words, language: Language) -> Section:
+    """Return every day, the earliest first, cut at a stated number of rows.
+
+    A day is named by its date, with arm and side of the change where there are two: "left, 3 March 2026".
+    """
+    entry, sides, rows = words["days"], load_wording(language)["side"], []
+    verdicts = load_pair_words(language)["pair"]["verdict"]
+    for arm, day in ((one, day) for one in studied.arms for day in one.days):
+        named = (
+            str(sides[arm.side or "unknown"]) if len(studied.sides) > 1 else "",
+            str(words["stage"][arm.stage]) if len(studied.stages) > 1 else "",
+            format_date(day.start, language) if day.start else words["no_clock"],
+        )
+        findings, figures = day.kept.findings, day.list_figures()
+        lasted = format_duration(findings.time.analysed_us / MICROSECONDS, language)
+        told = (
+            NONE if (value := figures[name]) is None else format_figure(value, name, language)
+            for name in FIGURES
+        )
+        rows.append(
+            (
+                ", ".join(filter(None, named)),
+                f"{lasted} ({words['left_out'][day.left_out]})" if day.left_out else lasted,
+                *told,
+                verdicts[findings.quality.verdict],
+            )
+        )
+    first, second, last = entry["columns"]
+    columns = (first, second, *(_name_figure(name, language) for name in FIGURES), last)
+    note = entry["note"] if len(rows) <= MOST_DAYS else f"{entry['cut']} {entry['note']}"
+    table = Table(entry["caption"], columns, tuple(rows[:MOST_DAYS]), note=note, even=True)
+    return Section("days", entry["title"], tables=(table,))
+
+
+def _build_sources(studied: StudiedDays, words: Words, language: Language) -> Section:
+    """Return where each day comes from."""
+    entry, common, rows = words["sources"], load_wording(language), []
+    for day in studied.days:
+        findings, subject, begins = day.kept.findings, day.kept.subject, words["no_clock"]
+        if day.start:
+            begins = f"{format_date(day.start, language)}, {Clock(day.start, language).format(0)}"
+        rows.append(
+            (
+                clean_text(subject.file_name) or NONE,
+                findings.recording.sha256[:8] + "…",
+                find_device_name(common, findings.recording.device),
+                begins,
+                name_method(findings) or NONE,
+                format_pose(findings, common),
+                subject.report_id[:8] + "…",
+            )
+        )
+    note = "" if len(rows) <= MOST_DAYS else words["days"]["cut"]
+    table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows[:MOST_DAYS]), note=note, even=True)
+    return Section("provenance", entry["title"], tables=(table,))
