@@ -63,7 +63,7 @@ def _compile(
         **{f"attached/{name}": content for name, content in attachments.items()},
     }
     fonts = [str(folder / "fonts")]
-    made: bytes | list[bytes] = typst.compile(  # type: ignore[call-overload] # its types do not know file sets
+    made: bytes | list[bytes] = typst.compile(
         files, font_paths=fonts, ignore_system_fonts=True, timestamp=0, **options
     )
     return made if isinstance(made, bytes) else made[0]
