@@ -11,7 +11,7 @@ from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.report.agreement.study_report import StudyFacts, build_study
+from app.report.agreement.report import StudyFacts, build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
 from app.roads.agreement_study import find_study_files
