@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.recording import Float64Array
-from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, hold_still, relax
+from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, draw_person, hold_still, relax
 from fusion.simulation.body import ArmState, Body, Motion, feel, play
-from fusion.simulation.people import draw_person
 from fusion.simulation.sensor import (
     PARTS,
     Device,
@@ -146,17 +145,15 @@ class SimulatedShift:
         elevation_deg = np.empty(self.sample_count)
         for block in self.blocks():
             rows = slice(block.first_sample, block.first_sample + len(block.time_s))
-            acc_g[rows], gyr_dps[rows] = self._seen(block.readings)
+            readings = block.readings
+            if self.perfect:
+                acc_g[rows], gyr_dps[rows] = readings.acc_g, readings.gyr_dps
+            else:
+                acc, gyr = self.count(readings)
+                acc_g[rows] = acc.astype(np.float64) * self.part.acc_g_per_lsb
+                gyr_dps[rows] = gyr.astype(np.float64) * self.part.gyr_dps_per_lsb
             elevation_deg[rows] = block.state.elevation_deg
         return ShiftArrays(self.rate_hz, self.start, acc_g, gyr_dps, elevation_deg)
-
-    def _seen(self, readings: Readings) -> tuple[Float64Array, Float64Array]:
-        """Give what a reader of the file would see."""
-        if self.perfect:
-            return readings.acc_g, readings.gyr_dps
-        acc, gyr = self.count(readings)
-        acc_g = acc.astype(np.float64) * self.part.acc_g_per_lsb
-        return acc_g, gyr.astype(np.float64) * self.part.gyr_dps_per_lsb
 
 
 def simulate_shift(
@@ -177,7 +174,10 @@ def simulate_shift(
     """
     duration_s = float(max(1, round(duration_h * 3600.0)))
     plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))
-    return wear_sensor(device, seed, _end_at(plan, duration_s), motion, perfect=perfect, rate_hz=rate_hz)
+    recorded = tuple(
+        replace(entry, end_s=min(entry.end_s, duration_s)) for entry in plan if entry.start_s < duration_s
+    )
+    return wear_sensor(device, seed, recorded, motion, perfect=perfect, rate_hz=rate_hz)
 
 
 def wear_sensor(
@@ -229,11 +229,6 @@ def work(
         name, bout_s = _choose_work(scale, chance, is_on_foot=is_on_foot)
         plan.append(_perform(body, name, min(bout_s, max(3.0, until_s - body.time_s)), chance))
     return plan
-
-
-def _end_at(plan: tuple[PlannedActivity, ...], end_s: float) -> tuple[PlannedActivity, ...]:
-    """Cut the plan where the recording ends."""
-    return tuple(replace(entry, end_s=min(entry.end_s, end_s)) for entry in plan if entry.start_s < end_s)
 
 
 def _choose_work(scale: float, chance: np.random.Generator, *, is_on_foot: bool) -> tuple[str, float]:

@@ -16,9 +16,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fusion.simulation import simulate_shift, write_recordings, write_shift
-from fusion.simulation.imu_rows import ROW, SecondCutter
-from fusion.simulation.write_csv import put_counter_rows, round_to_millionths
-from fusion.simulation.write_truth import count_entries
+from fusion.simulation.files import (
+    ROW,
+    SecondCutter,
+    count_entries,
+    put_counter_rows,
+    round_to_millionths,
+)
 
 HOURS = 0.05
 Record = tuple[int, int, bytes]
