@@ -76,7 +76,7 @@ class Span:
         return self.start_us + self.duration_us
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Segment:
     """An unbroken, evenly sampled run.
 

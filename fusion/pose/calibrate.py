@@ -22,8 +22,7 @@ from fusion.pose.poses import (
     survey,
 )
 from fusion.pose.readings import ask, assume_put_back, list_readings, read_recording
-from fusion.pose.slips import Question, find_walking
-from fusion.pose.wear import Wear, find_wear
+from fusion.pose.wear import Question, Wear, find_walking, find_wear
 from fusion.pose.windows import (
     Blocks,
     StillPeriod,

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
-from fusion.checks.gravity_windows import number_directions
+from fusion.checks.rests import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import Calibration

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.sensor.gyroscope import BiasSettings, estimate_gyro_bias, find_jumps
+from fusion.sensor.gyroscope import find_jumps
 from fusion.sensor.model import GyroBias, SensorRun
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
+from tests.estimates import estimate_gyro_bias
 from tests.fusion.made_motion import Motion, tumble
 
 OFFSET = np.array([10.0, -20.0, 15.0])
@@ -135,6 +136,6 @@ def test_an_offset_that_jumps_is_known_at_the_rests_before_and_after_it(jump_s: 
 def test_an_offset_that_changes_by_little_is_one_line(size_dps: float) -> None:
     run = rest_with_jump(900.0, np.array([size_dps, 0.0, 0.0]))
 
-    jumps_s = find_jumps(find_still_moments([reduce_run(run)]), BiasSettings())
+    jumps_s = find_jumps(find_still_moments([reduce_run(run)]))
 
     assert jumps_s == []
