@@ -20,7 +20,7 @@ from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import EvenRun, find_part, find_part_rows, find_runs
 from fusion.exposure.types import Frequency, Interval, Velocity
 from fusion.numba_kernels import inner, kernel, kernel_making_arrays
-from fusion.orientation.on_demand import Vertical
+from fusion.orientation.angle_rows import Vertical
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, IntArray, Segment
 
 # The metric filter on vectors, in overlapping blocks, so that memory does not grow with the recording.
