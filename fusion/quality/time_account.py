@@ -15,12 +15,12 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure.rows import (
     find_end_us,
-    find_runs,
     find_touched_rows,
     find_valid_samples,
     list_touched_rows,
 )
 from fusion.numba_kernels import kernel
+from fusion.numerics.runs import find_runs
 from fusion.orientation.angle_rows import AngleRows, lay_rows
 from fusion.pose.calibrate import Calibration
 from fusion.pose.windows import Blocks, reduce_recording
