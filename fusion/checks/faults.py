@@ -17,15 +17,8 @@ from fusion.checks.summary import BLOCK_ROWS, SensorSummary, summarise
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.numba_kernels import inner, kernel
 from fusion.numerics.intervals import join_overlapping
-from fusion.recording import (
-    LONGEST_BRIDGE_US,
-    MICROSECONDS,
-    Recording,
-    Segment,
-    Span,
-    flag_gaps,
-    flag_spans,
-)
+from fusion.numerics.runs import find_runs
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Recording, Segment, Span, flag_gaps, flag_spans
 
 Rows = NDArray[np.int64]
 """Ranges of rows, shape (m, 2): first row and first row after, in order."""
@@ -34,14 +27,6 @@ Pair = tuple[int, int]
 
 
 # Ranges of rows: found, placed in time, and taken out of a segment.
-
-
-def find_runs(marked: NDArray[np.bool_], shortest_rows: int = 1) -> Rows:
-    """Return the runs of marked rows, so long at least."""
-    rows = np.flatnonzero(marked)
-    is_first = np.diff(rows, prepend=-2) > 1
-    runs = np.stack([rows[is_first], rows[np.roll(is_first, -1)] + 1], axis=1)
-    return runs[runs[:, 1] - runs[:, 0] >= shortest_rows]
 
 
 def find_held_runs(acc: SensorSummary, gyr: SensorSummary, shortest_rows: int, axes: Pair = (0, 3)) -> Rows:

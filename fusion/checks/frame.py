@@ -89,7 +89,7 @@ def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
     chosen = places[:: max(1, -(-len(places) // MOST_WINDOWS))]
     # A channel that never changes is dead; :mod:`fusion.checks.faults` refuses it.
     flat = np.array([_find_flat(*place) for place in chosen], np.bool_).reshape(-1, 6)
-    is_stuck = (flat & ~flat.all(axis=0)).any(axis=1)
+    is_stuck = np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
     cut = [_cut_window(*place) for place, stuck in zip(chosen, is_stuck, strict=True) if not stuck]
     if not cut:
         return GravityWindows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0))

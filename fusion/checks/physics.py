@@ -337,7 +337,7 @@ def _doubt_scale(recording: Recording, overall: float) -> Recording:
     """
     if recording.understood.get("time") not in COUNTED:
         return _flag_doubt(recording, "gyroscope", factor=round(overall, 3))
-    facts = {
+    facts: dict[str, str | float] = {
         "rate_from": "doubted",
         "rate_hz": round(recording.rate_hz, 3),
         "other_hz": round(recording.rate_hz / overall, 1),

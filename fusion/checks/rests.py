@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
+from fusion.numerics.robust import weigh_cauchy
 from fusion.recording import Float64Array, Segment
 
 Marks = NDArray[np.bool_]
@@ -252,7 +253,7 @@ def measure_rest_scale(rests_g: Float64Array) -> RestScale | None:
         length = np.linalg.norm(bare, axis=1)
         slope = np.column_stack([length, -values[0] * bare / length[:, None]])
         departure = values[0] * length - 1.0
-        weight = 1.0 / (variance + (departure / 2.385) ** 2)
+        weight = weigh_cauchy(departure, variance)
         normal = (weight[:, None] * slope).T @ slope + prior
         values = values - np.linalg.solve(normal, slope.T @ (weight * departure) + prior @ (values - start))
     error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))

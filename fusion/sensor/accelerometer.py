@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.checks.rests import number_directions
+from fusion.numerics.robust import weigh_cauchy
 from fusion.recording import Float64Array
 from fusion.sensor.model import Hats, hold_together, solve_band
 from fusion.sensor.stillness import QuietTable
@@ -170,7 +171,7 @@ def _find_offset_sd(cells: "_Cells", corrected: Float64Array) -> float:
     """What the directions seen leave open of an offset that stands still, beside the gain."""
     slope = np.hstack([-corrected, _slope_by_gain(corrected, corrected)])
     departure = np.linalg.norm(corrected, axis=1) - 1.0
-    weight = 1.0 / (cells.variance + (departure / 2.385) ** 2)
+    weight = weigh_cauchy(departure, cells.variance)
     prior = np.concatenate([np.full(3, SETTINGS.offset_g**-2.0), PAIRS / SETTINGS.scale**2])
     covariance = np.linalg.inv((weight[:, None] * slope).T @ slope + np.diag(prior))
     return float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
@@ -233,7 +234,7 @@ def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
         by_offset = -along @ gain
         by_gain = _slope_by_gain(along, bare)
         departure = length - 1.0
-        weight = 1.0 / (cells.variance + (departure / 2.385) ** 2)
+        weight = weigh_cauchy(departure, cells.variance)
         # Linear about the present solution, so that the unknowns are the solution itself.
         present = (by_offset * cells.hats.read(offset_g)).sum(axis=1)
         aim = present + by_gain @ (gain - np.eye(3))[FIRST_AXIS, SECOND_AXIS] - departure

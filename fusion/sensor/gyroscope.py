@@ -19,6 +19,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fusion.numba_kernels import kernel
+from fusion.numerics.robust import CAUCHY
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import (
@@ -41,8 +42,7 @@ from fusion.sensor.stillness import QuietTable
 # Inside a window of about twelve seconds the acceleration is rotated into the frame in which the window
 # began. A person goes nowhere far, so the mean of the second half minus the mean of the first should be
 # nil; a remaining bias tilts the frame, and the difference becomes ``(dM b) x g`` with ``dM`` the
-# difference of the mean integrals of the rotation. It is linear in the bias: many windows together give it
-# (FUSION.md section 3).
+# difference of the mean integrals of the rotation. It is linear in the bias: many windows together give it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +126,6 @@ def _walk_windows(
                     spread[w, i, j] += share * turned[i, j]
 
 
-CAUCHY = 2.385
 LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solved
 
 
@@ -316,10 +315,7 @@ def leave_gyro_scale() -> GyroScale:
 
 
 def estimate_gyro_scale(
-    nodes: Sequence[Nodes],
-    stills: QuietTable,
-    bias: GyroBias,
-    accelerometer: AccelerometerCorrection,
+    nodes: Sequence[Nodes], stills: QuietTable, bias: GyroBias, accelerometer: AccelerometerCorrection
 ) -> GyroScale:
     """Compare successive still moments; ``nodes`` with some bias taken off, ``bias`` the true one."""
     up = accelerometer.find_up(stills.gravity_g, stills.middle_s)
