@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, timedelta
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
@@ -386,17 +386,13 @@ def open_actilife_csv(path: Path, shift: SimulatedShift) -> Iterator[Callable[[I
             values = _resample(seconds) / DIVISORS
             values[:, 3] += TEMPERATURE_AT_ZERO
             first = shift.start + timedelta(seconds=seconds.first_s)
-            stamps = _write_stamps(first, len(seconds.counts))
+            clocks = (first + timedelta(seconds=k) for k in range(len(seconds.counts)))
+            text = "".join(clock.isoformat() for clock in clocks).encode()
+            stamps = np.frombuffer(text, np.uint8).reshape(len(seconds.counts), -1)
             out = np.empty(values.shape[0] * (32 + 24 * values.shape[1]), np.uint8)
             file.write(out[: _put_stamped_rows(out, stamps, round_to_millionths(values))].tobytes())
 
         yield write_seconds
-
-
-def _write_stamps(start: datetime, duration_s: int) -> Bytes:
-    """Shape (seconds, 19): each second's clock, ISO 8601."""
-    text = "".join((start + timedelta(seconds=k)).isoformat() for k in range(duration_s))
-    return np.frombuffer(text.encode(), np.uint8).reshape(duration_s, -1)
 
 
 def round_to_millionths(values: Float64Array) -> IntArray:

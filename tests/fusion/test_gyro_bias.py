@@ -10,6 +10,7 @@ from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
 from tests.estimates import estimate_gyro_bias
 from tests.fusion.made_motion import Motion, tumble
+from tests.simulated_shifts import make_perfect, play_shift
 
 OFFSET = np.array([10.0, -20.0, 15.0])
 
@@ -98,7 +99,7 @@ def test_too_short_a_recording_has_no_still_moment() -> None:
 
 def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followed() -> None:
     # Eight hours; the bias goes up and down by 0.5 deg/s about 10 deg/s, twice on x, once on y.
-    made = simulate_shift("lsm9ds1", 8.0, 3, 25.0, perfect=True).in_arrays()
+    made = play_shift(make_perfect(simulate_shift("lsm9ds1", 8.0, 3, 25.0)))
     hours = np.arange(len(made.acc_g)) / made.rate_hz / 3600.0
     wander = 0.5 * np.stack([np.sin(np.pi * hours / 2.0), np.sin(np.pi * hours / 4.0), 0.0 * hours], axis=1)
     run = SensorRun(0.0, made.rate_hz, made.acc_g, made.gyr_dps + (10.0 + wander).astype(np.float32))
@@ -112,7 +113,7 @@ def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followe
 
 def rest_with_jump(jump_s: float, to_dps: NDArray[np.float64]) -> SensorRun:
     """Work whose gyroscope's offset is another from one sample to the next."""
-    made = simulate_shift("gt9x", 0.5, 1, 50.0, perfect=True).in_arrays()
+    made = play_shift(make_perfect(simulate_shift("gt9x", 0.5, 1, 50.0)))
     gyr = made.gyr_dps.astype(np.float64)
     gyr[round(jump_s * 50.0) :] += to_dps
     return SensorRun(0.0, made.rate_hz, made.acc_g, gyr)
