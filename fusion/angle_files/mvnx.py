@@ -110,7 +110,9 @@ class _Frames(ContentHandler):
         if not self._path and name != "mvnx":
             raise RefusedXml(reason="not MVNX")
         self._path.append(name)
-        self._clear_text()
+        self.events += 1
+        self._text.clear()
+        self._text_signs = 0
         self._refuse_large(len(self._path) > MOST_DEPTH or len(self.labels) + len(self.points) > MOST_LABELS)
         if name == "frame":
             self._frame, self._found = dict(attrs.items()), {}
@@ -128,11 +130,6 @@ class _Frames(ContentHandler):
             self._text.append(content)
             self._text_signs += len(content)
             self._refuse_large(self._text_signs > MOST_TEXT_SIGNS)
-
-    def _clear_text(self) -> None:
-        self.events += 1
-        self._text.clear()
-        self._text_signs = 0
 
     def _refuse_large(self, is_large: bool) -> None:  # noqa: FBT001
         if is_large:
@@ -158,7 +155,8 @@ class _Frames(ContentHandler):
             self.pose_orientation = self._found.get("orientation") or None
         if kind != "normal":
             return
-        self.times.extend(_to_number(self._frame.get(key)) for key in ("index", "time", "ms"))
+        for key in ("index", "time", "ms"):
+            self.times.extend(_to_numbers([self._frame.get(key) or "nan"]))
         if self._found.get("orientation") or self.orientation:
             missing = len(self.times) // 3 - 1 - len(self.orientation) // 4
             self.orientation.extend([nan] * (4 * missing) + (self._found.get("orientation") or [nan] * 4))
@@ -175,10 +173,6 @@ class _Frames(ContentHandler):
         first = self.labels.index(label) * count
         words = self._split()[first : first + count]
         return _to_numbers(words) if len(words) == count else []
-
-
-def _to_number(word: str | None) -> float:
-    return _to_numbers([word or "nan"])[0]
 
 
 def _to_numbers(words: list[str]) -> list[float]:

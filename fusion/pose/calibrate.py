@@ -5,14 +5,7 @@ from dataclasses import dataclass, field, replace
 from fusion.conventions import CalibrationState, Pose
 from fusion.numerics.intervals import join_overlapping
 from fusion.numerics.rotations import find_angle_deg
-from fusion.pose.axes import (
-    ALIKE_DEG,
-    AXIS_SIGMA_DEG,
-    AxisPart,
-    Reading,
-    find_spread_deg,
-    point_along,
-)
+from fusion.pose.axes import ALIKE_DEG, AXIS_SIGMA_DEG, AxisPart, Reading, find_spread_deg, point_along
 from fusion.pose.poses import (
     FoundPose,
     assume_pose,
