@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
 from fusion.live.session import Frames
-from fusion.readers.tables.careful_path import NUMERIC_TIME, STAMP
 from fusion.readers.tables.csv import choose_rate_hz
-from fusion.readers.tables.header import is_row, split_fields
-from fusion.readers.tables.layout import TextLayout, find_layout
+from fusion.readers.tables.csv_lines import STAMP
+from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
 from fusion.readers.tables.rows import plan_table
 from fusion.readers.timebase.grid import estimate_period_us
 from fusion.recording import MICROSECONDS
@@ -378,10 +377,10 @@ def _learn(lines: Sequence[str]) -> _Columns:
     turn, gyr = (1.0 if factor == 1.0 else -1.0), plan.gyr_scale * factor
     return _Columns(
         plan.layout,
-        by_target.get(STAMP) if plan.has_times and plan.stamp_kind == NUMERIC_TIME else None,
+        by_target.get(STAMP) if plan.time.kind == "number" else None,
         next((k for k, column in enumerate(plan.layout.columns) if column.channel == "counter"), None),
         places,
-        10.0**plan.stamp_exponent,
+        10.0**plan.time.unit.exponent,
         (turn * plan.acc_scale, plan.acc_scale, plan.acc_scale, turn * gyr, gyr, gyr),
     )
 

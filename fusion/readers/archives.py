@@ -52,12 +52,6 @@ def open_archive(source: Source) -> zipfile.ZipFile:
         members = archive.infolist()
     except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
         raise TruncatedArchive(n=source.size_bytes) from error
-    check_members(members)
-    return archive
-
-
-def check_members(members: list[zipfile.ZipInfo]) -> None:
-    """Refuse an archive for what its directory says."""
     if len(members) > MAX_MEMBERS:
         raise UnsafeArchive(reason="members", count=len(members), limit=MAX_MEMBERS)
     names = [member.filename for member in members]
@@ -67,6 +61,7 @@ def check_members(members: list[zipfile.ZipInfo]) -> None:
         raise UnsafeArchive(reason="size", limit=MAX_UNPACKED_BYTES)
     for member in members:
         _check_member(member)
+    return archive
 
 
 def _check_member(member: zipfile.ZipInfo) -> None:
@@ -100,17 +95,11 @@ def check_parts(archive: zipfile.ZipFile) -> None:
         raise MissingMember(member="info.txt")
     if "info.txt" in names:
         raise MissingMember(member="log.bin")
-    raise UnknownFormat(kind=_identify_archive(names))
-
-
-def _identify_archive(names: set[str]) -> str:
     if all(name.endswith(".npy") for name in names):
-        return "NumPy (.npz)"
+        raise UnknownFormat(kind="NumPy (.npz)")
     if "xl/workbook.xml" in names:
-        return "Excel (.xlsx)"
-    if "word/document.xml" in names:
-        return "Word (.docx)"
-    return "ZIP"
+        raise UnknownFormat(kind="Excel (.xlsx)")
+    raise UnknownFormat(kind="Word (.docx)" if "word/document.xml" in names else "ZIP")
 
 
 def read_text(archive: zipfile.ZipFile, name: str) -> bytes:

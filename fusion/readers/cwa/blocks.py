@@ -8,7 +8,6 @@ zero. Sectors that are all ones or all zeros were never written.
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,27 +165,19 @@ def take_samples(
             row += 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundBlocks:
-    """The sound blocks of a piece of the file: where each begins, and its head."""
+def find_blocks(
+    pieces: Iterable[bytes], tally: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.void]]]:
+    """Scan a file, from after its header, piece by piece: its bytes, where sound blocks begin, their heads.
 
-    buffer: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    heads: NDArray[np.void]
-
-
-def find_blocks(pieces: Iterable[bytes], tally: NDArray[np.int64]) -> Iterator[FoundBlocks]:
-    """Scan a file, from after its header, piece by piece; what a piece does not finish goes into the next."""
+    What a piece does not finish goes into the next.
+    """
     carried = b""
     for piece, is_last in mark_last(pieces):
         buffer = np.frombuffer(carried + piece if carried else piece, np.uint8)
         starts = np.empty(len(buffer) // BLOCK_BYTES + 1, np.int64)
         used, found = scan_blocks(buffer, is_last, starts, tally)
-        yield FoundBlocks(buffer, starts[:found], read_heads(buffer, starts[:found]))
+        starts = starts[:found]
+        heads = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
+        yield buffer, starts, np.ascontiguousarray(heads).reshape(-1).view(BLOCK_HEAD)
         carried = buffer[used:].tobytes()
-
-
-def read_heads(buffer: NDArray[np.uint8], starts: NDArray[np.int64]) -> NDArray[np.void]:
-    """The heads of blocks, shape (n,)."""
-    rows = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
-    return np.ascontiguousarray(rows).reshape(-1).view(BLOCK_HEAD)
