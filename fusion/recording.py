@@ -77,6 +77,29 @@ class Span:
         return self.start_us + self.duration_us
 
 
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What a file states of its units and its time; the checks of units and axes go by it.
+
+    Attributes
+    ----------
+    acc_unit, gyr_unit
+        As in :mod:`fusion.units`, "registers" for counts of the sensor, or any word that tells no size.
+    is_known
+        A known device's format or header states units and axes: nothing overrules it.
+    left_gyr_factor
+        What to multiply the rates by if the frame proves left-handed: an error of the device's library.
+    is_counted
+        The rows have no times: their rate comes from a person or a header.
+    """
+
+    acc_unit: str = "g"
+    gyr_unit: str = "deg/s"
+    is_known: bool = False
+    left_gyr_factor: float = 1.0
+    is_counted: bool = False
+
+
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Segment:
     """An unbroken, evenly sampled run.
@@ -147,6 +170,8 @@ class Recording:
         Caveats found while reading.
     understood
         What the reader took the file for, for people: layout, columns, units, nominal rate.
+    stated
+        What the file states of its units and its time, for the checks.
     serial_hash
         Hash of the device's serial number; None where the file does not tell.
     acc_range_g, gyr_range_dps
@@ -168,6 +193,7 @@ class Recording:
     excluded: tuple[Span, ...] = ()
     flags: tuple[QualityFlag, ...] = ()
     understood: Mapping[str, str] = field(default_factory=dict)
+    stated: Stated = Stated()
     serial_hash: str | None = None
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None

@@ -28,7 +28,7 @@ from fusion.checks.rests import Rests, find_rests, measure_lengths, measure_rest
 from fusion.checks.summary import LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS, find_flat_range, summarise
 from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
-from fusion.units import DEG_PER_RAD, LEFT_GYR_FACTOR, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
+from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 
 LIVELY_RATIO, MORE_TIMES = 5.0, 3.0
 """Long readings over short ones. In the recordings in hand, an accelerometer's are at most 1.8 times as long,
@@ -53,8 +53,6 @@ WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 10.0
 """Less is too short for a report, and tells nothing of a unit."""
-COUNTED = ("row number", "packet counter")
-"""The readers' words for a table whose rows bear no time: its rate comes from a person or a header."""
 FEWEST_RESTS, UNEVEN_G = 10, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 UNSEEN_SCALE = 1.5
@@ -79,12 +77,12 @@ def check_physics(recording: Recording) -> Recording:
     TooShort
         Less than ten seconds, where a unit is to be found.
     """
-    if not _is_header_known(recording) and are_exchanged(recording.segments):
+    if not recording.stated.is_known and are_exchanged(recording.segments):
         raise ExchangedSensors
     rests = find_rests(recording.segments)
     checked = _check_gravity(recording, rests)
     # What made 1 g of the rests made it of the samples: they are found anew where these were changed.
-    if len(checked.flags) > len(recording.flags) or _read_acc_unit(recording) == "registers":
+    if len(checked.flags) > len(recording.flags) or recording.stated.acc_unit == "registers":
         rests = find_rests(checked.segments)
     checked = _check_rates(_check_rest_length(checked, rests.acc), rests)
     source = recording.understood.get("units_from") or "motion"
@@ -112,29 +110,15 @@ def _measure_spread(lengths: Float64Array) -> float:
     return float(high / max(low, 1e-9))
 
 
-# What the file, its device or a person states; "" for words that do not say how large a unit is ("raw").
-
-
 def are_units_stated(recording: Recording) -> bool:
     """Return whether both units are stated in words that say how large they are."""
-    return not {"", "registers"} & {_read_acc_unit(recording), _read_gyr_unit(recording)}
-
-
-def _read_acc_unit(recording: Recording) -> str:
-    return _drop_unknown(recording.understood.get("acceleration_unit", "g"))
-
-
-def _read_gyr_unit(recording: Recording) -> str:
-    return _drop_unknown(recording.understood.get("angular_rate_unit", "deg/s"))
+    units = {_drop_unknown(recording.stated.acc_unit), _drop_unknown(recording.stated.gyr_unit)}
+    return not {"", "registers"} & units
 
 
 def _drop_unknown(unit: str) -> str:
+    """Return a unit, "" for a word that does not say how large it is ("raw", "lsb")."""
     return unit if unit == "registers" or acc_scale_g(unit) or gyr_scale_dps(unit) else ""
-
-
-def _is_header_known(recording: Recording) -> bool:
-    """Return whether a known device's format or header states units and axes: nothing overrules it."""
-    return recording.understood.get("units_from") == "header"
 
 
 # Corrections of samples, in place (a shift is too large to be held twice), and their flags.
@@ -175,13 +159,13 @@ def _multiply(
 
 def _check_gravity(recording: Recording, rests: Rests) -> Recording:
     """Make 1 g of what is read at rest, by a unit; without rest, by the movement where no unit is stated."""
-    unit = _read_acc_unit(recording)
+    unit = _drop_unknown(recording.stated.acc_unit)
     if len(rests) == 0:
         return _settle_moving(recording, unit)
     off = abs(rests.length - 1.0)
     if unit != "registers" and off <= REST_TOLERANCE:
         return recording
-    factor = None if _is_header_known(recording) else _find_acc_factor(rests.length, unit)
+    factor = None if recording.stated.is_known else _find_acc_factor(rests.length, unit)
     if factor is not None:
         return _set_acc_unit(recording, unit, factor, "rest", rests.length)
     if off <= MOST_DOUBTED:
@@ -199,7 +183,7 @@ def _settle_moving(recording: Recording, unit: str) -> Recording:
     if part is not None and acc_scale_g(unit) and usual < LEAST_USUAL_G:
         raise NoGravity
     is_likely = 1.0 / MOVING_TIMES < usual < MOVING_TIMES
-    if _is_header_known(recording) or (unit != "registers" and is_likely):
+    if recording.stated.is_known or (unit != "registers" and is_likely):
         is_lively = _measure_spread(lengths) > LIVELY_RATIO
         return _flag_doubt(recording, "accelerometer", moving_g=round(usual, 3)) if is_lively else recording
     if unit == "registers":
@@ -265,7 +249,7 @@ def _check_rest_length(recording: Recording, rests_g: Float64Array) -> Recording
 
 
 def _check_rates(recording: Recording, rests: Rests) -> Recording:
-    unit = _read_gyr_unit(recording)
+    unit = _drop_unknown(recording.stated.gyr_unit)
     windows = cut_windows(recording.segments)
     offset_dps = np.median(rests.gyr, axis=0) if len(rests) else np.zeros(3)
     is_cut = find_flat_range([summarise(segment)[1] for segment in recording.segments]) is not None
@@ -293,7 +277,7 @@ def _list_rate_factors(unit: str) -> tuple[float, ...]:
 def _refuse_mixed(recording: Recording, evidence: FrameEvidence) -> None:
     """Refuse what contradicts a known header, and what nothing explains."""
     is_other = evidence.chosen is not evidence.as_read and evidence.lively >= BAD_WINDOWS
-    if _is_header_known(recording) and is_other:
+    if recording.stated.is_known and is_other:
         raise MixedColumns(**_describe_mixed(evidence), factor=float(f"{evidence.chosen.factor:.3g}"))
     if evidence.is_wrong:
         raise MixedColumns(**_describe_mixed(evidence))
@@ -317,7 +301,7 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
         mirror = np.array([-1.0, 1.0, 1.0])
         recording = _multiply(recording, mirror, mirror)
         recording = _flag_correction(recording, "left-handed", "motion", turned="x")
-        library = float(recording.understood.get(LEFT_GYR_FACTOR, 1.0))
+        library = recording.stated.left_gyr_factor
         if library != 1.0:  # Arduino_LSM9DS1 prints 61.04 mdps for a count of 70
             recording = replace(_multiply(recording, gyr=library), device="lsm9ds1")
             recording = _flag_correction(recording, "angular rate", "layout", factor=library)
@@ -335,7 +319,7 @@ def _doubt_scale(recording: Recording, overall: float) -> Recording:
 
     A wrong rate looks like a gyroscope of another scale: if the rows have no time, the rate is doubted.
     """
-    if recording.understood.get("time") not in COUNTED:
+    if not recording.stated.is_counted:
         return _flag_doubt(recording, "gyroscope", factor=round(overall, 3))
     facts: dict[str, str | float] = {
         "rate_from": "doubted",

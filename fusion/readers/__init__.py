@@ -1,6 +1,6 @@
 """From a file's bytes to a :class:`fusion.recording.Recording`: one format, one file."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -171,30 +171,25 @@ def holds_device_format(file: BinaryIO) -> bool:
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
+    """Ask the readers in order, plug-ins in their turn; one of those that fails does not stop the others."""
     failures: list[FailedReader] = []
-    reader = next((one for one in _gather_readers() if _recognises(one, content, failures)), None)
+
+    def recognises(one: Reader | PlugIn) -> bool:
+        try:
+            return one.recognise(content)
+        except FailedReader as failure:
+            failures.append(failure)
+            return False
+
+    reader: Reader | PlugIn | None = next(filter(recognises, DEVICE_READERS), None)
+    reader = reader or next(filter(recognises, find_plugins()), None)
+    reader = reader or next(filter(recognises, TABLE_READERS), None)
     if reader is None:
         raise failures[0] if failures else explain_refusal(content)
     recording = reader.read(content, rate_hz)
     check_extension(content, OWN_EXTENSIONS.get(reader.name))
     failed = tuple(QualityFlag(Caveat.READER, facts=failure.facts) for failure in failures)
     return replace(recording, flags=(*failed, *recording.flags)) if failed else recording
-
-
-def _gather_readers() -> Iterator[Reader | PlugIn]:
-    """Give the readers in the order in which they are tried; plug-ins are looked for only in their turn."""
-    yield from DEVICE_READERS
-    yield from find_plugins()
-    yield from TABLE_READERS
-
-
-def _recognises(reader: Reader | PlugIn, content: Source, failures: list[FailedReader]) -> bool:
-    """Ask one reader; a plug-in that fails is noted, and does not stop the others."""
-    try:
-        return reader.recognise(content)
-    except FailedReader as failure:
-        failures.append(failure)
-        return False
 
 
 def read_recordings(

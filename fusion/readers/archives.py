@@ -23,7 +23,6 @@ from fusion.readers.source import CHUNK_BYTES, HEAD_BYTES, Source
 
 # A zip archive is checked by its directory before a byte is unpacked, and again while it is unpacked.
 
-
 MAX_MEMBERS = 64
 MAX_UNPACKED_BYTES = 4 << 30
 MAX_RATIO = 200
@@ -147,7 +146,6 @@ OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "m
 
 # A pair of tables: one of the accelerometer, one of the gyroscope.
 
-
 ANGULAR_RATE = re.compile(r"gyro", re.IGNORECASE)
 TOTAL, ACCELERATION = re.compile(r"total_?accel", re.IGNORECASE), re.compile(r"accel", re.IGNORECASE)
 GRAVITY = re.compile(r"gravity", re.IGNORECASE)
@@ -242,23 +240,16 @@ def unpack(source: Source) -> Source:
     fusion.errors.DamagedFile
         The archive is cut, corrupt or unsafe, packed twice, or holds several files.
     """
-    if source.head.startswith(GZIP_MAGIC):
-        return _unpack_gzip(source)
-    if source.head.startswith(ZIP_MAGIC):
-        return _unpack_zip(source)
-    return source
 
-
-def _unpack_gzip(source: Source) -> Source:
-    def open_member() -> IO[bytes]:
+    def open_gzip() -> IO[bytes]:
         source.file.seek(0)
         return cast("IO[bytes]", gzip.GzipFile(fileobj=source.file, mode="rb"))
 
-    name = source.name[:-3] if source.extension == ".gz" else source.name
-    return _open_unpacked(UnpackedFile(open_member, source.size_bytes, source.name), name, source)
-
-
-def _unpack_zip(source: Source) -> Source:
+    if source.head.startswith(GZIP_MAGIC):
+        name = source.name[:-3] if source.extension == ".gz" else source.name
+        return _open_unpacked(UnpackedFile(open_gzip, source.size_bytes, source.name), name, source)
+    if not source.head.startswith(ZIP_MAGIC):
+        return source
     archive = open_archive(source)
     names = archive.namelist()
     if any(name in OWN_ARCHIVES or name.startswith(OWN_FOLDERS) or name.endswith(".npy") for name in names):

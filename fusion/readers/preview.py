@@ -27,7 +27,6 @@ from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
 # Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.
 
-
 Table = NDArray[np.float64]
 
 
@@ -72,7 +71,6 @@ def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]
 
 
 # The facts of `acromion inspect`: what the reader took the file for, and what is wrong with it.
-
 
 MAX_GAPS = 100
 """The longest ones; the count is always given in full."""
@@ -137,7 +135,6 @@ def _describe_span(span: Span) -> dict[str, object]:
 
 
 # The preview: what the first bytes of a file show while the rest is still being sent.
-
 
 MAX_UNPACKED_BYTES = 8 << 20
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS

@@ -30,7 +30,6 @@ from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, flag_
 
 # The order of the blocks: one session, each block once, by their numbers where some came late.
 
-
 Indices = NDArray[np.int64]
 
 

@@ -34,10 +34,9 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks
 from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, flag_counts
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, flag_counts
 
 # The header of a `.cwa`: the device, and its planned end. Names of people in it are not read.
-
 
 HEADER_BYTES = 1024
 MAGIC = b"MD\xfc\x03"
@@ -181,14 +180,12 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
         fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
         log.n_plain += int(np.count_nonzero(axes == PLAIN_AXES))
         log.n_unknown += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
-        columns, total = log.columns, int(rows[fits].sum())
-        columns.make_room(total)
-        room = slice(columns.rows, columns.rows + total)
+        columns = log.columns
+        room = columns.extend(int(rows[fits].sum()))
         layouts = np.stack([rows[fits], axes[fits]], axis=1)
         scales = np.stack(find_ranges(heads[fits]), axis=1) / np.float32(FULL_COUNT)
         take_samples(buffer, starts[fits], layouts, scales, (columns.acc[room], columns.gyr[room]))
         log.parts.append(heads[fits])
-        columns.rows = room.stop
         if columns.rows and to_come:
             columns.foresee(len(buffer), to_come)
             to_come = 0
@@ -276,6 +273,7 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
             "records": str(len(blocks)),
             "clock": "local",
         },
+        stated=Stated(is_known=True),
         serial_hash=header.serial_hash,
         acc_range_g=min(WIDEST_G, float(acc_ranges_g.min())),
         gyr_range_dps=float(gyr_ranges_dps.min()),

@@ -56,6 +56,7 @@ from fusion.recording import (
     Recording,
     Segment,
     Span,
+    Stated,
     flag_counts,
     flag_gaps,
     flag_spans,
@@ -95,7 +96,6 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
 
 
 # info.txt: what the device tells about itself.
-
 
 TICKS_PER_SECOND = 10_000_000
 TICKS_AT_UNIX_EPOCH = 621_355_968_000_000_000
@@ -161,7 +161,6 @@ def find_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> 
 
 
 # The primary accelerometer, read now and then to check the IMU and the header against it.
-
 
 PROBED_EVERY_S = 16
 """One second in sixteen is enough evidence and costs nothing."""
@@ -361,12 +360,9 @@ def _take_samples(
     unix_s, firsts, n_rows = records[fits, 1], firsts[fits], n_rows[fits]
     columns = log.columns
     stops = columns.rows + np.cumsum(n_rows)
-    total = int(n_rows.sum())
-    columns.make_room(total)
-    rows = slice(columns.rows, columns.rows + total)
+    rows = columns.extend(int(n_rows.sum()))
     decoder.decode(buffer, firsts + 2, n_rows, (columns.acc[rows], columns.gyr[rows]))
     log.decoded.append(Seconds(unix_s, stops - n_rows, n_rows, np.full(len(unix_s), log.n_schemas)))
-    columns.rows += total
 
 
 # From the log to a recording: segments, exclusions, the clock.
@@ -399,6 +395,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *flag_gaps(segments, duration_us, excluded),
         ),
         understood=_describe(text, log, timeline),
+        stated=Stated(is_known=True),
         serial_hash=text.serial_hash,
         acc_range_g=_full_scale(decoder, 0),
         gyr_range_dps=_full_scale(decoder, 3),
@@ -483,7 +480,6 @@ def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str,
 
 
 # Caveats that come from the records, from info.txt and from the clock.
-
 
 LOW_BATTERY_MV = 3600
 """A lithium cell under this is about to switch the device off."""

@@ -209,7 +209,6 @@ def scan_pieces(
 #
 # Source: actigraph/GT3X-File-Format, sample code of SensorSchema; checked against ActiLife's own export.
 
-
 COLUMN_BYTES = 23
 HEADER_BYTES = 6
 PLAUSIBLE_DIVISORS = (1e-3, 1e9)
@@ -400,7 +399,6 @@ def make_decoder(schema: SensorSchema) -> RowDecoder | None:
 
 
 # The device's events besides sampling: idle sleep, the USB dock, how its clock counts.
-
 
 ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2 = 0, 2, 3, 6, 24, 25, 26
 SLEEP_ENTER, SLEEP_LEAVE = 0x08, 0x09

@@ -220,7 +220,6 @@ def names_epochs(names: Sequence[str]) -> bool:
 #
 # The candidates (s, ms, us, ns) lie a factor of 1000 apart and the rates span 250: at most one fits.
 
-
 PLAUSIBLE_RATE_HZ = (8.0, 2000.0)
 SECONDS_OF_DAY = 86_400
 SMOOTH_RATIO = 0.3

@@ -35,8 +35,8 @@ from fusion.readers.tables.rows import (
 from fusion.readers.timebase.clock import flag_drift, hash_serial
 from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
 from fusion.readers.timebase.row_times import leave_out_repeats
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
-from fusion.units import LEFT_GYR_FACTOR, name_unit_source
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
+from fusion.units import name_unit_source
 
 T = TypeVar("T")
 
@@ -109,7 +109,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     repairs = time.repair(columns, rows.changes) if time.has_times else ()
     first_us = int(columns.stamps[0])
     grid = _cut_rows(plan, columns, choose_rate_hz(layout, rate_hz))
-    facts = layout.facts()
+    described, facts = _describe_columns(plan, is_in_g=is_added), layout.facts()
     pose, unread = _read_pose(facts)
     device = facts.get("device", "")
     return build_recording(
@@ -124,13 +124,20 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *_flag_rates(plan, grid, rate_hz),
         ),
         {
-            **_describe_columns(plan, is_in_g=is_added),
+            **described,
             "time": time.describe(first_us),
             "time_exponent": str(time.unit.exponent),
             "delimiter": _name_delimiter(layout),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(columns.rows),
         },
+        stated=Stated(
+            described["acceleration_unit"],
+            described["angular_rate_unit"],
+            is_known=described["units_from"] == "header",
+            left_gyr_factor=round(layout.device.left_gyr_factor, 5) if layout.device else 1.0,
+            is_counted=not time.has_times and time.has_date,
+        ),
         device=layout.device.device if layout.device else device if find_device_name(device) else "other",
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
         acc_range_g=_read_positive(facts.get("acc_range_g")),
@@ -245,7 +252,7 @@ def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
         "units_from": name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right")),
     }
     if device and device.left_gyr_factor != 1.0:
-        described[LEFT_GYR_FACTOR] = f"{device.left_gyr_factor:.5f}"
+        described["left_gyr_factor"] = f"{device.left_gyr_factor:.5f}"
     return described
 
 

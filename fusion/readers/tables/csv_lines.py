@@ -88,7 +88,6 @@ class Rows(NamedTuple):
 
 # Eight bytes of text at a time.
 
-
 LEAD_BYTES, TRAIL_BYTES = 16, 64
 """Bytes of the buffer that must lie before the first line and after the last one."""
 NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, POINT, ZERO, NINE = 10, 13, 32, 34, 43, 45, 46, 48, 57
@@ -247,7 +246,6 @@ def take_plain(buffer: Bytes, first_byte: int, stop_byte: int, dots: int) -> tup
 
 # Where fields and lines end, 64 bytes at a time.
 
-
 WORD_BYTES = 64
 EIGHT_MARKS = 8
 SPARE_MARKS = 16
@@ -320,7 +318,6 @@ def find_marks(
 #
 # ``fields``: marks from the column's first on; ``step``: marks from a row to the next, and bytes between the
 # field and the mark after it.
-
 
 BLOCK_ROWS, RUN_ROWS = 256, 1024
 """Rows of one column, and of all columns, that are read together: a run stays in the processor's cache."""
@@ -522,9 +519,9 @@ def _take_plain_calendars(
 
 # The careful path: one field of bytes.
 
-
 NUMBER, MISSING, UNREADABLE = 0, 1, 2
-LONGEST_MANTISSA = 18
+LEAST_FULL = 10**17
+"""A mantissa takes digits up to here, 18 in all; further ones only count."""
 FOUR_DIGITS = 10_000
 
 
@@ -548,34 +545,18 @@ def _skip_padding(buffer: Bytes, at_byte: int, delimiter_byte: int) -> int:
 
 
 @inner_making_arrays
-def _take_digits(buffer: Bytes, at_byte: int, mantissa: int) -> tuple[int, int]:
-    """Append the digits at ``at_byte`` to the mantissa; return where they end and the new mantissa."""
+def _take_digits(buffer: Bytes, at_byte: int, mantissa: int) -> tuple[int, int, int]:
+    """Append digits to the mantissa; return where they end, the new mantissa, and how many found no place."""
+    left_out = 0
     digit = np.int64(buffer[at_byte]) - ZERO
     while 0 <= digit <= 9:
-        mantissa = mantissa * 10 + digit
+        if mantissa < LEAST_FULL:
+            mantissa = mantissa * 10 + digit
+        else:
+            left_out += 1
         at_byte += 1
         digit = np.int64(buffer[at_byte]) - ZERO
-    return at_byte, mantissa
-
-
-@inner_making_arrays
-def _take_long_digits(buffer: Bytes, at_byte: int, stop_byte: int, decimal_byte: int) -> tuple[int, int]:
-    """Mantissa and exponent of more digits than an int64 holds: the first 18 count."""
-    mantissa = np.int64(0)
-    exponent = 0
-    digits = 0
-    is_fraction = False
-    for k in range(at_byte, stop_byte):
-        if buffer[k] == decimal_byte:
-            is_fraction = True
-            continue
-        if digits < LONGEST_MANTISSA:
-            mantissa = mantissa * 10 + (np.int64(buffer[k]) - ZERO)
-            digits += int(mantissa != 0)
-            exponent -= int(is_fraction)
-        else:
-            exponent += int(not is_fraction)
-    return mantissa, exponent
+    return at_byte, mantissa, left_out
 
 
 @inner_making_arrays
@@ -586,7 +567,7 @@ def _take_exponent(buffer: Bytes, at_byte: int) -> tuple[int, int]:
     is_negative = buffer[at_byte] == MINUS
     if is_negative or buffer[at_byte] == PLUS:
         at_byte += 1
-    end, exponent = _take_digits(buffer, at_byte, np.int64(0))
+    end, exponent, _ = _take_digits(buffer, at_byte, np.int64(0))
     if end == at_byte or end - at_byte > 4:
         return start, 0
     return end, -exponent if is_negative else exponent
@@ -623,16 +604,13 @@ def _take_number(
     if is_negative or buffer[at_byte] == PLUS:
         at_byte += 1
     first_digit = at_byte
-    at_byte, mantissa = _take_digits(buffer, at_byte, np.int64(0))
+    at_byte, mantissa, exponent = _take_digits(buffer, at_byte, np.int64(0))
     digits = at_byte - first_digit
-    exponent = 0
     if buffer[at_byte] == decimal_byte:
         point = at_byte + 1
-        at_byte, mantissa = _take_digits(buffer, point, mantissa)
-        exponent = point - at_byte
-        digits -= exponent
-    if digits > LONGEST_MANTISSA:
-        mantissa, exponent = _take_long_digits(buffer, first_digit, at_byte, decimal_byte)
+        at_byte, mantissa, left_out = _take_digits(buffer, point, mantissa)
+        digits += at_byte - point
+        exponent -= at_byte - point - left_out
     if digits > 0 and (buffer[at_byte] | 32) == 101:
         at_byte, power = _take_exponent(buffer, at_byte)
         exponent += power
@@ -679,7 +657,7 @@ def _take_calendar(buffer: Bytes, at_byte: int, delimiter_byte: int) -> tuple[in
     start = at_byte
     date, clock = np.int64(0), np.int64(0)  # three numbers of up to four digits each
     for k in range(6):
-        end, part = _take_digits(buffer, at_byte, np.int64(0))
+        end, part, _ = _take_digits(buffer, at_byte, np.int64(0))
         if end == at_byte or end - at_byte > 4:
             end = _skip_field(buffer, at_byte, delimiter_byte)
             return end, np.int64(0), _classify_word(buffer, start, end)
@@ -690,8 +668,8 @@ def _take_calendar(buffer: Bytes, at_byte: int, delimiter_byte: int) -> tuple[in
         at_byte = end + int(k < 5 and not _is_end(buffer[end], delimiter_byte))
     fraction_us = np.int64(0)
     if buffer[at_byte] == 46 or (buffer[at_byte] == 44 and delimiter_byte != 44):
-        end, digits = _take_digits(buffer, at_byte + 1, np.int64(0))
-        fraction_us = _scale_stamp(digits, 6 - (end - at_byte - 1))
+        end, digits, left_out = _take_digits(buffer, at_byte + 1, np.int64(0))
+        fraction_us = _scale_stamp(digits, 6 - (end - at_byte - 1 - left_out))
         at_byte = end
     at_byte = _skip_padding(buffer, at_byte, delimiter_byte)
     if buffer[at_byte] == 90:  # Z
@@ -814,7 +792,6 @@ def _take_careful_lines(
 #
 # The kernels release the interpreter's lock. No piece needs what another holds, so that neither the number of
 # threads nor which of them is faster changes a row.
-
 
 THREADS = 2
 AHEAD = 3

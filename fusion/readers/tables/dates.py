@@ -18,7 +18,6 @@ from fusion.recording import MICROSECONDS, QualityFlag
 
 # The order of day, month and year: whether `02/03/2026` is the second of March or the third of February.
 
-
 DateOrder = Literal["ymd", "dmy", "mdy"]
 FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
 FIRST_OF: dict[str, DateOrder] = {"m": "mdy", "d": "dmy", "y": "ymd"}
@@ -259,7 +258,6 @@ def _is_wide(line: str) -> bool:
 #
 # A stamp with an offset from UTC is an instant. Where the offset changes, the later stamps are converted to
 # the first one, so that no hour is lost or gained, and the change is noted.
-
 
 NOON = 12
 DAY_S = 86_400

@@ -40,7 +40,6 @@ SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
 
 # Which lines are rows of values.
 
-
 NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
 CALENDAR = re.compile(r"\s*\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}([.,]\d+)?Z?\"?\s*")
 WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+")
@@ -73,7 +72,6 @@ def is_row(line: str, delimiter: str) -> bool:
 #
 # Most tables have one line of names. Shimmer's exports have up to four (sensor, name, CAL or RAW, unit);
 # tables of several sensors have the sensor above each name, or in the name.
-
 
 REACH = 5
 """So many lines above the first row are looked at."""
@@ -190,7 +188,6 @@ def _split_sensor(column: Column) -> Column:
 #
 # They are rewritten to a table before anything else looks at them. The serial monitor's own time of day
 # (`12:30:01.123 -> ax: ...`) becomes a column.
-
 
 PAIR = re.compile(
     r"([A-Za-z_][\w .]*?(?: ?\([^)\n]*\))?) ?[:=] *([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
@@ -415,7 +412,6 @@ def _holds(pattern: re.Pattern[str], rows: Iterable[Sequence[str]]) -> bool:
 
 # The layout by head, middle and tail of a file, and its caveats: encoding, locale, rounding.
 
-
 SAMPLE_BYTES = 1 << 15
 SAMPLED_PLACES = (0.5, 1.0)
 """Where to look besides the head: the middle and the tail."""
@@ -510,7 +506,6 @@ def _is_rounded(layout: TextLayout) -> bool:
 
 
 # Text as pieces of whole lines in bytes, whatever its encoding and line ends.
-
 
 TEXT_CHUNK_BYTES = 1 << 20
 """Small enough that a piece and its field ends stay in the processor's cache."""

@@ -42,7 +42,7 @@ from fusion.readers.tables.rows import (
     read_epoch,
 )
 from fusion.readers.timebase.grid import cut_stamped
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, flag_counts
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, Stated, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
 
 MOST_BYTES = 1 << 29
@@ -115,6 +115,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(columns.rows),
         },
+        stated=Stated(acc.unit, gyr.unit),
         device=device.device if device else "other",
     )
 
@@ -207,8 +208,7 @@ def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
         raise UnusableTime(why="rows")
     time_us = gyr.time_us[kept]
     columns = SampleColumns()
-    columns.reserve(len(time_us))
-    columns.rows = len(time_us)
+    columns.extend(len(time_us))
     columns.trim()
     columns.stamps[:] = time_us
     for axis in range(3):

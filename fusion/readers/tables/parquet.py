@@ -38,7 +38,7 @@ from fusion.readers.tables.rows import (
     put_back_gravity,
 )
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
-from fusion.recording import QualityFlag, Recording
+from fusion.recording import QualityFlag, Recording, Stated
 from fusion.units import acc_scale_g, gyr_scale_dps, name_unit_source
 
 MAGIC = b"PAR1"
@@ -123,6 +123,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
             "samples": str(n_rows),
             "time": "number" if time.has_times else "row number",
         },
+        stated=Stated(acc_unit or "", gyr_unit or "", is_counted=not time.has_times),
     )
 
 
@@ -206,11 +207,10 @@ def _gather(
             stamps = _to_microseconds(times, time.unit.exponent)
         kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # false for what is not a number, too
         n_kept = int(kept.sum())
-        columns.make_room(n_kept)
-        place = slice(columns.rows, columns.rows + n_kept)
+        place = columns.extend(n_kept)
         columns.acc[place], columns.gyr[place] = values[kept, :3], values[kept, 3:]
         columns.stamps[place] = stamps[kept]
-        columns.rows, seen, absent = place.stop, seen + rows, absent + rows - n_kept
+        seen, absent = seen + rows, absent + rows - n_kept
     columns.trim()
     return columns, absent
 

@@ -197,7 +197,6 @@ def _find_place(names: Sequence[str], place: Place) -> int:
 
 # A proposal for a profile from a table's head, for a person to complete in a form.
 
-
 PREVIEW_ROWS = 5
 Vector = tuple[Place, Place, Place]
 
@@ -321,7 +320,7 @@ def _describe_vector(
         return None, ""
     x, y, z = (_format_place(columns, place) for place in places)
     unit = columns[places[0]].unit
-    return (x, y, z), unit if unit in units else ""
+    return (x, y, z), unit if unit is not None and unit in units else ""
 
 
 def _format_place(columns: Sequence[Column], place: int) -> Place:

@@ -21,7 +21,7 @@ from fusion.readers.tables.layout import sniff_layout
 from fusion.readers.tables.rows import TableClock, TablePlan, TimeColumn, build_recording, read_table
 from fusion.readers.timebase.clock import datetime_at_us, trust_clock
 from fusion.readers.timebase.grid import cut_stamped
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
 MIN_RECORDS = 20
@@ -62,11 +62,9 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
         content = carried + chunk
         whole = len(content) // RECORD.itemsize * RECORD.itemsize
         block, carried = np.frombuffer(content[:whole], RECORD), content[whole:]
-        columns.make_room(len(block))
-        rows = slice(columns.rows, columns.rows + len(block))
+        rows = columns.extend(len(block))
         columns.acc[rows], columns.gyr[rows] = block["acc"], block["gyr"]
         columns.stamps[rows] = block["s"].astype(np.int64) * MICROSECONDS + block["us"]
-        columns.rows = rows.stop
     columns.trim()
     flags = drop_blank_rows(columns)
     if carried:
@@ -109,5 +107,6 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(n_rows),
         },
+        stated=Stated("registers", "registers"),
         device="lsm9ds1",
     )

@@ -12,8 +12,9 @@ import numpy as np
 
 from fusion.caveats import Caveat
 from fusion.errors import CutByExcel, NoGravity, NoGyroscope, SeveralSensors, UnknownColumns, UnreadableRows
-from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
+from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
+from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     Column,
@@ -25,24 +26,7 @@ from fusion.readers.tables.columns import (
     find_time_unit,
     name_missing,
 )
-from fusion.readers.tables.csv_lines import (
-    ABSENT,
-    BAD,
-    BLANKS,
-    CALENDAR_TIME,
-    COUNTER,
-    FIRST_BAD_LINE,
-    HEADERS,
-    IGNORED,
-    LAST_BAD_LINE,
-    LINES,
-    NUMERIC_TIME,
-    SAMPLES,
-    STAMP,
-    TALLY_PLACES,
-    Rules,
-    read_pieces,
-)
+from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
 from fusion.readers.tables.layout import (
     CALENDAR,
@@ -141,7 +125,6 @@ def read_epoch(first_stamp_us: int) -> datetime | None:
 
 
 # Which column goes where.
-
 
 LONGEST_LIST = 400
 
@@ -295,16 +278,15 @@ def read_times(fields: Sequence[str], decimal: str) -> list[float]:
 
 # The rows, piece by piece.
 
-
 EXCEL_ROWS = 1_048_576
 MAX_BAD_PART = 0.05
 FORECAST_BYTES = 1 << 18
 """After so many bytes the number of rows in the file is foreseen."""
 STAMP_KINDS = {
-    "row number": COUNTER,
-    "packet counter": NUMERIC_TIME,
-    "number": NUMERIC_TIME,
-    "calendar": CALENDAR_TIME,
+    "row number": csv_lines.COUNTER,
+    "packet counter": csv_lines.NUMERIC_TIME,
+    "number": csv_lines.NUMERIC_TIME,
+    "calendar": csv_lines.CALENDAR_TIME,
 }
 
 
@@ -332,58 +314,63 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
     """
     layout = plan.layout
     columns = SampleColumns(source)
-    tally = np.zeros(TALLY_PLACES, np.int64)
+    tally = np.zeros(csv_lines.TALLY_PLACES, np.int64)
     done_bytes = 0
     writer = StampWriter(layout.dates) if layout.dates and not layout.dates.is_iso else None
-    end = _LastBytes()
-    pieces = rewrite_pieces(rewrite_pieces(end.watch(read_text_pieces(source)), layout.labels), writer)
+    is_whole = False
+
+    def watch_end(pieces: Iterable[bytes]) -> Iterator[bytes]:
+        nonlocal is_whole
+        for piece in pieces:
+            is_whole = piece.endswith((b"\n", b"\r"))
+            yield piece
+
+    pieces = rewrite_pieces(rewrite_pieces(watch_end(read_text_pieces(source)), layout.labels), writer)
     if layout.is_single_spaced:
         pieces = (piece.replace(b" ", b"\t") for piece in pieces)
     lines = read_line_pieces(drop_lines(pieces, layout.first_line))
-    for piece_bytes, (acc, gyr, stamps, found) in read_pieces(lines, _make_rules(plan)):
-        columns.make_room(len(stamps))
-        rows = slice(columns.rows, columns.rows + len(stamps))
+    for piece_bytes, (acc, gyr, stamps, found) in csv_lines.read_pieces(lines, _make_rules(plan)):
+        rows = columns.extend(len(stamps))
         columns.acc[rows], columns.gyr[rows], columns.stamps[rows] = acc, gyr, stamps
         if plan.time.kind == "row number":
-            columns.stamps[rows] += tally[SAMPLES]
-        columns.rows = rows.stop
-        if found[BAD]:
-            tally[FIRST_BAD_LINE] = tally[FIRST_BAD_LINE] or tally[LINES] + found[FIRST_BAD_LINE]
-            tally[LAST_BAD_LINE] = tally[LINES] + found[LAST_BAD_LINE]
-        found[FIRST_BAD_LINE] = found[LAST_BAD_LINE] = 0
+            columns.stamps[rows] += tally[csv_lines.SAMPLES]
+        if found[csv_lines.BAD]:
+            tally[csv_lines.FIRST_BAD_LINE] = (
+                tally[csv_lines.FIRST_BAD_LINE] or tally[csv_lines.LINES] + found[csv_lines.FIRST_BAD_LINE]
+            )
+            tally[csv_lines.LAST_BAD_LINE] = tally[csv_lines.LINES] + found[csv_lines.LAST_BAD_LINE]
+        found[csv_lines.FIRST_BAD_LINE] = found[csv_lines.LAST_BAD_LINE] = 0
         tally += found
-        is_foreseen = done_bytes > FORECAST_BYTES
+        if done_bytes <= FORECAST_BYTES < done_bytes + piece_bytes:
+            columns.foresee(done_bytes + piece_bytes, source.size_bytes)
         done_bytes += piece_bytes
-        if not is_foreseen and done_bytes > FORECAST_BYTES:
-            foreseen = min(columns.rows * source.size_bytes / done_bytes, MOST_ROWS)
-            columns.reserve(round(1.02 * foreseen) + len(stamps))
     columns.trim()
     if plan.time.unit.is_days:
         count_from_1970(columns.stamps)
-    bad, first_bad = int(tally[BAD]), int(tally[FIRST_BAD_LINE]) + layout.first_line
-    if bad > MAX_BAD_PART * int(tally[LINES] - tally[BLANKS]) and bad > 1:
+    bad, first_bad = int(tally[csv_lines.BAD]), int(tally[csv_lines.FIRST_BAD_LINE]) + layout.first_line
+    if bad > MAX_BAD_PART * int(tally[csv_lines.LINES] - tally[csv_lines.BLANKS]) and bad > 1:
         raise UnreadableRows(k=bad, line=first_bad)
-    if layout.first_line + int(tally[LINES]) == EXCEL_ROWS:
+    if layout.first_line + int(tally[csv_lines.LINES]) == EXCEL_ROWS:
         raise CutByExcel
     flags = () if plan.time.kind == "row number" else drop_blank_rows(columns)
-    tail = int(not end.is_whole and bad > 0 and tally[LAST_BAD_LINE] == tally[LINES])
+    tail = int(not is_whole and bad > 0 and tally[csv_lines.LAST_BAD_LINE] == tally[csv_lines.LINES])
     if bad > tail:
         flags += (QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": first_bad}),)
     counts = {
         Caveat.TRUNC_TAIL: tail,
-        Caveat.NAN: int(tally[ABSENT]),
-        Caveat.HEADER_REPEAT: int(tally[HEADERS]),
+        Caveat.NAN: int(tally[csv_lines.ABSENT]),
+        Caveat.HEADER_REPEAT: int(tally[csv_lines.HEADERS]),
     }
     return TableRows(columns, flags + flag_counts(counts), tuple(writer.changes) if writer else ())
 
 
-def _make_rules(plan: TablePlan) -> Rules:
+def _make_rules(plan: TablePlan) -> csv_lines.Rules:
     layout = plan.layout
     columns = np.full(7, -1, np.int64)
     for column, target in enumerate(plan.targets):
         if target != IGNORED:
             columns[target] = column
-    return Rules(
+    return csv_lines.Rules(
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
         targets=np.array(plan.targets, np.int64),
         columns=columns,
@@ -395,20 +382,7 @@ def _make_rules(plan: TablePlan) -> Rules:
     )
 
 
-class _LastBytes:
-    """Whether the last line of the text that passed ends with a line end."""
-
-    def __init__(self) -> None:
-        self.is_whole = False
-
-    def watch(self, pieces: Iterable[bytes]) -> Iterator[bytes]:
-        for piece in pieces:
-            self.is_whole = piece.endswith((b"\n", b"\r"))
-            yield piece
-
-
 # Gravity that a phone or a watch removed from the acceleration and wrote in separate columns.
-
 
 LOOKED_AT_ROWS = 20_000
 STEADY_PART = 0.05
@@ -471,7 +445,6 @@ def put_back_gravity(
 
 
 # The clock at the first row, and the recording.
-
 
 START_TOLERANCE = timedelta(minutes=1)
 

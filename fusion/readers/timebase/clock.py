@@ -15,7 +15,6 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording
 # Only a file that counts UTC and names its zone is converted to that zone; a device's own wall clock never
 # is. For other files the zones of the world decide whether a step of the clock can be daylight saving.
 
-
 WINDOWS_ZONES = {
     "Eastern Time (US": "America/Toronto",
     "Atlantic Time (Canada)": "America/Halifax",

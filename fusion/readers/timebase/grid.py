@@ -228,7 +228,6 @@ def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[
 
 # Rows that share a coarse stamp get times of their own.
 
-
 COARSE_ROWS = 4.0
 """Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
 EVEN_RUNS, SAME_COUNT = 10, 0.02
@@ -279,7 +278,6 @@ def count_backward(stamps: NDArray[np.int64]) -> int:
 
 
 # The sample period.
-
 
 BLOCK_ROWS = 32
 MAX_STEPS = 20_000
@@ -381,7 +379,6 @@ def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
 
 
 # Stretches whose rows come at a rate of their own (every second one lost, say).
-
 
 SHORTEST_SLOW_US = 10 * MICROSECONDS
 """For less, rows that are lacking are bridged, and the segment goes on."""

@@ -61,7 +61,6 @@ TURNED_SHARE = 0.9
 
 # A wall clock that followed daylight saving.
 
-
 HOUR_US = 3600 * MICROSECONDS
 CHANGE_US = HOUR_US // 2
 """Clocks are changed at a full hour; here and there at half past."""
@@ -111,7 +110,6 @@ def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int
 
 # Counters that start over: micros() and millis() of 32 bits.
 
-
 BITS = 32
 MARGIN_US = 60 * MICROSECONDS
 """A wrap is one only near both ends of the counter: a logger that started again is none."""
@@ -128,7 +126,6 @@ def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag
 
 
 # How the stamps advance, and the pieces between two long steps of the clock.
-
 
 PACE_ROWS = 1024
 
@@ -155,7 +152,6 @@ def measure_pace(stamps: NDArray[np.int64]) -> Pace:
 
 
 # A clock that stood still, and one that left for a while and came back.
-
 
 FAR_US = 60 * MICROSECONDS
 """A single row at either end of a file, so far from the others, is an outlier."""
@@ -247,7 +243,6 @@ def _leave_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[Quality
 
 
 # Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
-
 
 LEAST_ROWS = 10
 """So many rows alike in all readings and in their stamps, and not all one, come about by copying only."""
