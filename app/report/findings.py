@@ -69,7 +69,7 @@ class PartFacts:
 
 @dataclass(frozen=True, slots=True)
 class QuestionFacts:
-    """When the sensor may have moved on the arm; as in :class:`fusion.pose.slips.Question`."""
+    """When the sensor may have moved on the arm; as in :class:`fusion.pose.wear.Question`."""
 
     kind: Literal["slip", "put_back", "poses"]
     start_s: float

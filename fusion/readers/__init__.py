@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fusion.caveats import Caveat
-from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
+from fusion.checks.faults import (
+    exclude_faults,
+    exclude_stuck,
+    leave_out_held,
+    leave_out_zeros,
+    refuse_dead,
+)
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
-from fusion.checks.resolution import flag_resolution
-from fusion.checks.summary import summarise
-from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
+from fusion.checks.summary import flag_resolution
 from fusion.errors import EmptyFile, FailedReader
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
@@ -147,18 +151,12 @@ def _check_readings(recording: Recording) -> Recording:
     A channel that stuck is told by movement in g and deg/s: if a file states no units, the search follows
     their settling.
     """
-    whole = leave_out_zeros(recording)
-    seen = summarise(whole.segments)
-    alive = leave_out_held(refuse_dead(whole, seen), seen)
-    seen = summarise(alive.segments, seen)
+    alive = leave_out_held(refuse_dead(leave_out_zeros(recording)))
     is_stated = are_units_stated(alive)
-    measured = exclude_stuck(alive, seen) if is_stated else alive
-    seen = summarise(measured.segments, seen)
-    checked = check_physics(measured, seen)
-    seen = summarise(checked.segments, seen)
-    searched = measured if is_stated else None
-    found = add_flags(exclude_faults(checked, searched, seen), *flag_resolution(checked))
-    return flag_days(refuse_impossible_rates(found, seen))
+    measured = exclude_stuck(alive) if is_stated else alive
+    checked = check_physics(measured)
+    found = exclude_faults(checked, measured if is_stated else None)
+    return flag_days(refuse_impossible_rates(add_flags(found, *flag_resolution(checked))))
 
 
 def holds_device_format(file: BinaryIO) -> bool:

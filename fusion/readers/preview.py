@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.axes import judge_frame, measure_scale
-from fusion.checks.gravity_windows import GyroModel, find_rests, measure_miss
-from fusion.checks.physics import cut_whole_windows
+from fusion.checks.frame import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
+from fusion.checks.rests import find_rests
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import read_recording
 from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
@@ -52,7 +51,7 @@ def measure_sanity(recording: Recording) -> dict[str, object]:
 
 
 def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]:
-    windows, _ = cut_whole_windows(recording.segments)
+    windows = cut_windows(recording.segments)
     evidence = judge_frame(windows, offset_dps, (1.0,))
     if evidence is None:
         figures = ("handedness", "axes", "gyro_scale", "gyro_scale_margin", "unexplained_percent")

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.stopped import find_runs, mark_fillers
-from fusion.checks.unmeasured import is_too_frequent, measure_usual
+from fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
+from fusion.numerics.runs import find_runs
 from fusion.readers.room import Room
 from fusion.readers.source import Source
 from fusion.readers.timebase.row_kernels import open_rows

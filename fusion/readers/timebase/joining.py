@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from fusion.caveats import Caveat
-from fusion.checks.stopped import cut_rows
+from fusion.checks.faults import cut_rows
 from fusion.errors import UnusableJoin
 from fusion.readers.timebase.clock import flag_days, is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_spans

@@ -17,8 +17,8 @@ from app.report.words.subject import Software
 from app.roads.agreement_study import find_study_files
 from fusion.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
-from fusion.source_paper import TITLES
 from tests.fusion.comparison.test_agreement_statistics import OURS, REFERENCE
+from tests.simulated_tasks import TITLES
 
 FAILED = {
     ("P02/broken.csv", "E-TYPE"),

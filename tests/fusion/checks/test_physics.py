@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.checks.gravity_windows import find_rests
 from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.rests import find_rests
 from fusion.errors import MixedColumns, NoGravity, UnknownUnit, WrongScale
 from fusion.recording import Recording, Segment, Stated
 from tests.fusion.made_motion import rest_and_turn

@@ -13,6 +13,7 @@ from fusion.pipeline import analyse
 from fusion.recording import Recording, Segment, Stated
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
+from tests.simulated_shifts import play_shift
 from tests.validation.broad import load_trials, resample_to_100_hz
 
 Rows = NDArray[np.float32]
@@ -25,7 +26,7 @@ def record(rate_hz: float, acc_g: NDArray[np.floating], gyr_dps: NDArray[np.floa
 
 
 def simulate(device: Device, hours: float, seed: int) -> Recording:
-    made = simulate_shift(device, hours, seed).in_arrays()
+    made = play_shift(simulate_shift(device, hours, seed))
     return record(float(made.rate_hz), np.asarray(made.acc_g), np.asarray(made.gyr_dps))
 
 
