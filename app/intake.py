@@ -53,20 +53,13 @@ class Intake:
     def add(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
         """Store a copy of a file and queue its analysis; the same bytes asked alike are not analysed twice.
 
-        Raises
-        ------
-        FileTooLarge, DiskFull, OSError
+        Raises FileTooLarge, DiskFull or OSError.
         """
         with path.open("rb") as file:
             return self.add_open(file, request, way_in)
 
     def add_open(self, file: BinaryIO, request: ReportRequest, way_in: WayIn) -> Job:
-        """Do the same with a file that is open.
-
-        Raises
-        ------
-        FileTooLarge, DiskFull, OSError
-        """
+        """Do the same with a file that is open. Raises FileTooLarge, DiskFull or OSError."""
         self.storage.check_space(os.fstat(file.fileno()).st_size, self.settings.min_free_bytes)
         upload = self.storage.open_upload(self.settings.max_upload_bytes)
         try:

@@ -194,10 +194,8 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
 def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT001, FBT002
     """Serve pages and API on loopback, with workers, until interrupted.
 
-    Raises
-    ------
-    ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable, WrongSchema,
-    DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
+    Raises ForeignAddress, BadParameter, ExamplePassword, PortTaken, FolderTaken, FolderUnusable,
+    WrongSchema, DatabaseDamaged, DatabaseLocked, DatabaseAway, StoreAway, DiskFull or UnknownRecordings.
     """
     check_certificate(settings)
     check_host_names(settings)
@@ -398,12 +396,7 @@ def _find_operation_id(route: APIRoute) -> str:
 
 
 def listen(settings: Settings) -> socket.socket:
-    """Open the socket that callers connect to.
-
-    Raises
-    ------
-    PortTaken
-    """
+    """Open the socket that callers connect to. Raises PortTaken."""
     if settings.host.startswith(SOCKET_PREFIX):
         return _listen_at_socket(Path(settings.host.removeprefix(SOCKET_PREFIX)), settings)
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET

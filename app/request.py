@@ -43,12 +43,7 @@ def clean_file_name(name: str) -> str:
 
 
 def check_subject(text: str) -> str:
-    """Return a subject code of one printable line, "" if it names nobody.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Return a subject code of one printable line, "" if it names nobody. Raises ValueError."""
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
         raise ValueError(SUBJECT_HINT)
     return find_code(text)
@@ -66,12 +61,7 @@ def find_code(subject: str) -> str:
 
 
 def parse_window(text: str) -> tuple[float, float]:
-    """Read ``START_S,END_S``.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read ``START_S,END_S``. Raises ValueError."""
     start_s, end_s = (float(part) for part in text.split(","))
     if not 0 <= start_s < end_s < math.inf:
         raise ValueError(WINDOW_HINT)
@@ -90,12 +80,7 @@ def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) ->
 
 
 def parse_slip_time(text: str) -> float:
-    """Read when the sensor slipped, or did not, in seconds.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read when the sensor slipped, or did not, in seconds. Raises ValueError."""
     time_s = float(text)
     if not 0 <= time_s < math.inf:
         raise ValueError(SLIP_HINT)

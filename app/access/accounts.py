@@ -109,9 +109,7 @@ class AccountStore:
     def check_kept(self) -> None:
         """Refuse a database that has lost every account: without accounts a server lets others in.
 
-        Raises
-        ------
-        AccountsLost
+        Raises AccountsLost.
         """
         if self._marker.exists() and not self.database.has_people():
             raise AccountsLost(file=str(self._marker))
@@ -140,12 +138,7 @@ class AccountStore:
         return self._insert_person(about.login, about.name, about.roles, of_issuer)
 
     def get_person(self, person_id: str) -> Person:
-        """Give one person.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one person. Raises NotHere."""
         row = self.database.read_one(select(people).where(people.c.id == person_id))
         if row is None:
             raise NotHere(id=person_id)
@@ -305,24 +298,14 @@ class AccountStore:
         return [_read_token(row) for row in rows]
 
     def get_token(self, bearer: str) -> Token:
-        """Give one token.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one token. Raises NotHere."""
         row = self.database.read_one(select(tokens).where(tokens.c.hash == hash_secret(bearer)))
         if row is None:
             raise NotHere
         return _read_token(row)
 
     def end_token(self, person_id: str, token_id: str) -> None:
-        """Revoke a token of a person.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Revoke a token of a person. Raises NotHere."""
         with self.database.write() as connection:
             mine = (tokens.c.id == token_id, tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             ended = connection.execute(update(tokens).where(*mine).values(ended_at=format_now()))
@@ -415,12 +398,7 @@ def check_name(name: str) -> None:
 
 
 def check_login(login: str) -> str:
-    """Check a new login name; gives it as it is kept.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Check a new login name; gives it as it is kept. Raises BadParameter."""
     name = normalise_login(login)
     if not name or len(name) > LONGEST_LOGIN or not set(name) <= LOGIN_SIGNS:
         raise BadParameter(name="login", value=login[:LONGEST_LOGIN], allowed="a-z 0-9 . - _ + @")

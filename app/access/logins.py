@@ -77,12 +77,7 @@ class Logins:
     # Logging in.
 
     def give_password(self, login: str, password: str, caller: Caller) -> Step:
-        """Take the first step.
-
-        Raises
-        ------
-        LoginRefused, TooManyTries, NotInstalled
-        """
+        """Take the first step. Raises LoginRefused, TooManyTries or NotInstalled."""
         found = self.credentials.find(login)
         budgets = self._limit(found, caller, self._limit_login(login.strip().lower()))
         self._take(budgets, found)
@@ -100,9 +95,7 @@ class Logins:
     def give_code(self, ticket: str, code: str, caller: Caller) -> Entered:
         """Take the second step: a code of the authenticator, or a recovery code.
 
-        Raises
-        ------
-        LoginRefused, SecondFactorLost, TooManyTries, TicketSpent, NotInstalled
+        Raises LoginRefused, SecondFactorLost, TooManyTries, TicketSpent or NotInstalled.
         """
         person_id = self.tickets.look("code", ticket).person_id
         found = self.credentials.find_of(person_id)
@@ -127,11 +120,8 @@ class Logins:
     def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
         """Take the password, or a code of the authenticator, again from somebody who is logged in.
 
-        Gives the new cookie of the session.
-
-        Raises
-        ------
-        LoginRefused, SecondFactorLost, TooManyTries, NotInstalled
+        Gives the new cookie of the session. Raises LoginRefused, SecondFactorLost, TooManyTries or
+        NotInstalled.
         """
         found = self.credentials.find_of(subject.id)
         budgets = self._limit(found, caller, limit_code(subject.id))
@@ -151,12 +141,7 @@ class Logins:
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
-        """Give the secret of an enrolment, as text and as a drawing.
-
-        Raises
-        ------
-        TicketSpent, NotInstalled
-        """
+        """Give the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
         found = self.tickets.look("enrol", ticket)
         secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
         return secret, self._codes.draw_secret(secret, person.login)
@@ -164,9 +149,7 @@ class Logins:
     def enrol(self, ticket: str, code: str) -> tuple[str, Sequence[str]]:
         """Turn an authenticator on by its first code; gives the person and the recovery codes.
 
-        Raises
-        ------
-        LoginRefused, TicketSpent, NotInstalled
+        Raises LoginRefused, TicketSpent or NotInstalled.
         """
         found = self.tickets.look("enrol", ticket)
         secret = self._open_secret(found)
@@ -194,11 +177,8 @@ class Logins:
     def set_password_by_link(self, ticket: str, password: str, address: str) -> Person:
         """Set a password by a link, used from ``address``; every session of the person ends.
 
-        No session begins: the person logs in by it then, with the second factor.
-
-        Raises
-        ------
-        TicketSpent, WeakPassword, NotInstalled
+        No session begins: the person logs in by it then, with the second factor. Raises TicketSpent,
+        WeakPassword or NotInstalled.
         """
         person = self.accounts.get_person(self.tickets.look("password", ticket).person_id)
         self.check_password(person, password)
@@ -211,11 +191,8 @@ class Logins:
     def change_password(self, subject: Subject, proof: str, password: str, caller: Caller) -> str:
         """Set another password, by the one before; every other session of the person ends.
 
-        Gives the new cookie of the session.
-
-        Raises
-        ------
-        LoginRefused, TooManyTries, WeakPassword, NotInstalled
+        Gives the new cookie of the session. Raises LoginRefused, TooManyTries, WeakPassword or
+        NotInstalled.
         """
         person = self.accounts.get_person(subject.id)
         self.check_password(person, password)
@@ -224,12 +201,7 @@ class Logins:
         return cookie
 
     def check_password(self, person: Person, password: str) -> None:
-        """Check a new password of a person.
-
-        Raises
-        ------
-        WeakPassword, NotInstalled
-        """
+        """Check a new password of a person. Raises WeakPassword or NotInstalled."""
         self._passwords.check_password(password, (person.login.partition("@")[0], *person.name.split()))
 
     def set_password(self, person: Person, password: str, but: str = "") -> None:
@@ -277,9 +249,7 @@ class Logins:
     def _check_second_factor(self, found: Credentials | None, code: str, budgets: Collection[Budget]) -> None:
         """Refuse a code that cannot be compared, for the key is lost: a guess it is not, nor a wrong one.
 
-        Raises
-        ------
-        SecondFactorLost
+        Raises SecondFactorLost.
         """
         if found is not None and found.second_factor == UNOPENED and _is_step(code):
             self.throttle.give_back(budgets)

@@ -60,9 +60,7 @@ class Provider:
     def begin(self, back: str, wanted: str, confirms: str = "") -> tuple[str, str]:
         """Give the provider's address to send a browser to, and the state that the browser is to bring back.
 
-        Raises
-        ------
-        ProviderRefused
+        Raises ProviderRefused.
         """
         nonce, verifier = secrets.token_urlsafe(32), secrets.token_urlsafe(48)
         told = {"nonce": nonce, "verifier": verifier, "wanted": wanted, "confirms": confirms}

@@ -47,9 +47,7 @@ class Throttle:
     def take(self, budgets: Collection[Budget], person_id: str = "") -> None:
         """Count a try, or refuse it before anything is computed; ``person_id``: whom it is about, if known.
 
-        Raises
-        ------
-        TooManyTries
+        Raises TooManyTries.
         """
         now_s = self._clock()
         with self._database.write() as connection:

@@ -54,21 +54,11 @@ class TicketStore:
         return ticket
 
     def look(self, purpose: Purpose, ticket: str) -> Ticket:
-        """Give what a ticket says, and leave it.
-
-        Raises
-        ------
-        TicketSpent
-        """
+        """Give what a ticket says, and leave it. Raises TicketSpent."""
         return _read(self._database.read_one(select(tickets).where(*self._find(purpose, ticket))))
 
     def take(self, purpose: Purpose, ticket: str) -> Ticket:
-        """Use a ticket up; of two who try at once one gets it.
-
-        Raises
-        ------
-        TicketSpent
-        """
+        """Use a ticket up; of two who try at once one gets it. Raises TicketSpent."""
         with self._database.write() as connection:
             found = self._find(purpose, ticket)
             row = connection.execute(select(tickets).where(*found)).one_or_none()

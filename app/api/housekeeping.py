@@ -101,9 +101,7 @@ def write_side_files(services: Services) -> None:
 def reconcile(services: Services) -> None:
     """Compare the store with the rows, at a start: nothing that is not known is removed.
 
-    Raises
-    ------
-    UnknownRecordings
+    Raises UnknownRecordings.
     """
     store, storage = services.store, services.storage
     unknown = check_known(store, storage)

@@ -21,12 +21,7 @@ Granted = Literal["upload", "read", "correct", "release", "export", "erase", "ag
 
 
 def find_person(subject: UsedSubject) -> Subject:
-    """Give the person who asks; a token is none, so that none prolongs itself.
-
-    Raises
-    ------
-    NotPermitted
-    """
+    """Give the person who asks; a token is none, so that none prolongs itself. Raises NotPermitted."""
     if subject.kind != "person":
         raise NotPermitted(permission="own")
     return subject

@@ -129,12 +129,7 @@ def get(
 
 
 def _copy_verified(source: Path, out: Path, sha256: str) -> None:
-    """Copy a file whole or not at all, readable by its owner alone.
-
-    Raises
-    ------
-    DiskFull, StoreDamaged
-    """
+    """Copy a file whole or not at all, readable by its owner alone. Raises DiskFull or StoreDamaged."""
     from app.storage.permissions import create_file  # noqa: PLC0415
     from app.storage.store import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
 

@@ -114,9 +114,7 @@ def _read(folder: Path) -> Kept:
 def _refuse_strangers(left: Kept, right: Kept) -> None:
     """Refuse two recordings of one arm, or one twice: they would look like a perfectly even worker.
 
-    Raises
-    ------
-    CannotPair
+    Raises CannotPair.
     """
     _refuse_same(left, right)
     _refuse_two_people(left, right)

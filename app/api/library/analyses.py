@@ -221,12 +221,7 @@ def retry_analysis(
 
 
 def check_queue(services: Services, more: int = 1) -> None:
-    """Refuse more work than may wait.
-
-    Raises
-    ------
-    Busy
-    """
+    """Refuse more work than may wait. Raises Busy."""
     if services.store.count_waiting() + more > services.settings.max_queued:
         raise Busy
 
@@ -236,9 +231,7 @@ def build_request(
 ) -> ReportRequest:
     """Build the request of the settings; the recording and then the server give what they leave out.
 
-    Raises
-    ------
-    fusion.errors.UnusableDiary
+    Raises fusion.errors.UnusableDiary.
     """
     stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
     whole = AnalysisSettings.model_validate(stated)

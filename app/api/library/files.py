@@ -81,9 +81,7 @@ MEDIA_TYPES: Mapping[str, str] = {
 def serve_file(request: Request, services: Services, job: Job, name: str, download: str = "") -> Response:
     """Give the bytes of a published file, held against their row; ``download`` names them, else the one rule.
 
-    Raises
-    ------
-    NotFinished, NoSuchFile, NoSuchRange, ResultDamaged
+    Raises NotFinished, NoSuchFile, NoSuchRange or ResultDamaged.
     """
     file = services.results.find(job, name)
     headers = build_file_headers(name, file.sha256) | {
@@ -100,9 +98,7 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
 def serve_recording(request: Request, services: Services, row: StoredRow) -> Response:
     """Return the original bytes of a recording under its original name.
 
-    Raises
-    ------
-    NoSuchRange, StoreDamaged
+    Raises NoSuchRange or StoreDamaged.
     """
     headers = build_file_headers("", row.sha256) | {
         "Content-Type": "application/octet-stream",

@@ -29,9 +29,7 @@ async def receive_recording(
 ) -> T:
     """Store the body as a recording; ``commit`` writes its row, and a file without a row is removed.
 
-    Raises
-    ------
-    FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, WrongDigest
+    Raises FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter or WrongDigest.
     """
     kind = request.headers.get("content-type", "")
     if kind.startswith("multipart/"):  # the body is the recording itself
@@ -53,9 +51,7 @@ async def store_recording(
 ) -> T:
     """Write what ``copy`` takes from the request to the disk, then let ``commit`` write its row.
 
-    Raises
-    ------
-    FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, TooMany
+    Raises FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter or TooMany.
     """
     announced = request.headers.get("content-length", "")
     check_room(services, int(announced) if announced.isdecimal() else 0)
@@ -71,9 +67,7 @@ async def store_recording(
 def read_digest(headers: Mapping[str, str]) -> str:
     """Give the SHA-256 that the client has stated (RFC 9530), in hex; "" where it stated none.
 
-    Raises
-    ------
-    BadChecksum
+    Raises BadChecksum.
     """
     stated = f"{headers.get('content-digest', '')}, {headers.get('repr-digest', '')}"
     member = next((m.strip() for m in stated.split(",") if m.strip().lower().startswith("sha-256=")), "")
@@ -89,12 +83,7 @@ def read_digest(headers: Mapping[str, str]) -> str:
 
 
 def check_room(services: Services, expected_bytes: int) -> None:
-    """Refuse what is too large, or would fill the disk.
-
-    Raises
-    ------
-    FileTooLarge, DiskFull
-    """
+    """Refuse what is too large, or would fill the disk. Raises FileTooLarge or DiskFull."""
     limit_bytes = services.settings.max_upload_bytes
     if expected_bytes > limit_bytes:
         raise too_large(expected_bytes, limit_bytes)
@@ -104,11 +93,7 @@ def check_room(services: Services, expected_bytes: int) -> None:
 async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], None]) -> None:
     """Write in large pieces, each in a thread while the next comes; other requests are answered meanwhile.
 
-    What came before a broken connection is written, too.
-
-    Raises
-    ------
-    BrokenUpload
+    What came before a broken connection is written, too. Raises BrokenUpload.
     """
     waiting = bytearray()
     writing: asyncio.Task[None] | None = None
@@ -129,12 +114,7 @@ async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], Non
 
 
 async def read_small_body(request: Request, most_bytes: int) -> bytes:
-    """Give a body that is no recording.
-
-    Raises
-    ------
-    FileTooLarge
-    """
+    """Give a body that is no recording. Raises FileTooLarge."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -192,12 +172,7 @@ class RecordingForm:
         )
 
     async def copy_file(self, request: Request, write: Callable[[bytes], None]) -> None:
-        """Write the file as it comes.
-
-        Raises
-        ------
-        BadParameter, BrokenUpload, WrongDigest
-        """
+        """Write the file as it comes. Raises BadParameter, BrokenUpload or WrongDigest."""
         await copy_chunks(self._read_file(request), write)
         if not self._ended:
             raise BrokenUpload

@@ -30,12 +30,7 @@ def write_cursor(place: Place) -> str:
 
 
 def read_cursor(text: str) -> Place | None:
-    """Read what :func:`write_cursor` wrote; None for "".
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Read what :func:`write_cursor` wrote; None for "". Raises BadParameter."""
     if not text:
         return None
     try:

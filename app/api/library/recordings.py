@@ -266,12 +266,7 @@ def _try_to_inspect(services: Services, row: StoredRow) -> dict[str, Any] | None
 
 
 def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
-    """Read periods from JSON.
-
-    Raises
-    ------
-    BadParameter, fusion.errors.UnusableDiary
-    """
+    """Read periods from JSON. Raises BadParameter or fusion.errors.UnusableDiary."""
     return read_periods(validate_model(PeriodList, parse_json(body)).root)
 
 
@@ -283,21 +278,14 @@ def has_trash(services: Services) -> bool:
 def check_may_erase(request: Request) -> None:
     """Check that who asks may delete for good, and gave the password a short time ago.
 
-    Raises
-    ------
-    NotPermitted, NotConfirmed
+    Raises NotPermitted or NotConfirmed.
     """
     check_may(find_subject(request), "erase")
     check_confirmed(request)
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
-    """Delete a recording for good, with every file made of it.
-
-    Raises
-    ------
-    OnHold, PurgeUnfinished
-    """
+    """Delete a recording for good, with every file made of it. Raises OnHold or PurgeUnfinished."""
     finish_purge(services, services.recordings.begin_purge(recording_id))
 
 
@@ -306,10 +294,7 @@ def finish_purge(services: Services, *begun: Purged) -> None:
 
     They are in the ledger of erasures before the first file is deleted. The rows go last, once the daily
     copies hold them no more, so that housekeeping or the next start can go on with an interrupted purge.
-
-    Raises
-    ------
-    PurgeUnfinished
+    Raises PurgeUnfinished.
     """
     if not begun:
         return

@@ -59,10 +59,8 @@ async def append_bytes(
 ) -> UploadRow:
     """Append the body to an upload; one that was packed (Content-Encoding: gzip) is unpacked as it comes.
 
-    Raises
-    ------
-    LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload, DiskFull,
-    TooMany
+    Raises LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload,
+    DiskFull or TooMany.
     """
     with services.upload_slots.take():
         return await _append_alone(request, services, upload_id, offset_bytes, checksum)
@@ -101,11 +99,7 @@ def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
 def get_upload_row(services: Services, upload_id: str) -> UploadRow:
     """Give the row of an upload; what counted and is not on the disk any more has to be sent again.
 
-    Otherwise zeros would take the place of the bytes that are lost.
-
-    Raises
-    ------
-    NotHere, PurgedSince
+    Otherwise zeros would take the place of the bytes that are lost. Raises NotHere or PurgedSince.
     """
     row = services.uploads.get(upload_id)
     if row.recording_id == PURGED:
@@ -151,12 +145,7 @@ def _build_declared(services: Services, row: UploadRow, settings: DeclaredOption
 
 
 def drop_upload(services: Services, row: UploadRow) -> None:
-    """Forget an upload and its bytes; the recording of a finished one stays.
-
-    Raises
-    ------
-    LockedUpload
-    """
+    """Forget an upload and its bytes; the recording of a finished one stays. Raises LockedUpload."""
     if not services.incoming.acquire(row.id):
         raise LockedUpload
     try:
@@ -216,9 +205,7 @@ class _Body:
     def take(self, chunk: bytes) -> None:
         """Take the next bytes of the body; however well they are packed, a little at a time is unpacked.
 
-        Raises
-        ------
-        WrongDigest, WrongLength, DiskFull
+        Raises WrongDigest, WrongLength or DiskFull.
         """
         while self.unpacker is not None and chunk:
             try:
@@ -273,12 +260,7 @@ class _Body:
             self.file.close()
 
     def check(self) -> None:
-        """Compare the checksum, that of gzip, too, and only then let the bytes count.
-
-        Raises
-        ------
-        WrongDigest
-        """
+        """Compare the checksum, that of gzip, too, and only then let the bytes count. Raises WrongDigest."""
         if self.unpacker is not None and not self.unpacker.eof:
             raise WrongDigest
         if self.digest is not None and self.digest.digest() != self.expected:
@@ -297,9 +279,7 @@ NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in
 def read_metadata(header: str) -> RecordingWords:
     """Read ``name base64,name base64``; what is not ours (``filetype``) is left aside.
 
-    Raises
-    ------
-    BadParameter
+    Raises BadParameter.
     """
     pairs = dict(_read_pair(pair) for pair in header.split(",") if pair.strip())
     known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
@@ -309,9 +289,7 @@ def read_metadata(header: str) -> RecordingWords:
 def read_declared(header: str) -> DeclaredOptions | None:
     """Read the analysis that begins with the last byte (``settings``: JSON); None where none is declared.
 
-    Raises
-    ------
-    BadParameter
+    Raises BadParameter.
     """
     declared = dict(_read_pair(pair) for pair in header.split(",") if pair.strip()).get(DECLARED)
     return None if declared is None else validate_model(DeclaredOptions, parse_json(declared.encode()))
@@ -347,12 +325,7 @@ class TusHeaders(BaseModel):
     upload_checksum: Annotated[str, Field(max_length=200, description="sha256 base64, of these bytes")] = ""
 
     def check_protocol(self) -> None:
-        """Refuse another version of tus.
-
-        Raises
-        ------
-        UnknownProtocol
-        """
+        """Refuse another version of tus. Raises UnknownProtocol."""
         if self.tus_resumable != TUS_HEADERS["Tus-Resumable"]:
             raise UnknownProtocol(allowed=TUS_HEADERS["Tus-Resumable"])
 
