@@ -23,8 +23,8 @@ from starlette.routing import Match
 from app.access.accounts import AccountStore
 from app.access.gate import Gate, open_gate
 from app.access.logins import Logins
+from app.api.about import health_router as health_routes
 from app.api.about import router as about_routes
-from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library.analyses import router as analysis_routes
 from app.api.library.batches import router as batch_routes
@@ -32,7 +32,7 @@ from app.api.library.mappings import router as mapping_routes
 from app.api.library.recordings import router as recording_routes
 from app.api.library.uploads import router as upload_routes
 from app.api.live import router as live_routes
-from app.api.live_library import take_in_cut
+from app.api.live import take_in_cut
 from app.api.middleware.access import CHECKED, Access
 from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol

@@ -22,8 +22,8 @@ from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
 from app.access.accounts import AccountStore, Person
+from app.access.logins import TicketStore
 from app.access.subjects import ROLES, Role
-from app.access.tickets import TicketStore
 from app.errors import NotPermitted, ProviderRefused, TicketSpent
 from app.settings import Settings
 
@@ -81,21 +81,17 @@ class Provider:
         ProviderRefused, NotPermitted
             The provider says no role.
         """
-        told = self._take_state(answer.get("state", ""), state)
+        given = answer.get("state", "")
+        try:
+            told = self._tickets.take("provider", given).told
+        except TicketSpent:
+            raise ProviderRefused(said="state") from None
+        if not hmac.compare_digest(given.encode(), state.encode()):
+            raise ProviderRefused(said="state")
         if answer.get("iss", self._issuer) != self._issuer or not answer.get("code"):
             raise ProviderRefused(said="answer")
         claims = self._read_claims(answer["code"], back, told)
         return Return(self._find_person(claims), told["wanted"], told["confirms"])
-
-    def _take_state(self, given: str, kept: str) -> Mapping[str, Any]:
-        """Use the state up, if it is this browser's."""
-        try:
-            ticket = self._tickets.take("provider", given)
-        except TicketSpent:
-            raise ProviderRefused(said="state") from None
-        if not hmac.compare_digest(given.encode(), kept.encode()):
-            raise ProviderRefused(said="state")
-        return ticket.told
 
     def _read_claims(self, code: str, back: str, told: Mapping[str, Any]) -> Mapping[str, Any]:
         """Exchange the code for an ID token, and check every claim of it."""
@@ -140,15 +136,12 @@ class Provider:
         told = (claims.get(key) for key in ("name", "preferred_username"))
         name = str(next(filter(None, told), subject))[:LONGEST_NAME]
         if person is None:
-            return self._add_person(subject, name, roles)
+            login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no login that is typed ends so
+            about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
+            return self._accounts.add_person_of(self._issuer, subject, about)
         self._accounts.set_roles(person.id, roles)
         self._accounts.set_name(person.id, name)
         return self._accounts.get_person(person.id)
-
-    def _add_person(self, subject: str, name: str, roles: frozenset[Role]) -> Person:
-        login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no login that is typed ends so
-        about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
-        return self._accounts.add_person_of(self._issuer, subject, about)
 
     def _read_roles(self, claim: object) -> frozenset[Role]:
         values = {str(value) for value in (claim if isinstance(claim, list) else [claim])}
@@ -188,13 +181,9 @@ def _translate_refusals() -> Iterator[None]:
         logger.warning("the identity provider does not answer: %s", type(error).__name__)
         raise ProviderRefused(said="away") from error
     except (JoseError, AuthlibBaseError, ValueError, KeyError) as error:
-        logger.warning("the identity provider is not believed: %s", _name_error(error))
+        wrong = (type(error).__name__, getattr(error, "error", ""), getattr(error, "claim", ""))  # no value
+        logger.warning("the identity provider is not believed: %s", " ".join(map(str, wrong)).strip())
         raise ProviderRefused(said="token") from error
-
-
-def _name_error(error: BaseException) -> str:
-    """Name what is wrong, without any value."""
-    return f"{type(error).__name__} {getattr(error, 'error', '')} {getattr(error, 'claim', '')}".strip()
 
 
 def _check_place(address: str) -> str:

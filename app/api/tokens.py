@@ -7,9 +7,8 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection
 
-from app.access.accounts import Token
+from app.access.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
 from app.access.subjects import Permission, Subject
-from app.access.tokens import DAYS, MOST_DAYS, format_end, make_token
 from app.api.middleware.access import UsedSubject
 from app.api.middleware.callers import find_logins
 from app.api.middleware.problems import PROBLEM_RESPONSES

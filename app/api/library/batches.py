@@ -7,7 +7,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.library.analyses import build_request, check_queue
-from app.api.library.analysis_models import AnalysisSettings
+from app.api.library.models import AnalysisSettings
 from app.api.middleware.problems import PROBLEM_RESPONSES, validate_model
 from app.errors import CANCELLED, NotFinished, ResultDamaged
 from app.jobs.batches import Batch

@@ -8,33 +8,32 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.api.library.analysis_models import (
+from app.api.library.files import serve_recording
+from app.api.library.models import (
     PeriodList,
     PeriodView,
-    check_periods,
-    read_periods,
-    view_periods,
-    write_periods,
-)
-from app.api.library.files import serve_recording
-from app.api.library.intake import (
-    RecordingForm,
-    read_digest,
-    read_small_body,
-    receive_recording,
-    store_recording,
-)
-from app.api.library.recording_models import (
     RecordingList,
     RecordingPatch,
     RecordingQuery,
     RecordingView,
     RecordingWords,
+    check_periods,
     cut_page,
     read_cursor,
+    read_periods,
+    view_periods,
     view_recording,
+    write_periods,
 )
-from app.api.library.uploads import finish_upload, get_upload_row
+from app.api.library.uploads import (
+    RecordingForm,
+    finish_upload,
+    get_upload_row,
+    read_digest,
+    read_small_body,
+    receive_recording,
+    store_recording,
+)
 from app.api.middleware.access import check_confirmed, check_may, find_subject
 from app.api.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.errors import (
