@@ -8,14 +8,13 @@ import threading
 import time
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager
+from contextlib import ExitStack, asynccontextmanager, closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
-from fastapi.routing import APIRoute
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
@@ -163,7 +162,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
-        generate_unique_id_function=_find_operation_id,
+        generate_unique_id_function=lambda route: route.name,
         lifespan=_live,
     )
     services = application.state.services = open_services(settings)
@@ -178,7 +177,8 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
-    _add_error_handlers(application)
+    for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
+        application.add_exception_handler(kind, respond_to_error)
     application.add_middleware(Access, gate=gate, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)
     application.add_middleware(
@@ -205,11 +205,21 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         check_exposure(settings, has_accounts=AccountStore(settings).exist())
     listener = listen(settings)
     application = _prepare(settings, listener)
-    address = _write_address(settings, listener)
-    opened = address + _make_way_in(application.state.gate)
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    is_socket = settings.host.startswith(SOCKET_PREFIX)
+    place = settings.host if is_socket else f"{host}:{listener.getsockname()[1]}"
+    address = f"{'https' if settings.tls_cert else 'http'}://{place}/"
+    gate: Gate = application.state.gate
+    opened = address
+    if gate.secret is not None and not gate.needs_accounts:  # a browser gets in once by this
+        opened += f"login/once/{gate.secret.make_address()}"
     pool = WorkerPool(settings)
     pool.start()
-    watch = _watch_folder(application, settings)
+    services: Services = application.state.services
+    watch = None
+    if settings.watch_dir is not None:
+        watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
+        watch.start()
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
     if open_browser:
         threading.Timer(1.0, webbrowser.open, (opened,)).start()
@@ -234,22 +244,6 @@ def _prepare(settings: Settings, listener: socket.socket) -> FastAPI:
         raise
 
 
-def _make_way_in(gate: Gate) -> str:
-    """Make the part of the address by which a browser gets in once; "" where none is needed."""
-    if gate.secret is None or gate.needs_accounts:
-        return ""
-    return f"login/once/{gate.secret.make_address()}"
-
-
-def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | None:
-    if settings.watch_dir is None:
-        return None
-    services: Services = application.state.services
-    watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
-    watch.start()
-    return watch
-
-
 def _prepare_database(settings: Settings) -> None:
     """Bring the tables up to date while no other server works in the folder, and wake who waits for work."""
     make_folder(settings.data_dir)
@@ -260,22 +254,14 @@ def _prepare_database(settings: Settings) -> None:
         restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
         bring_up_to_date(settings)
-        _check_recordings(settings)
+        storage = open_storage(settings)
+        storage.prepare()
+        with closing(JobStore(settings)) as store:
+            check_known(store, storage)  # no start over recordings that the database does not know
     finally:
         lock.release()
     if settings.engine == "procrastinate":
         load_extra("app.jobs.processes.cluster").install(settings.database_url)
-
-
-def _check_recordings(settings: Settings) -> None:
-    """Refuse to start over recordings that the database does not know."""
-    storage = open_storage(settings)
-    storage.prepare()
-    store = JobStore(settings)
-    try:
-        check_known(store, storage)
-    finally:
-        store.close()
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:
@@ -289,43 +275,24 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_find_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
-    led = _lead_on(request, refusal, path)
-    if led is not None:
-        return led
-    outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
-    is_page = not outside or _is_read_by_person(request, refusal)
-    response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
-    response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
-    return response
-
-
-def _lead_on(request: Request, refusal: Refusal, path: str) -> Response | None:
-    """Lead a browser on to where it logs in, gives the password again, or may go; None for any other."""
-    is_opened = _is_opened_by_person(request, path)
+    accepts_page = "text/html" in request.headers.get("accept", "")
+    # a link or a form asks for a page or a file by itself; a script of a page says that it does
+    is_sent = accepts_page and request.headers.get("sec-fetch-mode", "navigate") == "navigate"
+    is_opened = is_sent and request.method in ("GET", "HEAD") and not path.startswith("/login")
     if isinstance(refusal, NotSignedIn) and is_opened:
         return respond_with_login(request)
-    if isinstance(refusal, NotConfirmed) and _is_sent_by_person(request):
+    if isinstance(refusal, NotConfirmed) and is_sent:
         return respond_with_confirmation(request)
     if isinstance(refusal, NotPermitted) and is_opened and path == "/":
         return respond_with_place(request)
-    return None
-
-
-def _is_opened_by_person(request: Request, path: str) -> bool:
-    """Whether a browser opens a page or a file by itself."""
-    is_read = request.method in ("GET", "HEAD")
-    return is_read and _is_sent_by_person(request) and not path.startswith("/login")
-
-
-def _is_sent_by_person(request: Request) -> bool:
-    """Whether a link or a form asks; a script of a page says that it does."""
-    is_page = request.headers.get("sec-fetch-mode", "navigate") == "navigate"
-    return is_page and "text/html" in request.headers.get("accept", "")
-
-
-def _is_read_by_person(request: Request, refusal: Refusal) -> bool:
-    """Whether a browser has opened a file that is damaged or in the trash: its page offers what helps."""
-    return isinstance(refusal, ResultDamaged | NotHere) and "text/html" in request.headers.get("accept", "")
+    is_page = not path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
+    if isinstance(
+        refusal, ResultDamaged | NotHere
+    ):  # the page of what is damaged, or in the trash, offers help
+        is_page = is_page or accepts_page
+    response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
+    response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
+    return response
 
 
 def _find_methods(request: Request) -> list[str]:
@@ -371,28 +338,14 @@ def prepare_house(services: Services) -> FolderLock:
         reconcile(services)
         services.inspector.sweep()
         services.pairs.sweep()
-        _report_cut(services)
+        if count := take_in_cut(services):
+            logger.warning(
+                "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
+            )
     except BaseException:
         lock.release()
         raise
     return lock
-
-
-def _report_cut(services: Services) -> None:
-    count = take_in_cut(services)
-    if count:
-        logger.warning(
-            "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
-        )
-
-
-def _add_error_handlers(application: FastAPI) -> None:
-    for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
-        application.add_exception_handler(kind, respond_to_error)
-
-
-def _find_operation_id(route: APIRoute) -> str:
-    return route.name
 
 
 def listen(settings: Settings) -> socket.socket:
@@ -458,15 +411,3 @@ class _Server(uvicorn.Server):
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
-
-
-def _write_address(settings: Settings, listener: socket.socket) -> str:
-    scheme = "https" if settings.tls_cert else "http"
-    return f"{scheme}://{_write_place(settings, listener)}/"
-
-
-def _write_place(settings: Settings, listener: socket.socket) -> str:
-    if settings.host.startswith(SOCKET_PREFIX):
-        return settings.host
-    host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    return f"{host}:{listener.getsockname()[1]}"

@@ -76,50 +76,40 @@ class Readiness:
             return self._found
 
     async def _run_checks(self) -> Mapping[str, str]:
-        checks = self._build_checks()
-        found = {name: trouble.code for name, (_, trouble) in checks.items()}
-        async with anyio.create_task_group() as tasks:
-            for name, (check, trouble) in checks.items():
-                tasks.start_soon(self._run_check, found, name, check, trouble)
-        return found
-
-    def _build_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
-        """Give each check with the error for a failure that has no code, or for one that does not end."""
+        """Make each check; its error is for a failure without a code, and for a check that does not end."""
         settings = self.settings
-        return {
+        checks: Mapping[str, tuple[Callable[[], None], type[AppError]]] = {
             "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
             "disk": (lambda: self.storage.check_space(0, settings.min_free_bytes), DiskFull),
             "database": (lambda: check_writable(settings.database_url, LOCK_S), DatabaseAway),
             "store": (self.storage.prepare, StoreAway),
             "queue": (self._check_queue, DatabaseAway),
         }
+        found = {name: trouble.code for name, (_, trouble) in checks.items()}
+        async with anyio.create_task_group() as tasks:
+            for name, (check, trouble) in checks.items():
+                if name not in self._busy:
+                    tasks.start_soon(self._run_check, found, name, check, trouble)
+        return found
 
     async def _run_check(
         self, found: dict[str, str], name: str, check: Callable[[], None], trouble: type[AppError]
     ) -> None:
-        if name in self._busy:
-            return
+        def run() -> str:
+            try:
+                check()
+            except AppError as refusal:
+                return refusal.code
+            except (OSError, SQLAlchemyError):
+                return trouble.code
+            finally:
+                self._busy.discard(name)
+            return GOOD
+
         self._busy.add(name)
         with anyio.move_on_after(CHECK_LIMIT_S):
-            found[name] = await anyio.to_thread.run_sync(
-                self._make_check,
-                name,
-                check,
-                trouble,
-                abandon_on_cancel=True,
-                limiter=anyio.CapacityLimiter(1),
-            )
-
-    def _make_check(self, name: str, check: Callable[[], None], trouble: type[AppError]) -> str:
-        try:
-            check()
-        except AppError as refusal:
-            return refusal.code
-        except (OSError, SQLAlchemyError):
-            return trouble.code
-        finally:
-            self._busy.discard(name)
-        return GOOD
+            alone = anyio.CapacityLimiter(1)
+            found[name] = await anyio.to_thread.run_sync(run, abandon_on_cancel=True, limiter=alone)
 
     def _check_queue(self) -> None:
         if self.store.count_waiting() >= self.settings.max_queued:

@@ -22,7 +22,6 @@ from app.services import Services
 from app.storage.store import TEMPORARY_S
 from app.upkeep.copies import keep_daily_copy, renew_copies
 from app.upkeep.recover import (
-    Unknown,
     catch_up,
     check_known,
     drop_stale_attempts,
@@ -97,33 +96,36 @@ def reconcile(services: Services) -> None:
 
     Raises UnknownRecordings.
     """
-    store, storage = services.store, services.storage
+    store, storage, uploads = services.store, services.storage, services.uploads
     unknown = check_known(store, storage)
-    _finish_purges(services, unknown)
-    attempts, newer = drop_stale_attempts(store, storage)
-    counts = {
-        "recordings came back from quarantine: they have rows": restore_known(store, storage),
-        "unknown entries moved into quarantine": quarantine_strange(storage, unknown),
-        "attempts removed that do not count": attempts,
-        "results past their term removed": _finish_dropped(services),
-        "old temporary files removed": _drop_temporary(services),
-        "reports are newer than the database: stop, and run acromion recover": newer,
-        "side files written": catch_up(store, storage),
-        "entries in quarantine: acromion doctor": _count_quarantine(services),
-    }
-    for what, number in counts.items():
-        if number:
-            logger.warning("start: %d %s", number, what)
-
-
-def _finish_purges(services: Services, unknown: Unknown) -> None:
-    again = services.storage.ledger.find() & services.store.find_recordings()
-    for recording_id in {*services.recordings.find_purging(), *again}:
+    begun = storage.ledger.find() & store.find_recordings()
+    for recording_id in {*services.recordings.find_purging(), *begun}:
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):
             logger.exception("the purge of %s is not done; the next start tries again", recording_id)
-    finish_purges(services.storage, unknown)
+    finish_purges(storage, unknown)
+    attempts, newer = drop_stale_attempts(store, storage)
+    back, moved = restore_known(store, storage), quarantine_strange(storage, unknown)
+    dropped, swept = _finish_dropped(services), 0
+    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
+        swept += services.incoming.sweep(upload_id)
+    swept += storage.drop_temporary(TEMPORARY_S)
+    written = catch_up(store, storage)
+    services.quarantine.names = find_strange(storage)
+    counts = {
+        "recordings came back from quarantine: they have rows": back,
+        "unknown entries moved into quarantine": moved,
+        "attempts removed that do not count": attempts,
+        "results past their term removed": dropped,
+        "old temporary files removed": swept,
+        "reports are newer than the database: stop, and run acromion recover": newer,
+        "side files written": written,
+        "entries in quarantine: acromion doctor": len(services.quarantine.names),
+    }
+    for what, number in counts.items():
+        if number:
+            logger.warning("start: %d %s", number, what)
 
 
 def _finish_dropped(services: Services) -> int:
@@ -137,18 +139,6 @@ def _finish_dropped(services: Services) -> int:
     for analysis_id in dropped:
         services.storage.drop_analysis(analysis_id)
     return len(dropped)
-
-
-def _drop_temporary(services: Services) -> int:
-    uploads, swept = services.uploads, 0
-    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
-        swept += services.incoming.sweep(upload_id)
-    return swept + services.storage.drop_temporary(TEMPORARY_S)
-
-
-def _count_quarantine(services: Services) -> int:
-    services.quarantine.names = find_strange(services.storage)
-    return len(services.quarantine.names)
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:

@@ -111,9 +111,11 @@ def _take_in_left(services: Services, files: SessionFiles) -> bool:
     has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
     if has_rows:
         with files.raw.open("rb") as file:
-            subject, side, has_cues = _read_head(file.read(HEAD_BYTES))
-        analysis = _take_in(services, files, subject, side)
-        if has_cues:
+            head = file.read(HEAD_BYTES).decode("utf-8", "replace")
+        told = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
+        side = next((one for one in get_args(Side) if one == told.get("side")), None)
+        analysis = _take_in(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
+        if "cues" in told:
             services.recordings.tag([analysis.recording_id], [CUED])
     files.remove()
     return has_rows
@@ -127,14 +129,6 @@ def _take_in(services: Services, files: SessionFiles, subject: str, side: Side |
         ended = {"session": files.session_id}
         record(connection, "live.ended", analysis.recording_id, analysis.id, other=ended)
     return analysis
-
-
-def _read_head(head: bytes) -> tuple[str, Side | None, bool]:
-    """Read from the lines above the table whose arm it is, and whether cues were chosen."""
-    text = head[:HEAD_BYTES].decode("utf-8", "replace")
-    found = dict(re.findall(r"^# (subject|side|cues): (.*)$", text, re.MULTILINE))
-    side = next((one for one in get_args(Side) if one == found.get("side")), None)
-    return found.get("subject", "")[:LONGEST_SUBJECT], side, "cues" in found
 
 
 SILENCE_S = 600.0
@@ -238,21 +232,19 @@ async def live(socket: WebSocket) -> None:
     except WebSocketDisconnect:
         return
     except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
+        refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+        if isinstance(error, ValidationError):  # name the part, and what it held
+            wrong = error.errors(include_url=False, include_context=False)[0]
+            name = clean_text(hide_tokens(".".join(map(str, wrong["loc"])) or "message"))[:60]
+            refusal = BadParameter(name=name, value=clean_text(show_input(wrong)))
+        problem = describe_problem(refusal.code, refusal.facts, language)
+        told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
         with suppress(RuntimeError, WebSocketDisconnect):  # it may have hung up meanwhile
-            await socket.send_text(json.dumps(_describe_refusal(error, language)))
+            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | told))
             await socket.close(REFUSED)
 
 
-def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
-    """Describe a refusal; of a message that cannot be, name the part and what it held."""
-    refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
-    if isinstance(error, ValidationError):
-        first = error.errors(include_url=False, include_context=False)[0]
-        name = ".".join(map(str, first["loc"])) or "message"
-        refusal = BadParameter(name=clean_text(hide_tokens(name))[:60], value=clean_text(show_input(first)))
-    problem = describe_problem(refusal.code, refusal.facts, language)
-    told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
-    return {"type": "problem", "code": refusal.code} | told
+_STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
 
 
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
@@ -262,25 +254,20 @@ async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "Ru
         return hub.get(first.session)
     port = PushedPort()
     inbox.push = port.push
-    return await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
-
-
-_STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
-
-
-def _find_limiter() -> CapacityLimiter:
-    try:
-        return _STARTING.get()
-    except LookupError:
-        made = CapacityLimiter(MOST_STARTING)
-        _STARTING.set(made)
-        return made
+    if (limiter := _STARTING.get(None)) is None:
+        limiter = CapacityLimiter(MOST_STARTING)
+        _STARTING.set(limiter)
+    return await to_thread.run_sync(_start, services, first, port, limiter=limiter)
 
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
     subject = _read_subject(asked.subject)
-    port = _open_port(asked, pushed)
+    port: Port | None = pushed if asked.source == "lines" else None
+    if asked.source == "port":
+        if asked.port not in find_serial_ports():  # no other file is opened for a page
+            raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
+        port = open_port(asked.port)
     files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
@@ -301,17 +288,6 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
 
 def _name_source(asked: Start) -> str:
     return asked.port if asked.source == "port" else clean_text(asked.name) or "browser"
-
-
-def _open_port(asked: Start, pushed: PushedPort) -> Port | None:
-    """Open the port of a session of lines; None for one that plays a recording."""
-    if asked.source == "lines":
-        return pushed
-    if asked.source != "port":
-        return None
-    if asked.port not in find_serial_ports():  # no other file is opened for a page
-        raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
-    return open_port(asked.port)
 
 
 def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
@@ -387,8 +363,13 @@ def get_difference(session_id: str, services: UsedServices, language: UsedLangua
 
 async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
     outbox = Outbox(asyncio.get_running_loop())
+
+    async def send_on() -> None:
+        while True:
+            await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
+
     key = session.watch(outbox.put)
-    sender = asyncio.create_task(_send_on(socket, outbox))
+    sender = asyncio.create_task(send_on())
     was_closed = False
     try:
         while True:
@@ -410,11 +391,6 @@ async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox"
         sender.cancel()
         with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
             await sender
-
-
-async def _send_on(socket: WebSocket, outbox: "Outbox") -> None:
-    while True:
-        await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
 
 
 class Inbox:

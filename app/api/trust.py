@@ -35,16 +35,12 @@ class ReleaseView(BaseModel):
 
 def view_release(analysis_id: str, found: Release | None) -> ReleaseView:
     """Show a release."""
-    if found is None:
-        return ReleaseView(
-            analysis_id=analysis_id, released_by=None, released_at=None, method_version=None, report_id=None
-        )
     return ReleaseView(
         analysis_id=analysis_id,
-        released_by=found.who,
-        released_at=found.at,
-        method_version=found.method_version,
-        report_id=found.report_id,
+        released_by=found.who if found else None,
+        released_at=found.at if found else None,
+        method_version=found.method_version if found else None,
+        report_id=found.report_id if found else None,
     )
 
 
@@ -197,11 +193,8 @@ class AuditView(BaseModel):
 @router.get("/trail", tags=["trail"])
 def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> AuditView:
     """Answer who touched a subject, or what somebody did, between two moments."""
-    found = list(
-        find_lines(
-            services.store.reader, build_question(services, asked), before=asked.before, most=MOST_LINES
-        )
-    )
+    question = build_question(services, asked)
+    found = list(find_lines(services.store.reader, question, before=asked.before, most=MOST_LINES))
     following = found[-1].seq if len(found) == MOST_LINES else None
     return AuditView(items=[asdict(line) for line in found], next_before=following)
 

@@ -24,13 +24,7 @@ from app.version import identify_engine
 if sys.platform != "win32":
     import fcntl
 
-_FIGURES = (
-    "results.json",
-    "elevation.parquet",
-    "pair.json",
-    "comparison.json",
-    "profile.json",
-)
+_FIGURES = ("results.json", "elevation.parquet", "pair.json", "comparison.json", "profile.json")
 _REPORT_FILES = ("answer.txt", "report.html", "report.pdf")
 
 
@@ -243,11 +237,3 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
 def find_earlier(folder: Path) -> Path:
     """Give the place next to a folder to which its former contents move."""
     return folder.with_name(f".{folder.name}.earlier")
-
-
-def read_digest(folder: Path, task: Task) -> str:
-    """Read the SHA-256 of the one log of a task off its results, whose reading took it; empty for several."""
-    if task.request.joined:
-        return ""
-    results = json.loads((folder / "results.json").read_bytes())
-    return str(results["recording"]["sha256"])

@@ -155,9 +155,6 @@ class Task:
         return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
 
 
-FormatPath = Callable[[Path], str]
-
-
 def format_path(path: Path) -> str:
     """Write a path as text that any file takes: bytes of its name that are not UTF-8 become U+FFFD."""
     return os.fsencode(path).decode("utf-8", "replace")
@@ -167,7 +164,7 @@ def plan_tasks(
     logs: Iterable[Path],
     out: Path,
     request: ReportRequest,
-    format_log: FormatPath = lambda log: format_path(Path(log.name)),
+    format_log: Callable[[Path], str] = lambda log: format_path(Path(log.name)),
     *,
     force: bool,
 ) -> list[Task]:
@@ -177,19 +174,6 @@ def plan_tasks(
         Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
         for log, folder in zip(known, place_folders(known, out), strict=True)
     ]
-
-
-def plan_joined(
-    logs: Sequence[Path],
-    out: Path,
-    request: ReportRequest,
-    format_log: FormatPath = lambda log: format_path(Path(log.name)),
-    *,
-    force: bool,
-) -> list[Task]:
-    """Make one task of the files of one shift; its folder is named after the first."""
-    others = tuple(str(log.resolve()) for log in logs[1:])
-    return plan_tasks(logs[:1], out, replace(request, joined=others), format_log, force=force)
 
 
 # Recordings are named one by one, by a folder, by a pattern or in a list.

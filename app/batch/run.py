@@ -1,5 +1,6 @@
 """Analyses the recordings of a run, each in a child process with limits; finished ones are not repeated."""
 
+import json
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,7 +17,6 @@ from app.batch.folder import (
     is_up_to_date,
     make_marker,
     open_staging,
-    read_digest,
     read_marker,
     refuse_foreign_folder,
     replace_folder,
@@ -128,8 +128,7 @@ def do_task(task: Task, go_on: GoOn) -> Outcome:
             return _do(task, before, asked, go_on)
         if not has_report(task.folder, before, task.request):
             return _rewrite(task, before, go_on)
-        switch_language(task.folder, before, asked.language)
-        return Outcome(task, _read_answer(task), repeated=True, version=before.version)
+        return _take_done(task, before)
     except OSError as error:
         return Outcome(task, code=UNREADABLE_PATH, facts={"why": error.strerror or str(error)})
 
@@ -142,10 +141,14 @@ def find_done(task: Task) -> Outcome | None:
         before = read_marker(task.folder)
         if before is None or not has_report(task.folder, before, task.request):
             return None
-        switch_language(task.folder, before, task.request.languages[0])
-        return Outcome(task, _read_answer(task), repeated=True, version=before.version)
+        return _take_done(task, before)
     except OSError:
         return None
+
+
+def _take_done(task: Task, before: Marker) -> Outcome:
+    switch_language(task.folder, before, task.request.languages[0])
+    return Outcome(task, _read_answer(task), repeated=True, version=before.version)
 
 
 def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) -> Outcome:
@@ -165,7 +168,10 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
         outcome = _attempt(task, request, staging, partial(load_and_make_report, known=known), go_on)
         if outcome.code:
             return outcome
-        marker = asked or make_marker(task, read_digest(staging, task))
+        marker = asked
+        if marker is None:  # the reading of one log took its SHA-256
+            results = json.loads((staging / "results.json").read_bytes())
+            marker = make_marker(task, "" if task.request.joined else results["recording"]["sha256"])
         use_plain_names(staging, marker.language)
         write_marker(staging, replace(marker, version=version, changes=changes))
         replace_folder(task.folder, staging)

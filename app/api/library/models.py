@@ -37,8 +37,6 @@ from app.request import (
     LONGEST_SUBJECT,
     SUBJECT_HINT,
     WINDOW_HINT,
-    Conclusion,
-    ConclusionDraft,
     Paper,
     ReportRequest,
     check_subject,
@@ -165,31 +163,14 @@ def parse_subject(text: str) -> str:
 
 
 def parse_device_clock(text: str) -> str:
-    """Check a date or time of the device's clock, which has no zone; the refusal carries a hint."""
-    return _parse(_read_device_clock, text, CLOCK_HINT) if text else ""
+    """Check a date or time of the device's clock and write it as starts are written; the refusal has a hint.
 
-
-def _read_device_clock(text: str) -> str:
-    """Write it as starts are written.
-
-    Raises
-    ------
-    ValueError
-        Also for a time with a zone: compared with a clock that has none, it would find others.
+    A zone is refused: compared with a clock that has none, it would find others.
     """
-    moment = datetime.fromisoformat(text)
-    if moment.tzinfo is not None:
-        raise ValueError
-    return moment.isoformat()
-
-
-def _read_axis(text: str | None) -> ArmAxis | None:
-    return _parse(parse_arm_axis, text, AXIS_HINT) if text else None
-
-
-def _check_window(text: str) -> str:
-    _parse(parse_window, text, WINDOW_HINT)
-    return text
+    moment = _parse(datetime.fromisoformat, text, CLOCK_HINT) if text else None
+    if moment is not None and moment.tzinfo is not None:
+        raise PydanticCustomError("value", "value", {"expected": CLOCK_HINT})
+    return moment.isoformat() if moment else ""
 
 
 def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
@@ -215,7 +196,7 @@ class AnalysisOptions(BaseModel):
     lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
     paper: Annotated[Paper | None, Field(description="Paper of the PDF; else the server's.")] = None
     calibration: Annotated[
-        list[Annotated[str, AfterValidator(_check_window)]],
+        list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
         Field(
             max_length=MOST_WINDOWS,
             description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
@@ -227,7 +208,7 @@ class AnalysisOptions(BaseModel):
     ] = None
     axis: Annotated[
         ArmAxis | None,
-        BeforeValidator(_read_axis),
+        BeforeValidator(lambda text: _parse(parse_arm_axis, text, AXIS_HINT) if text else None),
         Field(description="No pose: the sensor's axis along the arm, towards the shoulder."),
     ] = None
     slip_at: Annotated[
@@ -423,6 +404,12 @@ class StartedAnalyses(AnalysisView):
 
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Show a job."""
+    said, draft = job.request.conclusion, job.request.draft
+    concluded = ConclusionView.model_validate(asdict(said)) if said else None
+    drafted = None
+    if draft is not None:
+        origin = {"version": draft.version, "changes": list(draft.changes)}
+        drafted = ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
     view = AnalysisView(
         id=job.id,
         recording_id=job.recording_id,
@@ -442,23 +429,12 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         batch_id=job.batch_id,
         replaced_by=job.replaced_by,
         interruptions=job.interruptions,
-        conclusion=_view_conclusion(job.request.conclusion),
-        conclusion_draft=_view_draft(job.request.draft),
+        conclusion=concluded,
+        conclusion_draft=drafted,
     )
     if job.problem_code is not None:
         view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
     return view
-
-
-def _view_conclusion(said: Conclusion | None) -> ConclusionView | None:
-    return ConclusionView.model_validate(asdict(said)) if said else None
-
-
-def _view_draft(draft: ConclusionDraft | None) -> ConclusionDraftView | None:
-    if draft is None:
-        return None
-    origin = {"version": draft.version, "changes": list(draft.changes)}
-    return ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
 
 
 def describe_links(job: Job) -> Mapping[str, str]:

@@ -1,5 +1,6 @@
 """Recordings: stored, described, looked at, divided into periods, thrown away."""
 
+from contextlib import suppress
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -252,16 +253,11 @@ def _store_periods(
 ) -> StoredRow:
     row = _match(services.recordings.get(recording_id), if_match)
     if diary:
-        check_periods(diary, _try_to_inspect(services, row))
+        found = None
+        with suppress(RecordedProblem, Crashed):  # it needs a rate or a profile before it can be read
+            found = _inspect(services, row)
+        check_periods(diary, found)
     return services.recordings.put_diary(row, diary)
-
-
-def _try_to_inspect(services: Services, row: StoredRow) -> dict[str, Any] | None:
-    """Inspect; None for a file that needs a rate or a profile before it can be read."""
-    try:
-        return _inspect(services, row)
-    except (RecordedProblem, Crashed):
-        return None
 
 
 def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:

@@ -11,8 +11,9 @@ import binascii
 import hashlib
 import time
 import zlib
-from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
@@ -273,37 +274,35 @@ async def append_bytes(
     DiskFull or TooMany.
     """
     with services.upload_slots.take():
-        return await _append_alone(request, services, upload_id, offset_bytes, checksum)
+        encoding = request.headers.get("content-encoding", "")
+        if encoding.strip().lower() not in ("", "identity", "gzip"):
+            raise WrongMediaType(found=encoding[:60], allowed="gzip")
+        with _lock_upload(services, upload_id):
+            row = await run_in_threadpool(get_upload_row, services, upload_id)
+            if row.offset_bytes != offset_bytes:
+                raise WrongOffset(expected=row.offset_bytes)
+            announced = request.headers.get("content-length", "")
+            is_plain = "content-encoding" not in request.headers
+            if is_plain and announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
+                raise WrongLength
+            body = await run_in_threadpool(_open_body, services, row, checksum, encoding)
+            try:
+                await copy_chunks(request.stream(), body.take)
+                await run_in_threadpool(body.check)
+            finally:
+                await run_in_threadpool(body.end)
+            return await run_in_threadpool(finish_upload, services, body.row, find_way_in(request))
 
 
-async def _append_alone(
-    request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str
-) -> UploadRow:
-    unpacker = _choose_unpacker(request.headers.get("content-encoding", ""))
+@contextmanager
+def _lock_upload(services: Services, upload_id: str) -> Iterator[None]:
+    """Hold an upload alone. Raises LockedUpload."""
     if not services.incoming.acquire(upload_id):
         raise LockedUpload
     try:
-        row = await run_in_threadpool(get_upload_row, services, upload_id)
-        _check_place(request, row, offset_bytes)
-        body = await run_in_threadpool(_open_body, services, row, checksum)
-        body.unpacker = unpacker
-        try:
-            await copy_chunks(request.stream(), body.take)
-            await run_in_threadpool(body.check)
-        finally:
-            await run_in_threadpool(body.end)
-        return await run_in_threadpool(finish_upload, services, body.row, find_way_in(request))
+        yield
     finally:
         services.incoming.release(upload_id)
-
-
-def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
-    if row.offset_bytes != offset_bytes:
-        raise WrongOffset(expected=row.offset_bytes)
-    announced = request.headers.get("content-length", "")
-    is_plain = "content-encoding" not in request.headers
-    if is_plain and announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
-        raise WrongLength
 
 
 def get_upload_row(services: Services, upload_id: str) -> UploadRow:
@@ -334,10 +333,14 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
         services.storage.adopt(services.incoming.path(row.id), stored.id)
     except FileNotFoundError:  # a peer was quicker
         return services.uploads.get(row.id)
-    declared = read_declared(row.metadata)
-    study, asked = (
-        ("", None) if declared is None else (declared.study, _build_declared(services, row, declared))
-    )
+    declared, study, asked = read_declared(row.metadata), "", None
+    if declared is not None:
+        study = declared.study
+        if services.store.count_waiting() < services.settings.max_queued:  # else no analysis: ask later
+            stated = declared.model_dump(exclude_unset=True)
+            whole = DeclaredOptions(**{"subject": row.about.subject, "side": row.about.side} | stated)
+            paper = services.settings.paper
+            asked = whole.build_request(row.about.file_name, declared.lang or "en", paper)
     counts = services.uploads.finish(row, stored, asked, way_in, study)
     if counts != stored.id and not services.store.may_hold(stored.id):
         services.storage.drop_recording(stored.id)
@@ -345,49 +348,30 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     return services.uploads.get(row.id)
 
 
-def _build_declared(services: Services, row: UploadRow, settings: DeclaredOptions) -> ReportRequest | None:
-    """Build the analysis that was declared; None where no more may wait: ask later."""
-    if services.store.count_waiting() >= services.settings.max_queued:
-        return None
-    stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
-    whole = DeclaredOptions.model_validate(stated)
-    return whole.build_request(row.about.file_name, settings.lang or "en", services.settings.paper)
-
-
 def drop_upload(services: Services, row: UploadRow) -> None:
     """Forget an upload and its bytes; the recording of a finished one stays. Raises LockedUpload."""
-    if not services.incoming.acquire(row.id):
-        raise LockedUpload
-    try:
+    with _lock_upload(services, row.id):
         services.uploads.drop(row.id)
         services.incoming.forget(row.id)
-    finally:
-        services.incoming.release(row.id)
 
 
-def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
-    if encoding.strip().lower() in ("", "identity"):
-        return None
-    if encoding.strip().lower() != "gzip":
-        raise WrongMediaType(found=encoding[:60], allowed="gzip")
-    return zlib.decompressobj(_GZIP_WINDOW)
-
-
-def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
-    digest, expected = _read_checksum(checksum) if checksum else (None, b"")
+def _open_body(services: Services, row: UploadRow, checksum: str, encoding: str) -> "_Body":
+    digest, expected = None, b""
+    if checksum:
+        name, _, coded = checksum.strip().partition(" ")
+        allowed = "|".join(CHECKSUMS) + " base64"
+        if name not in CHECKSUMS:
+            raise BadChecksum(value=name[:20], allowed=allowed)
+        try:
+            digest, expected = (
+                hashlib.new(name, usedforsecurity=False),
+                base64.b64decode(coded, validate=True),
+            )
+        except binascii.Error:
+            raise BadChecksum(value=coded[:60], allowed=allowed) from None
+    unpacker = zlib.decompressobj(_GZIP_WINDOW) if encoding.strip().lower() == "gzip" else None
     file = services.incoming.open(row.id, row.offset_bytes)
-    return _Body(services, row, file, digest, expected)
-
-
-def _read_checksum(header: str) -> "tuple[hashlib._Hash, bytes]":
-    name, _, coded = header.strip().partition(" ")
-    allowed = "|".join(CHECKSUMS) + " base64"
-    if name not in CHECKSUMS:
-        raise BadChecksum(value=name[:20], allowed=allowed)
-    try:
-        return hashlib.new(name, usedforsecurity=False), base64.b64decode(coded, validate=True)
-    except binascii.Error:
-        raise BadChecksum(value=coded[:60], allowed=allowed) from None
+    return _Body(services, row, file, digest, expected, unpacker)
 
 
 @dataclass(slots=True)
@@ -402,10 +386,10 @@ class _Body:
     file: GrowingFile
     digest: "hashlib._Hash | None"
     expected: bytes
+    unpacker: "zlib._Decompress | None"
     synced_s: float = field(default_factory=time.monotonic)
     counter: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "count"))
     counting: "Future[None] | None" = None
-    unpacker: "zlib._Decompress | None" = None
 
     @property
     def is_checked(self) -> bool:
@@ -433,13 +417,11 @@ class _Body:
         self.file.write(chunk)
         if self.digest is not None:
             self.digest.update(chunk)
-        if not self.is_checked and time.monotonic() - self.synced_s > SYNC_S and self._is_idle():
+        is_idle = self.counting is None or self.counting.done()
+        if not self.is_checked and time.monotonic() - self.synced_s > SYNC_S and is_idle:
             self.wait()
             self.counting = self.counter.submit(self._count, self.file.flush())
             self.synced_s = time.monotonic()
-
-    def _is_idle(self) -> bool:
-        return self.counting is None or self.counting.done()
 
     def wait(self) -> None:
         """Wait for what is being counted, and raise what hindered it."""
@@ -487,11 +469,8 @@ NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in
 
 
 def read_metadata(header: str) -> RecordingWords:
-    """Read ``name base64,name base64``; what is not ours (``filetype``) is left aside.
-
-    Raises BadParameter.
-    """
-    pairs = dict(_read_pair(pair) for pair in header.split(",") if pair.strip())
+    """Read ``name base64,name base64``; leave aside what is not ours (``filetype``). Raises BadParameter."""
+    pairs = _read_pairs(header)
     known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
     return validate_model(RecordingWords, known)
 
@@ -501,23 +480,19 @@ def read_declared(header: str) -> DeclaredOptions | None:
 
     Raises BadParameter.
     """
-    declared = dict(_read_pair(pair) for pair in header.split(",") if pair.strip()).get(DECLARED)
+    declared = _read_pairs(header).get(DECLARED)
     return None if declared is None else validate_model(DeclaredOptions, parse_json(declared.encode()))
 
 
-def _declare(header: str, settings: DeclaredOptions) -> str:
-    """Put the settings into the metadata, in the place of those before."""
-    kept = [pair for pair in header.split(",") if pair.strip() and _read_pair(pair)[0] != DECLARED]
-    text = settings.model_dump_json(exclude_unset=True).encode()
-    return ",".join([*kept, f"{DECLARED} {base64.b64encode(text).decode()}"])
-
-
-def _read_pair(pair: str) -> tuple[str, str]:
-    name, _, coded = pair.strip().partition(" ")
-    try:
-        return name, base64.b64decode(coded, validate=True).decode("utf-8")
-    except (binascii.Error, ValueError):
-        raise BadParameter(name="Upload-Metadata", value=pair[:60], allowed="name base64") from None
+def _read_pairs(header: str) -> dict[str, str]:
+    pairs = {}
+    for pair in filter(str.strip, header.split(",")):
+        name, _, coded = pair.strip().partition(" ")
+        try:
+            pairs[name] = base64.b64decode(coded, validate=True).decode("utf-8")
+        except (binascii.Error, ValueError):
+            raise BadParameter(name="Upload-Metadata", value=pair[:60], allowed="name base64") from None
+    return pairs
 
 
 EXTENSIONS = "creation,creation-with-upload,termination,checksum,expiration"
@@ -652,7 +627,12 @@ def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> 
     Once ``recording_id`` is there, nothing is changed: the recording has an address of its own.
     """
     row = services.uploads.get(upload_id)
-    metadata = row.metadata if words.settings is None else _declare(row.metadata, words.settings)
+    metadata = row.metadata
+    if words.settings is not None:  # they take the place of those before
+        pairs = filter(str.strip, metadata.split(","))
+        kept = [pair for pair in pairs if pair.strip().partition(" ")[0] != DECLARED]
+        text = words.settings.model_dump_json(exclude_unset=True).encode()
+        metadata = ",".join([*kept, f"{DECLARED} {base64.b64encode(text).decode()}"])
     return view_upload(services.uploads.describe(upload_id, words.describe(), metadata))
 
 
