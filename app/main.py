@@ -22,26 +22,14 @@ from starlette.routing import Match
 from app.access.accounts import AccountStore
 from app.access.gate import Gate, open_gate
 from app.access.logins import Logins
-from app.api.about import health_router as health_routes
-from app.api.about import router as about_routes
+from app.api import about, live, pairs, tokens, trust, validations, webhooks
 from app.api.housekeeping import keep_house, reconcile, write_side_files
-from app.api.library.analyses import router as analysis_routes
-from app.api.library.batches import router as batch_routes
-from app.api.library.mappings import router as mapping_routes
-from app.api.library.recordings import router as recording_routes
-from app.api.library.uploads import router as upload_routes
-from app.api.live import router as live_routes
-from app.api.live import take_in_cut
+from app.api.library import analyses, batches, mappings, recordings, uploads
 from app.api.middleware.access import CHECKED, Access
 from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.middleware.plain_text import PlainText
 from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
-from app.api.pairs import router as pair_routes
-from app.api.tokens import router as token_routes
-from app.api.trust import router as trust_routes
-from app.api.validations import router as validation_routes
-from app.api.webhooks import router as webhook_routes
 from app.errors import (
     AppError,
     DatabaseAway,
@@ -67,7 +55,7 @@ from app.jobs.database.connect import (
 from app.jobs.processes.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
-from app.services import Services, find_services, open_services
+from app.services import Services, find_services
 from app.settings import Settings
 from app.start_checks import (
     SOCKET_PREFIX,
@@ -107,19 +95,8 @@ from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
 ROUTES = (
-    upload_routes,
-    recording_routes,
-    analysis_routes,
-    batch_routes,
-    webhook_routes,
-    validation_routes,
-    mapping_routes,
-    pair_routes,
-    about_routes,
-    health_routes,
-    live_routes,
-    trust_routes,
-    token_routes,
+    *(module.router for module in (uploads, recordings, analyses, batches, webhooks, validations, mappings)),
+    *(pairs.router, about.router, about.health_router, live.router, trust.router, tokens.router),
 )
 PAGES = (
     page_routes,
@@ -165,7 +142,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         generate_unique_id_function=lambda route: route.name,
         lifespan=_live,
     )
-    services = application.state.services = open_services(settings)
+    services = application.state.services = Services(settings)
     accounts = AccountStore(settings, clock, services.store.engine)
     try:
         accounts.check_kept()
@@ -338,7 +315,7 @@ def prepare_house(services: Services) -> FolderLock:
         reconcile(services)
         services.inspector.sweep()
         services.pairs.sweep()
-        if count := take_in_cut(services):
+        if count := live.take_in_cut(services):
             logger.warning(
                 "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
             )

@@ -141,74 +141,36 @@ class Later(Generic[T]):
             return self.made
 
 
-@dataclass(frozen=True, slots=True)
 class Services:
-    """The database, the folders and the settings of this server."""
+    """The database, the folders and the settings of this server, opened."""
 
-    store: JobStore
-    storage: Storage
-    settings: Settings
-    recordings: RecordingStore
-    uploads: UploadStore
-    incoming: Incoming
-    inspector: Inspector
-    results: ResultReader
-    pairs: PairReports
-    batches: BatchStore
-    mappings: MappingStore
-    views: SavedViews
-    webhooks: WebhookStore
-    upload_slots: UploadSlots
-    side_files: SideWriter
-    quarantine: Quarantine
-    cache: DecodedCache
-    readiness: Readiness
-    live: "Later[LiveHub]"
-    releases: ReleaseStore
-    retention: RetentionStore
-    aggregates: AggregateStore
-
-
-def open_services(settings: Settings) -> Services:
-    """Open database and folders."""
-    storage = open_storage(settings)
-    storage.prepare()
-    store = JobStore(settings)
-    try:
-        store.check_belongs(storage.identify())
-    except BaseException:
-        store.close()
-        raise
-    rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming")
-    inspector = Inspector(settings, settings.data_dir / "inspections")
-    results = ResultReader(store, storage)
-    incoming.prepare()
-    inspector.prepare()
-    return Services(
-        store=store,
-        storage=storage,
-        settings=settings,
-        recordings=RecordingStore(*rows),
-        uploads=UploadStore(*rows),
-        incoming=incoming,
-        inspector=inspector,
-        results=results,
-        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
-        batches=BatchStore(*rows),
-        mappings=MappingStore(*rows),
-        views=SavedViews(*rows, storage),
-        webhooks=WebhookStore(*rows),
-        upload_slots=UploadSlots(settings.max_uploads_at_once),
-        side_files=SideWriter(*rows, storage),
-        quarantine=Quarantine(),
-        cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
-        readiness=Readiness(store, storage, settings),
-        live=Later(),
-        releases=ReleaseStore(*rows),
-        retention=RetentionStore(*rows),
-        aggregates=AggregateStore(*rows),
-    )
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.storage = storage = open_storage(settings)
+        storage.prepare()
+        self.store = store = JobStore(settings)
+        try:
+            store.check_belongs(storage.identify())
+        except BaseException:
+            store.close()
+            raise
+        self.incoming = Incoming(settings.data_dir / "incoming")
+        self.incoming.prepare()
+        self.inspector = Inspector(settings, settings.data_dir / "inspections")
+        self.inspector.prepare()
+        rows = (store.engine, store.reader)
+        self.recordings, self.uploads = RecordingStore(*rows), UploadStore(*rows)
+        self.results = ResultReader(store, storage)
+        self.pairs = PairReports(settings, self.results, settings.data_dir / "cache" / "pairs")
+        self.batches, self.mappings = BatchStore(*rows), MappingStore(*rows)
+        self.views, self.side_files = SavedViews(*rows, storage), SideWriter(*rows, storage)
+        self.webhooks, self.releases = WebhookStore(*rows), ReleaseStore(*rows)
+        self.retention, self.aggregates = RetentionStore(*rows), AggregateStore(*rows)
+        self.upload_slots = UploadSlots(settings.max_uploads_at_once)
+        self.quarantine = Quarantine()
+        self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
+        self.readiness = Readiness(store, storage, settings)
+        self.live: Later[LiveHub] = Later()
 
 
 SUBJECT = "acromion.subject"

@@ -19,14 +19,7 @@ from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, update
 
-from app.access.accounts import (
-    AccountDatabase,
-    AccountStore,
-    Person,
-    hash_secret,
-    normalise_login,
-    note_act,
-)
+from app.access.accounts import AccountDatabase, AccountStore, Person, hash_secret, normalise_login, note_act
 from app.access.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
 from app.jobs.audit_log import NOBODY, find_actor

@@ -364,11 +364,7 @@ def get_change(request: Request, services: UsedServices, asked: ChangeChoice) ->
 
 @router.get("/compare/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
 def get_change_report(
-    name: ReportName,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    asked: ChangeChoice,
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ChangeChoice
 ) -> Response:
     """The report on the change from one day to a later one, or its answer in five lines."""
     return _serve_report(request, services, asked.find(services), (name, language))
@@ -382,11 +378,7 @@ def get_pair(request: Request, services: UsedServices, asked: PairChoice) -> Res
 
 @router.get("/pair/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
 def get_pair_report(
-    name: ReportName,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    asked: PairChoice,
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: PairChoice
 ) -> Response:
     """The report of both arms of one shift, or its answer in five lines."""
     return _serve_report(request, services, asked.find(services), (name, language))
@@ -417,11 +409,7 @@ def get_profile_table(
 
 @router.get("/profile/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
 def get_profile_report(
-    name: ReportName,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    asked: ProfileChoice,
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ProfileChoice
 ) -> Response:
     """The report of several days of a person or of a group, or its answer in a few lines."""
     return _serve_report(request, services, asked.find(services), (name, language))

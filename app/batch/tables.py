@@ -20,14 +20,7 @@ from app.report.export.columns import (
     summarise_results,
 )
 from app.report.export.crate import CRATE, Made, encode_crate
-from app.report.export.csv import (
-    FRENCH_EXCEL,
-    PROBLEM_COLUMNS,
-    Row,
-    add_origin,
-    encode_table,
-    tell_problem,
-)
+from app.report.export.csv import FRENCH_EXCEL, PROBLEM_COLUMNS, Row, add_origin, encode_table, tell_problem
 from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.methods_text import write_methods
 from app.report.export.xlsx import encode_workbook

@@ -248,10 +248,7 @@ def verify(
     print_sentence(lang, "verify", "good", number=str(number))
 
 
-def recover(
-    data: DataOption = None,
-    lang: LanguageOption = "en",
-) -> None:
+def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415

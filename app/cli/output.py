@@ -215,12 +215,7 @@ def refusals_printed(name: str, language: Language) -> Iterator[None]:
 
 
 def finish(
-    outcomes: Sequence[Outcome],
-    out: Path,
-    request: ReportRequest,
-    *,
-    goes_on: bool = True,
-    asks: bool = True,
+    outcomes: Sequence[Outcome], out: Path, request: ReportRequest, *, goes_on: bool = True, asks: bool = True
 ) -> NoReturn:
     """Write the tables and leave with the exit code that agrees with them.
 

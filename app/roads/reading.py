@@ -12,12 +12,7 @@ from app.storage.store import hash_file
 from app.version import identify_engine
 from fusion.caveats import Caveat
 from fusion.errors import FailedReader, FusionError
-from fusion.readers import (
-    identify_header,
-    join_recordings,
-    parse_profile,
-    read_recording,
-)
+from fusion.readers import identify_header, join_recordings, parse_profile, read_recording
 from fusion.recording import Recording
 
 _FAILED = "the reader plug-in %s %s failed: %s"

@@ -371,9 +371,7 @@ def _add_file_route(name: str, about: str, route: str) -> None:
 _add_file_route("results.json", "Every figure, byte for byte as the command line writes it.", "get_results")
 _add_file_route("elevation.parquet", "The angle over time.", "get_elevation")
 _add_file_route(
-    "fhir.json",
-    "The report with its PDF, and its figures as observations, as a FHIR R4 bundle.",
-    "get_fhir",
+    "fhir.json", "The report with its PDF, and its figures as observations, as a FHIR R4 bundle.", "get_fhir"
 )
 
 

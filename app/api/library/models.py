@@ -187,9 +187,7 @@ class AnalysisOptions(BaseModel):
 
     side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
     subject: Annotated[
-        str,
-        Field(description="Subject code; never a name."),
-        AfterValidator(parse_subject),
+        str, Field(description="Subject code; never a name."), AfterValidator(parse_subject)
     ] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"

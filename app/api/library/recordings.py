@@ -118,10 +118,7 @@ def _add(services: Services, stored: StoredRecording, about: Description) -> tup
 
 @router.get("")
 def list_recordings(
-    request: Request,
-    answer: Response,
-    services: UsedServices,
-    asked: Annotated[RecordingQuery, Query()],
+    request: Request, answer: Response, services: UsedServices, asked: Annotated[RecordingQuery, Query()]
 ) -> RecordingList:
     """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
     limit = asked.limit

@@ -638,9 +638,7 @@ def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> 
 
 @router.get("/{upload_id}/inspection")
 def inspect_upload(
-    upload_id: str,
-    services: UsedServices,
-    rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None,
+    upload_id: str, services: UsedServices, rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None
 ) -> HeadView:
     """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet."""
     row = get_upload_row(services, upload_id)
