@@ -197,17 +197,15 @@ class ReportRequest:
         for name in ("languages", "kinds", "joined", "changes", "slip_times_s", "no_slip_times_s"):
             if name in values:
                 values[name] = tuple(values[name])
-        reference = _read_reference(values.pop("reference", None))
-        concluded = values.pop("conclusion", None)
-        draft = _read_draft(values.pop("draft", None))
-        return cls(
-            calibration_windows_s=windows,
-            diary=diary,
-            reference=reference,
-            conclusion=Conclusion(**concluded) if concluded else None,
-            draft=draft,
-            **values,
-        )
+        if reference := values.pop("reference", None):
+            tasks = tuple(TaskWindow(**task) for task in reference.pop("tasks", ()))
+            values["reference"] = Reference(tasks=tasks, **reference)
+        if concluded := values.pop("conclusion", None):
+            values["conclusion"] = Conclusion(**concluded)
+        if draft := values.pop("draft", None):
+            changes = tuple(draft["changes"])
+            values["draft"] = ConclusionDraft(Conclusion(**draft["conclusion"]), draft["version"], changes)
+        return cls(calibration_windows_s=windows, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
         """Give what the figures depend on; languages and forms of the report are left out."""
@@ -283,16 +281,3 @@ class ProfileRequest:
 def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
     """Name the settings that differ, of two as :meth:`ReportRequest.describe_settings` gives them."""
     return tuple(name for name in after if name in before and before[name] != after[name])
-
-
-def _read_reference(values: dict[str, Any] | None) -> Reference | None:
-    if values is None:
-        return None
-    tasks = tuple(TaskWindow(**task) for task in values.pop("tasks", ()))
-    return Reference(tasks=tasks, **values)
-
-
-def _read_draft(values: dict[str, Any] | None) -> ConclusionDraft | None:
-    if values is None:
-        return None
-    return ConclusionDraft(Conclusion(**values["conclusion"]), values["version"], tuple(values["changes"]))

@@ -203,17 +203,15 @@ def prefer_language(request: Request, among: Sequence[Language]) -> Language:
         )
         if place == "fr-ca" and "fr-CA" in weights:
             asked = "fr-CA"
-        if asked is not None:
-            weights[asked] = max(weights[asked], _read_weight(parameters))
+        if asked is None:
+            continue
+        name, _, value = parameters.strip().partition("=")
+        try:
+            weight = float(value) if name.strip() == "q" else 1.0
+        except ValueError:
+            weight = 0.0
+        weights[asked] = max(weights[asked], weight)
     return max(among, key=lambda language: weights[language])
-
-
-def _read_weight(parameters: str) -> float:
-    name, _, value = parameters.strip().partition("=")
-    try:
-        return float(value) if name.strip() == "q" else 1.0
-    except ValueError:
-        return 0.0
 
 
 UsedServices = Annotated[Services, Depends(find_services)]

@@ -4,7 +4,6 @@ import os
 import re
 import ssl
 from collections.abc import Mapping
-from contextlib import suppress
 from ipaddress import ip_address
 
 from app.errors import BadParameter, ExamplePassword, ForeignAddress
@@ -50,14 +49,11 @@ def check_host_names(settings: Settings) -> None:
     Raises BadParameter.
     """
     for name in sorted(settings.host_names):
-        if not _is_host_name(name):
-            raise BadParameter(name="--hosts", value=name[:60], allowed=HOST_NAMES_HINT)
-
-
-def _is_host_name(name: str) -> bool:
-    with suppress(ValueError):
-        return bool(ip_address(name))
-    return bool(_HOST_NAME.fullmatch(name))
+        try:
+            ip_address(name)
+        except ValueError:
+            if not _HOST_NAME.fullmatch(name):
+                raise BadParameter(name="--hosts", value=name[:60], allowed=HOST_NAMES_HINT) from None
 
 
 def check_passwords(settings: Settings, environment: Mapping[str, str] = os.environ) -> None:

@@ -111,18 +111,14 @@ class Provider:
                 nonce={"essential": True, "value": told["nonce"]},
             )
             registry.validate(claims)
-        self._check_party(claims, told)
-        return claims
-
-    def _check_party(self, claims: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-        """Check who asked for the token, and, where somebody proves again who he is, that it was just now."""
         ours = self._settings.oidc_client_id
         several = isinstance(claims["aud"], list) and len(claims["aud"]) > 1
         if claims.get("azp", "" if several else ours) != ours:
             raise ProviderRefused(said="audience")
         age_s = self._accounts.clock() - float(claims.get("auth_time") or 0)
-        if told["confirms"] and age_s > LEEWAY_S:
+        if told["confirms"] and age_s > LEEWAY_S:  # somebody proves again who he is
             raise ProviderRefused(said="stale")
+        return claims
 
     def _find_person(self, claims: Mapping[str, Any]) -> Person:
         """Find or make the person of the claims, with the roles that they say now."""

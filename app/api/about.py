@@ -1,16 +1,13 @@
 """Reference data of the server: formats, dictionary, codes, version, and its own documentation."""
 
 import shutil
-from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
-from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, ProcessCollector, generate_latest
-from prometheus_client.core import GaugeMetricFamily
-from prometheus_client.registry import Collector
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, ProcessCollector, generate_latest
 from pydantic import BaseModel, Field
 
 from app.api.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
@@ -19,7 +16,7 @@ from app.formats import FORMATS, find_added_formats
 from app.report.export.columns import describe_dictionary
 from app.report.words.messages import find_flag_codes
 from app.report.words.wording import is_french
-from app.services import GOOD, Services, UsedLanguage, UsedServices
+from app.services import GOOD, UsedLanguage, UsedServices
 from app.version import installed_readers, software_revision, software_version
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"])
@@ -136,29 +133,15 @@ async def readyz(services: UsedServices) -> JSONResponse:
 def metrics(services: UsedServices) -> Response:
     """Return queue, failures by code, uploads under way, disk and process."""
     registry = CollectorRegistry()
-    registry.register(_Rows(services))
+    states = Gauge("acromion_analyses", "Analyses by state.", ["state"], registry=registry)
+    for state, number in services.store.count_states().items():
+        states.labels(state.value).set(number)
+    problems = Gauge("acromion_failed_analyses", "Failed analyses by code.", ["code"], registry=registry)
+    for code, number in services.store.count_problems().items():
+        problems.labels(code).set(number)
+    growing = len(services.uploads.find_growing())
+    Gauge("acromion_uploads_under_way", "Uploads under way.", registry=registry).set(growing)
+    free_bytes = shutil.disk_usage(services.settings.data_dir).free
+    Gauge("acromion_free_disk_bytes", "Free space for recordings.", registry=registry).set(free_bytes)
     ProcessCollector(registry=registry)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
-
-
-class _Rows(Collector):
-    """Counts rows at the moment of asking."""
-
-    def __init__(self, services: Services) -> None:
-        self._services = services
-
-    def collect(self) -> Iterable[GaugeMetricFamily]:
-        """Give every gauge."""
-        services = self._services
-        states = GaugeMetricFamily("acromion_analyses", "Analyses by state.", labels=["state"])
-        for state, number in services.store.count_states().items():
-            states.add_metric([state.value], number)
-        yield states
-        problems = GaugeMetricFamily("acromion_failed_analyses", "Failed analyses by code.", labels=["code"])
-        for code, number in services.store.count_problems().items():
-            problems.add_metric([code], number)
-        yield problems
-        growing = len(services.uploads.find_growing())
-        yield GaugeMetricFamily("acromion_uploads_under_way", "Uploads under way.", growing)
-        free_bytes = shutil.disk_usage(services.settings.data_dir).free
-        yield GaugeMetricFamily("acromion_free_disk_bytes", "Free space for recordings.", free_bytes)

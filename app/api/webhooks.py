@@ -157,7 +157,10 @@ async def _send(message: Message, *, allow_private: bool) -> bool:
     try:
         connection = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD_BYTES)
         writer.write(_write_request(connection, message, parts))
-        return 200 <= await _read_status(connection, reader) < 300
+        while not isinstance(event := connection.next_event(), h11.Response):  # informational ones (1xx) pass
+            if event is h11.NEED_DATA:
+                connection.receive_data(await reader.read(READ_BYTES))
+        return 200 <= event.status_code < 300
     finally:
         writer.transport.abort()
 
@@ -179,9 +182,10 @@ async def _find_address(url: str, *, allow_private: bool) -> tuple[str, int]:
 
 def _write_request(connection: h11.Connection, message: Message, parts: SplitResult) -> bytes:
     target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
-    body = message.body.encode()
+    body, name = message.body.encode(), parts.hostname or ""
+    host = f"[{name}]" if ":" in name else name.encode("idna").decode()
     headers = {
-        "Host": _write_host(parts),
+        "Host": f"{host}:{parts.port}" if parts.port else host,
         **sign_message(message, int(time.time())),
         "Content-Length": str(len(body)),
         "Connection": "close",
@@ -189,23 +193,6 @@ def _write_request(connection: h11.Connection, message: Message, parts: SplitRes
     request = h11.Request(method="POST", target=quote(target, TARGET_SIGNS), headers=list(headers.items()))
     events = (request, h11.Data(data=body), h11.EndOfMessage())
     return b"".join(connection.send(event) or b"" for event in events)
-
-
-def _write_host(parts: SplitResult) -> str:
-    """Write the name as it goes over the line: non-ASCII letters in punycode, IPv6 in brackets."""
-    name = parts.hostname or ""
-    host = f"[{name}]" if ":" in name else name.encode("idna").decode()
-    return f"{host}:{parts.port}" if parts.port else host
-
-
-async def _read_status(connection: h11.Connection, reader: asyncio.StreamReader) -> int:
-    """Read the status of the response, past informational ones (1xx)."""
-    while True:
-        event = connection.next_event()
-        if isinstance(event, h11.Response):
-            return event.status_code
-        if event is h11.NEED_DATA:
-            connection.receive_data(await reader.read(READ_BYTES))
 
 
 router = APIRouter(prefix="/api/v1/webhooks", responses=PROBLEM_RESPONSES, tags=["webhooks"])

@@ -152,7 +152,11 @@ def conformance(
     if not (folder / RESULTS).exists():
         typer.echo(f"No {RESULTS} yet: signal,figure,value, one row for each row of expected.csv.")
         return
-    given = _read_results(folder / RESULTS)
+    given = {}
+    with (folder / RESULTS).open(encoding="utf-8-sig", newline="") as file:
+        for row in csv.DictReader(file):
+            with suppress(ValueError):  # a value that is no number counts as missing
+                given[row.get("signal") or "", row.get("figure") or ""] = float(row.get("value") or "")
     told = [
         _check(one.name, item, given.get((one.name, item.figure))) for one in SIGNALS for item in one.expected
     ]
@@ -182,16 +186,6 @@ def _write_signals(folder: Path, signals: "Sequence[TestSignal]") -> Iterator[Pa
             for item in signal.expected:
                 rows.writerow((signal.name, item.figure, item.unit, f"{item.value:.6g}", item.tolerance))
     yield path
-
-
-def _read_results(path: Path) -> dict[tuple[str, str], float]:
-    """Read the figures of another program; a value that is no number counts as missing."""
-    given = {}
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        for row in csv.DictReader(file):
-            with suppress(ValueError):
-                given[row.get("signal") or "", row.get("figure") or ""] = float(row.get("value") or "")
-    return given
 
 
 def _check(signal: str, item: "Expected", value: float | None) -> str:

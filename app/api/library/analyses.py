@@ -47,7 +47,7 @@ from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
 from app.report.figures import load_results
 from app.report.words.wording import Language, find_nearest
-from app.request import Conclusion, Paper, ReportRequest, write_profile
+from app.request import Conclusion, Paper, ReportRequest, clean_file_name, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.storage.day_file import DAY_NAME
 from app.storage.store import StoredRecording
@@ -128,7 +128,8 @@ async def analyze(
     The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
     """
     check_queue(services)
-    asked = parameters.to_request(language, services.settings.paper)
+    file_name = clean_file_name(parameters.file_name)
+    asked = parameters.build_request(file_name, language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         add = partial(services.store.add, stored, asked, way_in, parameters.external_id)
@@ -230,9 +231,7 @@ def build_request(
 
     Raises fusion.errors.UnusableDiary.
     """
-    stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
-    whole = AnalysisSettings.model_validate(stated)
-    request = whole.build_request(row.about.file_name, language, paper)
+    request = settings.complete(row.about).build_request(row.about.file_name, language, paper)
     diary = row.diary
     if settings.periods is not None:
         diary = read_periods(settings.periods)

@@ -222,6 +222,11 @@ class AnalysisOptions(BaseModel):
         str, Field(max_length=200, description="Which sensor of a table of several is on the arm.")
     ] = ""
 
+    def complete(self, about: Description) -> Self:
+        """Return the options with what the recording says where they say nothing."""
+        stated = {"subject": about.subject, "side": about.side} | self.model_dump(exclude_unset=True)
+        return self.model_validate(stated)
+
     @model_validator(mode="after")
     def _count_windows(self) -> Self:
         count = len(self.calibration)
@@ -275,10 +280,6 @@ class AnalyzeParameters(DeclaredOptions):
         str, Field(description="Its name in your own system."), AfterValidator(parse_subject)
     ] = ""
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
-
-    def to_request(self, language: Language, paper: Paper) -> ReportRequest:
-        """Build the request for the file that comes along."""
-        return self.build_request(clean_file_name(self.file_name), language, paper)
 
 
 class ConclusionView(BaseModel):

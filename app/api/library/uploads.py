@@ -337,9 +337,7 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     if declared is not None:
         study = declared.study
         if services.store.count_waiting() < services.settings.max_queued:  # else no analysis: ask later
-            stated = declared.model_dump(exclude_unset=True)
-            whole = DeclaredOptions(**{"subject": row.about.subject, "side": row.about.side} | stated)
-            paper = services.settings.paper
+            paper, whole = services.settings.paper, declared.complete(row.about)
             asked = whole.build_request(row.about.file_name, declared.lang or "en", paper)
     counts = services.uploads.finish(row, stored, asked, way_in, study)
     if counts != stored.id and not services.store.may_hold(stored.id):
