@@ -22,7 +22,7 @@ from starlette.routing import Match
 from app.access.accounts import AccountStore
 from app.access.gate import Gate, open_gate
 from app.access.logins import Logins
-from app.api import about, live, pairs, tokens, trust, validations, webhooks
+from app.api import about, live, pairs, trust, validations, webhooks
 from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library import analyses, batches, mappings, recordings, uploads
 from app.api.middleware.access import CHECKED, Access
@@ -96,7 +96,7 @@ from fusion.errors import FusionError
 
 ROUTES = (
     *(module.router for module in (uploads, recordings, analyses, batches, webhooks, validations, mappings)),
-    *(pairs.router, about.router, about.health_router, live.router, trust.router, tokens.router),
+    *(pairs.router, about.router, about.health_router, live.router, trust.router, trust.token_router),
 )
 PAGES = (
     page_routes,
@@ -181,7 +181,13 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     with translate_start_errors(settings):
         check_exposure(settings, has_accounts=AccountStore(settings).exist())
     listener = listen(settings)
-    application = _prepare(settings, listener)
+    try:
+        with translate_start_errors(settings):
+            _prepare_database(settings)
+            application = create_app(settings)
+    except BaseException:
+        listener.close()
+        raise
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     is_socket = settings.host.startswith(SOCKET_PREFIX)
     place = settings.host if is_socket else f"{host}:{listener.getsockname()[1]}"
@@ -208,17 +214,6 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         if watch is not None:
             watch.stop()
         pool.stop()
-
-
-def _prepare(settings: Settings, listener: socket.socket) -> FastAPI:
-    """Prepare the database, and build the application; the socket is closed where that fails."""
-    try:
-        with translate_start_errors(settings):
-            _prepare_database(settings)
-            return create_app(settings)
-    except BaseException:
-        listener.close()
-        raise
 
 
 def _prepare_database(settings: Settings) -> None:
@@ -326,30 +321,24 @@ def prepare_house(services: Services) -> FolderLock:
 
 
 def listen(settings: Settings) -> socket.socket:
-    """Open the socket that callers connect to. Raises PortTaken."""
+    """Open the socket that callers connect to, at an address or in the file system. Raises PortTaken."""
+    path = None
+    address: str | tuple[str, int] = (settings.host, settings.port)
     if settings.host.startswith(SOCKET_PREFIX):
-        return _listen_at_socket(Path(settings.host.removeprefix(SOCKET_PREFIX)), settings)
-    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    # asyncio sends answers at once (TCP_NODELAY) only where the protocol is named; else each waits 40 ms
-    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        address = settings.host.removeprefix(SOCKET_PREFIX)
+        path, listener = Path(address), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    else:
+        family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+        # asyncio sends answers at once (TCP_NODELAY) only where the protocol is named; else each waits 40 ms
+        listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((settings.host, settings.port))
+        if path is not None:
+            path.unlink(missing_ok=True)
+        listener.bind(address)
+        if path is not None:
+            path.chmod(0o660)  # for its owner and group: a proxy's user
         listener.listen(BACKLOG)  # so that whoever reads our address may connect at once
-    except OSError as error:
-        listener.close()
-        raise PortTaken(host=settings.host, port=settings.port) from error
-    return listener
-
-
-def _listen_at_socket(path: Path, settings: Settings) -> socket.socket:
-    """Listen at a socket of the file system, which its owner and group may open: a proxy's user."""
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        path.unlink(missing_ok=True)
-        listener.bind(str(path))
-        path.chmod(0o660)
-        listener.listen(BACKLOG)
     except OSError as error:
         listener.close()
         raise PortTaken(host=settings.host, port=settings.port) from error

@@ -19,7 +19,12 @@ SECRET_BYTES = 32
 
 @dataclass(slots=True)
 class StartSecret:
-    """The secret itself, and the addresses that were not opened yet."""
+    """The secret of a server that nobody logs in to, and the addresses that were not opened yet.
+
+    It is in ``DATA/secret``, readable by its owner only: another user of the same computer does not have it.
+    Scripts send it as ``Authorization: Bearer``. A browser opens an address that works once (``--open`` opens
+    it, the terminal shows it) and gets a cookie.
+    """
 
     bearer: str
     _unopened: set[str] = field(default_factory=set)

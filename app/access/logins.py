@@ -207,7 +207,13 @@ class Budget:
 
 
 class Throttle:
-    """Rows of tries."""
+    """Rows of tries.
+
+    A try counts before it is looked at, so that many at once get no more than many in a row. Who knows a
+    password gets his try back. A stranger's tries delay the account and his address, never a browser that is
+    known. Tries that had to wait are a line of the audit log, once for each account, address or browser in
+    15 minutes.
+    """
 
     def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
         self._database, self._clock = database, clock

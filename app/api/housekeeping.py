@@ -44,8 +44,26 @@ async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
     await _note(services, "server.started")
+    looked_s = aged_s = time.monotonic()
     try:
-        await _run_rounds(services, leader, sender)
+        while True:
+            await anyio.sleep(LOOK_S)
+            now_s = time.monotonic()
+            try:
+                if not await run_to_end(leader.is_leader):
+                    looked_s = aged_s = now_s  # another counts this time
+                    continue
+                await run_to_end(write_side_files, services)
+                await sender.start_due(now_s - looked_s)
+                looked_s = now_s
+                if now_s - aged_s > AGE_S:
+                    await run_to_end(grow_older, services, now_s - aged_s)
+                    aged_s = now_s
+                    await run_to_end(keep_daily_copy, services.settings, services.store.engine)
+            except OperationalError:
+                logger.exception("the database does not answer; trying again")
+            except (AppError, OSError):
+                logger.exception("housekeeping is not done; trying again")
     finally:
         await sender.stop()
         leader.close()
@@ -58,28 +76,6 @@ async def _note(services: Services, act: Act) -> None:
         await run_to_end(record_alone, services.store.engine, act)
     except SQLAlchemyError:
         logger.exception("the audit log cannot be written")
-
-
-async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
-    looked_s = aged_s = time.monotonic()
-    while True:
-        await anyio.sleep(LOOK_S)
-        now_s = time.monotonic()
-        try:
-            if not await run_to_end(leader.is_leader):
-                looked_s = aged_s = now_s  # another counts this time
-                continue
-            await run_to_end(write_side_files, services)
-            await sender.start_due(now_s - looked_s)
-            looked_s = now_s
-            if now_s - aged_s > AGE_S:
-                await run_to_end(grow_older, services, now_s - aged_s)
-                aged_s = now_s
-                await run_to_end(keep_daily_copy, services.settings, services.store.engine)
-        except OperationalError:
-            logger.exception("the database does not answer; trying again")
-        except (AppError, OSError):
-            logger.exception("housekeeping is not done; trying again")
 
 
 def write_side_files(services: Services) -> None:

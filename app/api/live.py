@@ -254,10 +254,14 @@ async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "Ru
         return hub.get(first.session)
     port = PushedPort()
     inbox.push = port.push
+    return await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
+
+
+def _find_limiter() -> CapacityLimiter:
     if (limiter := _STARTING.get(None)) is None:
         limiter = CapacityLimiter(MOST_STARTING)
         _STARTING.set(limiter)
-    return await to_thread.run_sync(_start, services, first, port, limiter=limiter)
+    return limiter
 
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":

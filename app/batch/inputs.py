@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from app.batch.plan import Task
+from app.batch.folder import Task
 from app.errors import UnusableParticipants
 from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
 from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis

@@ -42,17 +42,18 @@ def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest,
     Each is the old one or the new one, whole, whatever ends us meanwhile.
     """
     out.mkdir(parents=True, exist_ok=True)
-    read = [
-        None if one.code else load_results((one.task.folder / "results.json").read_bytes())
-        for one in outcomes
-    ]
-    done = [one and add_origin(one, outcome.task.origin) for one, outcome in zip(read, outcomes, strict=True)]
+    found: list[dict[str, Any] | None] = []
+    for outcome in outcomes:
+        path = outcome.task.folder / "results.json"
+        found.append(
+            None if outcome.code else add_origin(load_results(path.read_bytes()), outcome.task.origin)
+        )
     sizes: dict[str, int] = {}
-    for name, content in _encode_tables(outcomes, done, request, made_at):
+    for name, content in _encode_tables(outcomes, found, request, made_at):
         write_durably(out / name, content)
         sizes[name] = len(content)
     made = []
-    for outcome, results in zip(outcomes, done, strict=True):
+    for outcome, results in zip(outcomes, found, strict=True):
         if results is None:
             made.append(Made(code=outcome.code))
             continue

@@ -11,8 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from app.batch.folder import use_plain_names, write_version
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks, use_plain_names, write_version
 from app.cli.options import (
     LanguageOption,
     Out,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks
 from app.cli.options import LanguageOption, ProfileOption, SensorOption, name_sensor, read_profile_file
 from app.cli.output import Exit, choose_exit, finish, print_problem, refusals_printed, report_progress
 from app.errors import NO_RESULTS

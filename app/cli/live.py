@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks
 from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
 from app.cli.output import finish, handling_signals, print_problem, refusals_printed, report_progress
 from app.errors import UNREADABLE_PATH, AppError

@@ -19,9 +19,8 @@ from typing import Any, Literal, NoReturn
 
 import typer
 
-from app.batch.plan import Task, format_path
-from app.batch.run import Outcome, find_done, run_tasks
-from app.batch.shards import ShardRecord
+from app.batch.folder import Task, format_path
+from app.batch.run import Outcome, ShardRecord, find_done, run_tasks
 from app.errors import UNREADABLE_PATH, AppError, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import typer
 
-from app.batch.folder import is_up_to_date
-from app.batch.plan import Task, find_recordings, format_path, plan_tasks
-from app.batch.run import choose_workers, measure_capacity
-from app.batch.shards import ShardRecord, collect_outcomes
+from app.batch.folder import Task, find_recordings, format_path, is_up_to_date, plan_tasks
+from app.batch.run import ShardRecord, choose_workers, collect_outcomes, measure_capacity
 from app.cli.options import (
     DiaryOption,
     LanguageOption,

@@ -73,11 +73,9 @@ def make_validation(
     fusion.errors.FusionError
         When the two cannot be compared; then nothing has been written.
     """
-    if request.reference is None:
-        raise ValueError("no reference")
-    comparison = compare_files(log, request, request.reference, on_stage)
+    comparison = compare_files(log, request, on_stage)
     on_stage("rendering", 0.9)
-    subject = describe_comparison(comparison, request, request.reference)
+    subject = describe_comparison(comparison, request)
     validation = build_validation(comparison, subject)
     encoded = write_comparison(validation, out)
     for language in request.languages:
@@ -114,8 +112,11 @@ def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:
     return encoded
 
 
-def compare_files(log: Path, request: ReportRequest, reference: Reference, on_stage: OnStage) -> Comparison:
+def compare_files(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Comparison:
     """Read both files, fuse what is to be fused, and compare."""
+    reference = request.reference
+    if reference is None:
+        raise ValueError("no reference")
     on_stage("reading", 0.0)
     ours = read_side(log, request, on_stage)
     options = AngleFileOptions(request.side, reference.rate_hz)
@@ -145,14 +146,12 @@ def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stag
     return take_angle_file(angles, next(iter(request.calibration_windows_s), None))
 
 
-def describe_comparison(
-    comparison: Comparison, request: ReportRequest, reference: Reference
-) -> ComparisonSubject:
+def describe_comparison(comparison: Comparison, request: ReportRequest) -> ComparisonSubject:
     """Build the subject of a validation: who and what was compared, by which software."""
     is_fused = comparison.ours.calibration_s is not None and comparison.ours.device not in {"angles", "mvn"}
     return ComparisonSubject(
         file_name=request.file_name,
-        reference_name=reference.file_name,
+        reference_name=request.reference.file_name if request.reference else "",
         subject=request.subject,
         side=request.side,
         method=request.method if is_fused else "",
@@ -161,7 +160,20 @@ def describe_comparison(
     )
 
 
-# A folder of people, tasks and devices.
+# A folder of people, tasks and devices: every recording is compared with the reference in its folder.
+#
+#     STUDY/
+#       P01/                      a person; the name is the subject code
+#         reference.mvnx          what all recordings here are compared with: any file named reference.*
+#         gt9x.gt3x               recordings; any name
+#         lsm9ds1.csv
+#         tasks.csv               name,start_s,end_s[,paper_task][,clock]; gt9x.tasks.csv for one alone
+#       P02/
+#         task-1/                 or one folder for each task, with its own reference; task-N is the paper's
+#           reference.csv
+#           gt9x.gt3x
+#
+# A recording that cannot be compared becomes a problem with its place; the rest goes on.
 
 
 RECORDINGS = tuple(ending for ending in ENDINGS if ending not in {".zip", ".bin"})
@@ -305,10 +317,8 @@ def make_study(
 
 def _compare(file: StudyFile, request: ReportRequest, folder: Path) -> list[AgreementEntry]:
     asked = build_request(file, request)
-    if asked.reference is None:
-        raise ValueError("no reference")
-    comparison = compare_files(file.log, asked, asked.reference, ignore_stage)
-    subject = describe_comparison(comparison, asked, asked.reference)
+    comparison = compare_files(file.log, asked)
+    subject = describe_comparison(comparison, asked)
     folder.mkdir(parents=True, exist_ok=True)
     write_comparison(build_validation(comparison, subject), folder)
     device = comparison.ours.device

@@ -11,8 +11,7 @@ from app.access.accounts import DAYS, LONGEST_S, MOST_DAYS, hash_secret, make_to
 from app.access.logins import LinkUse
 from app.access.subjects import Permission, Role, Subject, collect_permissions
 from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
-from app.api.names import find_names
-from app.api.tokens import UsedPerson
+from app.api.trust import UsedPerson, find_names
 from app.errors import (
     AppError,
     BadParameter,
