@@ -483,19 +483,13 @@ def retention(
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
         if kind:
-            terms.put(kind, _read_days(days))
+            if days != "never" and (not days.isdecimal() or len(days) > 6):
+                raise BadParameter(name="days", value=days[:20], allowed="1, 2, 3 …, never")
+            terms.put(kind, None if days == "never" else int(days))
         for name, number in terms.find_all().items():
             sentence = "term" if number is not None else "for_good"
             what = load_wording(lang, "trail")["terms"][name]
             print_sentence(lang, "trail", sentence, what=what, days=str(number or ""))
-
-
-def _read_days(text: str) -> int | None:
-    if text == "never":
-        return None
-    if not text.isdecimal() or len(text) > 6:
-        raise BadParameter(name="days", value=text[:20], allowed="1, 2, 3 …, never")
-    return int(text)
 
 
 def _read_moment(text: str) -> str:

@@ -7,7 +7,7 @@ from errno import ENOENT
 from functools import partial
 from os import strerror
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
@@ -160,6 +160,8 @@ def validate(
     paper: PaperOption = "a4",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
+    from app.roads.validate import make_study, make_validation  # noqa: PLC0415  heavy, and only this needs it
+
     request = ReportRequest(
         path.name,
         parse_subject(subject),
@@ -172,12 +174,17 @@ def validate(
         paper=paper,
         pose_held=pose_held,
     )
-    if path.is_dir():
-        _compare_study(path, request, out)
+    if path.is_dir():  # a whole study: failures are printed, and show in the exit code
+        with refusals_printed(str(path), lang):
+            out.mkdir(parents=True, exist_ok=True)
+            problems = make_study(path, request, out, typer.echo)
+            use_plain_names(out, lang)
+        for problem in problems:
+            print_problem(problem.name, problem.code, problem.facts, lang)
+        typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
+        raise typer.Exit(Exit.SOME_FAILED if problems else Exit.ALL_GOOD)
     if reference is None:
         raise typer.BadParameter("needed, unless FILE is the folder of a study", param_hint="--reference")
-    from app.roads.validate import make_validation  # noqa: PLC0415  heavy, and only this needs it
-
     check_windows([request])
     given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
     given = replace(given, tasks=read_tasks_file(tasks, lang))
@@ -192,21 +199,6 @@ def _print_answer(name: str, folder: Path, version: int = 1) -> None:
     typer.echo(f"{name} -> {folder}" + (f" (version {version})" if version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
         typer.echo(f"  {line}")
-
-
-def _compare_study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
-    """Compare a whole folder; failures are printed, and show in the exit code."""
-    from app.roads.validate import make_study  # noqa: PLC0415
-
-    language = request.languages[0]
-    with refusals_printed(str(path), language):
-        out.mkdir(parents=True, exist_ok=True)
-        problems = make_study(path, request, out, typer.echo)
-        use_plain_names(out, language)
-    for problem in problems:
-        print_problem(problem.name, problem.code, problem.facts, language)
-    typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
-    raise typer.Exit(Exit.SOME_FAILED if problems else Exit.ALL_GOOD)
 
 
 # Several days over one another.

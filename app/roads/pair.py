@@ -13,7 +13,7 @@ from typing import Any, Literal
 from app.errors import AppError, CannotPair, CannotProfile
 from app.report.change import build_comparison, describe_comparison, refuse_no_comparison
 from app.report.days.document import describe_profile, encode_day_table, encode_overlay_table
-from app.report.days.people import ArmDays, MeasuredDay, Stage, group_days
+from app.report.days.people import MeasuredDay, Stage, group_days
 from app.report.days.report import build_days
 from app.report.findings import Kept
 from app.report.model import Report, Table
@@ -213,7 +213,17 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
         kept = _read(folder, CannotProfile(why="kept", name=folder.name))
         days.append(MeasuredDay(kept, stage, str(folder)))
     grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
-    studied = replace(grouped, arms=tuple(_overlay(arm) for arm in grouped.arms))
+    arms = []
+    for (
+        arm
+    ) in grouped.arms:  # overlay the days that have a clock; one of more than 24 h would lie over itself
+        clocked = [
+            lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
+            for day in arm.days
+            if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()
+        ]
+        arms.append(replace(arm, bands=overlay_days(clocked)))
+    studied = replace(grouped, arms=tuple(arms))
     body = encode_document(describe_profile(studied))
     (out / "profile.json").write_bytes(body)
     (out / "profile.csv").write_bytes(encode_day_table(studied))
@@ -225,13 +235,3 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
             charts = (*report.figures, *(chart for section in report.sections for chart in section.figures))
             shown = [asdict(replace(chart, table=_NO_TABLE)) for chart in charts]
             (out / f"drawings.{language}.json").write_text(json.dumps(shown), "utf-8")
-
-
-def _overlay(arm: ArmDays) -> ArmDays:
-    """Overlay the days that have a clock; one of more than 24 h would lie over itself."""
-    days = [
-        lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
-        for day in arm.days
-        if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()
-    ]
-    return replace(arm, bands=overlay_days(days))

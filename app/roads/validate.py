@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,6 @@ from fusion.agreement import (
     take_angle_file,
     take_recording,
 )
-from fusion.agreement.pairs import PairedRun
 from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
 from fusion.errors import FusionError, NoReference, UnknownFormat, UnusableStudy
 from fusion.pipeline import fuse_recording
@@ -87,21 +86,16 @@ def make_validation(
         if has_curves:
             (out / f"plot.{language}.svg").write_text(report.figures[0].narrow, "utf-8")
     if has_curves:
-        _write_curves(comparison.pairs.runs, out)
-
-
-def _write_curves(runs: Sequence[PairedRun], out: Path) -> None:
-    """Write what was compared, row by row, on the recording's clock."""
-    first_s = runs[0].start_s
-    facts = {"start": None, "duration_us": round((runs[-1].end_s - first_s) * MICROSECONDS)}
-    for name, angle in ((OWN_CURVE, "ours_deg"), (REFERENCE_CURVE, "reference_deg")):
-        segments = [
-            DaySegment(
-                run.start_s - first_s, run.rate_hz, getattr(run, angle).astype(np.float32), 1.0, NO_QUIET
-            )
-            for run in runs
-        ]
-        write_day(out / name, segments, facts)
+        runs = comparison.pairs.runs  # row by row, on the recording's clock
+        first_s = runs[0].start_s
+        facts = {"start": None, "duration_us": round((runs[-1].end_s - first_s) * MICROSECONDS)}
+        for name, angle in ((OWN_CURVE, "ours_deg"), (REFERENCE_CURVE, "reference_deg")):
+            angles_deg = [getattr(run, angle).astype(np.float32) for run in runs]
+            segments = [
+                DaySegment(run.start_s - first_s, run.rate_hz, angle_deg, 1.0, NO_QUIET)
+                for run, angle_deg in zip(runs, angles_deg, strict=True)
+            ]
+            write_day(out / name, segments, facts)
 
 
 def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:
@@ -308,7 +302,12 @@ def make_study(
             entries += _compare(file, request, out / file.name(study))
         except (FusionError, OSError) as error:
             problems.append(describe_failure(file.name(study), error))
-    _write_problems(problems, request, out)
+    rows: list[Row] = []
+    for problem in problems:
+        words = describe_problem(problem.code, problem.facts, request.languages[0])
+        told = {"title": words.title, "detail": words.detail, "fix": words.fix}
+        rows.append({"file": problem.name, "code": problem.code, **told})
+    (out / "problems.csv").write_bytes(encode_table(("file", "code", "title", "detail", "fix"), rows))
     if not entries:
         raise UnusableStudy(why="study-failed")
     _write_study(entries, problems, request, out)
@@ -349,12 +348,3 @@ def _write_study(
         (out / f"study.{language}.html").write_bytes(render_html(report))
         document = render_pdf(report, {"study.json": encoded}, request.paper)
         (out / f"study.{language}.pdf").write_bytes(document)
-
-
-def _write_problems(problems: list[StudyProblem], request: ReportRequest, out: Path) -> None:
-    rows: list[Row] = []
-    for problem in problems:
-        words = describe_problem(problem.code, problem.facts, request.languages[0])
-        told = {"title": words.title, "detail": words.detail, "fix": words.fix}
-        rows.append({"file": problem.name, "code": problem.code, **told})
-    (out / "problems.csv").write_bytes(encode_table(("file", "code", "title", "detail", "fix"), rows))
