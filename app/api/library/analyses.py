@@ -94,7 +94,13 @@ async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kw
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
 DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
-RAW_BODY = {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}}
+ANALYZE: dict[str, Any] = {
+    "status_code": 202,
+    "response_model": AnalysisView,
+    "response_model_exclude_unset": True,
+    "responses": DONE,
+    "openapi_extra": {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
+}
 
 
 class AnalysisWish(BaseModel):
@@ -108,14 +114,7 @@ class AnalysisWish(BaseModel):
     study: StudyName = ""
 
 
-@router.post(
-    "/analyze",
-    status_code=202,
-    response_model=AnalysisView,
-    response_model_exclude_unset=True,
-    responses=DONE,
-    openapi_extra=RAW_BODY,
-)
+@router.post("/analyze", **ANALYZE)
 async def analyze(
     request: Request,
     services: UsedServices,
@@ -149,15 +148,7 @@ async def analyze(
 
 
 # What ``curl -T`` sends.
-router.put(
-    "/analyze",
-    name="put_and_analyze",
-    status_code=202,
-    response_model=AnalysisView,
-    response_model_exclude_unset=True,
-    responses=DONE,
-    openapi_extra=RAW_BODY,
-)(analyze)
+router.put("/analyze", name="put_and_analyze", **ANALYZE)(analyze)
 
 
 @router.post(
