@@ -23,7 +23,7 @@ from joserfc.jwk import KeySet
 
 from app.access.accounts import AccountStore, Person
 from app.access.logins import TicketStore
-from app.access.subjects import ROLES, Role
+from app.access.subjects import ROLES
 from app.errors import NotPermitted, ProviderRefused, TicketSpent
 from app.settings import Settings
 
@@ -122,7 +122,12 @@ class Provider:
 
     def _find_person(self, claims: Mapping[str, Any]) -> Person:
         """Find or make the person of the claims, with the roles that they say now."""
-        roles, subject = self._read_roles(claims.get(self._settings.oidc_claim)), str(claims["sub"])
+        claim, subject = claims.get(self._settings.oidc_claim), str(claims["sub"])
+        values = {str(value) for value in (claim if isinstance(claim, list) else [claim])}
+        pairs = (pair.strip().partition("=") for pair in self._settings.oidc_roles.split(","))
+        named = {value: role for value, sign, role in pairs if sign}
+        meant = {named.get(value) for value in values} if named else values
+        roles = frozenset(role for role in ROLES if role in meant)
         person = self._accounts.find_person_of(self._issuer, subject)
         if not roles and person is not None and person.ended_at is None:
             logger.warning("the provider says no role any more: %s is ended", person.id)
@@ -138,13 +143,6 @@ class Provider:
         self._accounts.set_roles(person.id, roles)
         self._accounts.set_name(person.id, name)
         return self._accounts.get_person(person.id)
-
-    def _read_roles(self, claim: object) -> frozenset[Role]:
-        values = {str(value) for value in (claim if isinstance(claim, list) else [claim])}
-        pairs = (pair.strip().partition("=") for pair in self._settings.oidc_roles.split(","))
-        named = {value: role for value, sign, role in pairs if sign}
-        meant = {named.get(value) for value in values} if named else values
-        return frozenset(role for role in ROLES if role in meant)
 
     def _open(self, back: str) -> Any:
         settings = self._settings

@@ -181,8 +181,12 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     for name in form:
         if name not in KNOWN:
             raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
-    chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
-    chosen["side"], chosen["pose_held"] = chosen["side"] or None, chosen["pose_held"] or None
+    chosen: dict[str, Any] = {}
+    for name, among in CHOICES.items():
+        value = _text(form, name) or among[0]
+        if value not in among:
+            raise BadParameter(name=name, value=value[:60], allowed=", ".join(filter(None, among)))
+        chosen[name] = value or None
     chosen["paper"] = chosen["paper"] or services.settings.paper
     window = _read(form, "calibration", parse_window, WINDOW_HINT)
     asked = ReportRequest(
@@ -219,14 +223,6 @@ def _require_file(form: FormData, name: str) -> UploadFile:
 def _text(form: FormData, name: str) -> str:
     value = form.get(name, "")
     return value.strip() if isinstance(value, str) else ""
-
-
-def _choose(form: FormData, name: str) -> str:
-    allowed = CHOICES[name]
-    value = _text(form, name) or allowed[0]
-    if value not in allowed:
-        raise BadParameter(name=name, value=value[:60], allowed=", ".join(filter(None, allowed)))
-    return value
 
 
 def _read(form: FormData, name: str, read: Callable[[str], T], allowed: str) -> T | None:

@@ -85,7 +85,11 @@ def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
         for name, place in {(whole, 1), numbered}:
             if name in folders:
                 folders[name].append((place, path))
-    markers = {path: _read_marker(path) for found in folders.values() for _, path in found}
+    markers: dict[Path, dict[str, str]] = {path: {} for found in folders.values() for _, path in found}
+    for path in markers:  # one without a marker, or with none that can be read, names no recording
+        with suppress(OSError, ValueError):
+            values = json.loads((path / MARKER).read_text("utf-8"))
+            markers[path] = values if isinstance(values, dict) else {}
     digest, taken = cache(hash_file), {name.casefold() for name in TABLES}
 
     def list_made(log: Path) -> Iterator[Path]:
@@ -131,15 +135,6 @@ def format_folder_name(log: Path) -> str:
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
     return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
-
-
-def _read_marker(folder: Path) -> Mapping[str, str]:
-    """Read which recording a folder names; nothing if it has no marker."""
-    try:
-        values = json.loads((folder / MARKER).read_text("utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return values if isinstance(values, dict) else {}
 
 
 @dataclass(frozen=True, slots=True)
