@@ -20,7 +20,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app.access.accounts import AccountStore
-from app.access.gate import Gate, open_gate
+from app.access.gate import Gate, read_or_create_secret
 from app.access.logins import Logins
 from app.api import about, live, pairs, trust, validations, webhooks
 from app.api.housekeeping import keep_house, reconcile, write_side_files
@@ -149,7 +149,11 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     except BaseException:
         services.store.close()
         raise
-    gate = application.state.gate = open_gate(settings, accounts)
+    secret = None
+    if not settings.no_secret:
+        make_folder(settings.data_dir)
+        secret = read_or_create_secret(settings.data_dir)
+    gate = application.state.gate = Gate(secret, accounts)
     application.state.logins = Logins(accounts, settings)
     for routes in (*ROUTES, *PAGES):
         application.include_router(routes, dependencies=CHECKED)
@@ -298,8 +302,8 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         finally:
             house.cancel()
             await asyncio.gather(house, return_exceptions=True)
-            if services.live.made is not None:
-                await asyncio.to_thread(services.live.made.close)
+            if services.live is not None:
+                await asyncio.to_thread(services.live.close)
             await asyncio.to_thread(write_side_files, services)
 
 

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import anyio
 import anyio.to_thread
@@ -38,8 +38,6 @@ from app.storage.store import Storage, check_folder
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
-
-T = TypeVar("T")
 
 # Readiness: each thing that an upload needs is checked by itself and within a limit.
 
@@ -126,21 +124,6 @@ class Quarantine:
     names: tuple[str, ...] = ()
 
 
-class Later(Generic[T]):
-    """Something that is made when it is first asked for, once."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self.made: T | None = None
-
-    def find(self, make: Callable[[], T]) -> T:
-        """Give it, made now if need be."""
-        with self._lock:
-            if self.made is None:
-                self.made = make()
-            return self.made
-
-
 class Services:
     """The database, the folders and the settings of this server, opened."""
 
@@ -170,7 +153,9 @@ class Services:
         self.quarantine = Quarantine()
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
-        self.live: Later[LiveHub] = Later()
+        self.live: LiveHub | None = None
+        """Made by the first live session (:func:`app.api.live.find_hub`), because it loads the science."""
+        self.live_turn = threading.Lock()
 
 
 SUBJECT = "acromion.subject"

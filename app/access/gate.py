@@ -10,8 +10,7 @@ from pathlib import Path
 
 from app.access.accounts import AccountStore
 from app.access.subjects import AT_THE_MACHINE, MACHINE, Subject
-from app.settings import Settings
-from app.storage.permissions import FILE_MODE, create_file, make_folder
+from app.storage.permissions import FILE_MODE, create_file
 
 FILE_NAME = "secret"
 SECRET_BYTES = 32
@@ -113,11 +112,3 @@ class Gate:
     def is_confirmed(self, subject: Subject) -> bool:
         """Tell whether what cannot be undone may be done now; of scripts nobody can ask a password again."""
         return subject.kind != "person" or self.accounts.is_confirmed(subject)
-
-
-def open_gate(settings: Settings, accounts: AccountStore) -> Gate:
-    """Open the gate of a server."""
-    if settings.no_secret:
-        return Gate(None, accounts)
-    make_folder(settings.data_dir)
-    return Gate(read_or_create_secret(settings.data_dir), accounts)

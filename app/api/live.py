@@ -465,4 +465,7 @@ def find_hub(services: Services) -> "LiveHub":
     """Give the sessions of this server; the first call loads the science."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
-    return services.live.find(lambda: LiveHub(LiveLibrary(services)))
+    with services.live_turn:
+        if services.live is None:
+            services.live = LiveHub(LiveLibrary(services))
+        return services.live
