@@ -180,15 +180,18 @@ def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
         raise PydanticCustomError("value", "value", {"expected": hint}) from None
 
 
+SubjectCode = Annotated[str, AfterValidator(parse_subject)]
+DeviceClock = Annotated[str, AfterValidator(parse_device_clock)]
+SlipTimes = list[Annotated[float, Field(ge=0, le=1e8)]]
+
+
 class AnalysisOptions(BaseModel):
     """What may be asked of an analysis; a name that is not known is refused."""
 
     model_config = ConfigDict(extra="forbid")
 
     side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
-    subject: Annotated[
-        str, Field(description="Subject code; never a name."), AfterValidator(parse_subject)
-    ] = ""
+    subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
@@ -210,11 +213,10 @@ class AnalysisOptions(BaseModel):
         Field(description="No pose: the sensor's axis along the arm, towards the shoulder."),
     ] = None
     slip_at: Annotated[
-        list[Annotated[float, Field(ge=0, le=1e8)]],
-        Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds."),
+        SlipTimes, Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds.")
     ] = []
     no_slip_at: Annotated[
-        list[Annotated[float, Field(ge=0, le=1e8)]],
+        SlipTimes,
         Field(max_length=MOST_WINDOWS, description="When it did not, though it may seem so, seconds."),
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
@@ -260,9 +262,7 @@ class AnalysisOptions(BaseModel):
 
 
 StudyName = Annotated[
-    str,
-    Field(description="Name of a study that it joins, which begins with its first."),
-    AfterValidator(parse_subject),
+    SubjectCode, Field(description="Name of a study that it joins, which begins with its first.")
 ]
 
 
@@ -276,9 +276,7 @@ class AnalyzeParameters(DeclaredOptions):
     """What may be asked with a recording."""
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
-    external_id: Annotated[
-        str, Field(description="Its name in your own system."), AfterValidator(parse_subject)
-    ] = ""
+    external_id: Annotated[SubjectCode, Field(description="Its name in your own system.")] = ""
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
 
 
@@ -516,9 +514,7 @@ class RecordingWords(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
-    subject: Annotated[
-        str, Field(description="Subject code; never a name."), AfterValidator(parse_subject)
-    ] = ""
+    subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     side: Annotated[Side | None, Field(description="Which arm.")] = None
     external_id: Annotated[Text, Field(description="Its name in your own system.")] = ""
     note: Note = ""
@@ -536,7 +532,7 @@ class RecordingPatch(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     file_name: Annotated[str, Field(max_length=1000)] | None = None
-    subject: Annotated[str, AfterValidator(parse_subject)] | None = None
+    subject: SubjectCode | None = None
     side: Side | None = None
     external_id: Text | None = None
     note: Note | None = None
@@ -582,15 +578,10 @@ class RecordingQuery(BaseModel):
     external_id: str = ""
     sha256: str = ""
     begin: Annotated[
-        str,
+        DeviceClock,
         Field(alias="from", description="First start, ISO 8601, by the device's clock: without a zone."),
-        AfterValidator(parse_device_clock),
     ] = ""
-    end: Annotated[
-        str,
-        Field(alias="to", description="Start before this, by the same clock."),
-        AfterValidator(parse_device_clock),
-    ] = ""
+    end: Annotated[DeviceClock, Field(alias="to", description="Start before this, by the same clock.")] = ""
     trashed: bool = False
     limit: Annotated[int, Field(ge=1, le=500)] = 50
     cursor: str = ""
