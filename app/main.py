@@ -262,9 +262,7 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     if isinstance(refusal, NotPermitted) and is_opened and path == "/":
         return respond_with_place(request)
     is_page = not path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
-    if isinstance(
-        refusal, ResultDamaged | NotHere
-    ):  # the page of what is damaged, or in the trash, offers help
+    if isinstance(refusal, ResultDamaged | NotHere):  # its page offers what helps
         is_page = is_page or accepts_page
     response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard

@@ -361,12 +361,10 @@ def _open_body(services: Services, row: UploadRow, checksum: str, encoding: str)
         if name not in CHECKSUMS:
             raise BadChecksum(value=name[:20], allowed=allowed)
         try:
-            digest, expected = (
-                hashlib.new(name, usedforsecurity=False),
-                base64.b64decode(coded, validate=True),
-            )
+            expected = base64.b64decode(coded, validate=True)
         except binascii.Error:
             raise BadChecksum(value=coded[:60], allowed=allowed) from None
+        digest = hashlib.new(name, usedforsecurity=False)
     unpacker = zlib.decompressobj(_GZIP_WINDOW) if encoding.strip().lower() == "gzip" else None
     file = services.incoming.open(row.id, row.offset_bytes)
     return _Body(services, row, file, digest, expected, unpacker)
