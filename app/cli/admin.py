@@ -549,6 +549,9 @@ def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, 
 account = typer.Typer(help="Who may log in: people, their roles, links and tokens.", no_args_is_help=True)
 
 LoginArgument = Annotated[str, typer.Argument(metavar="LOGIN")]
+PasswordOption = Annotated[
+    bool, typer.Option("--password", help="Ask for a password now, instead of printing a link.")
+]
 RolesOption = Annotated[list[str], typer.Option("--role", metavar="|".join(ROLES), help="Again for each.")]
 
 
@@ -591,9 +594,7 @@ def add(
     login: LoginArgument,
     role: RolesOption,
     name: Annotated[str, typer.Option(help="Of the person; else the login.")] = "",
-    password: Annotated[
-        bool, typer.Option("--password", help="Ask for a password now, instead of printing a link.")
-    ] = False,
+    password: PasswordOption = False,
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
@@ -637,9 +638,7 @@ def roles(
 @account.command()
 def reset(
     login: LoginArgument,
-    password: Annotated[
-        bool, typer.Option("--password", help="Ask for a password now, instead of printing a link.")
-    ] = False,
+    password: PasswordOption = False,
     second_factor: Annotated[
         bool, typer.Option("--second-factor", help="Turn the second step off, too: the phone is lost.")
     ] = False,
