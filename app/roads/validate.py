@@ -13,13 +13,14 @@ from app.errors import UNREADABLE_PATH, StudyProblem
 from app.formats import ENDINGS
 from app.report.agreement.export import (
     ComparisonSubject,
+    build_study_json,
     build_validation,
     encode_agreement_table,
+    encode_cells,
+    encode_entries,
     encode_validation,
 )
-from app.report.agreement.report import build_agreement
-from app.report.agreement.study_report import StudyFacts, build_study
-from app.report.agreement.study_tables import build_study_json, encode_cells, encode_entries
+from app.report.agreement.report import StudyFacts, build_agreement, build_study
 from app.report.agreement.tables import tell_agreement
 from app.report.export.csv import Row, encode_table
 from app.report.render.html import render_html
