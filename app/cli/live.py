@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks
 from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
 from app.cli.output import finish, handling_signals, print_problem, refusals_printed, report_progress
 from app.errors import UNREADABLE_PATH, AppError
@@ -36,8 +36,7 @@ def live(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SOURCE",
-            help="A recording (played), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005.",
+            metavar="SOURCE", help="A recording (played), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005."
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the raw file and the report.")] = Path(
@@ -46,8 +45,7 @@ def live(
     speed: Annotated[float, typer.Option(min=1, max=20, help="How fast a recording is played.")] = 1.0,
     baud: Annotated[int, typer.Option(min=1200, help="Of a serial port.")] = 115_200,
     axis: Annotated[
-        str | None,
-        typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose."),
+        str | None, typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose.")
     ] = None,
     cue: Annotated[
         list[str] | None,

@@ -7,14 +7,11 @@ from typing import Any, cast
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
-from app.access.accounts import LONGEST_S
-from app.access.credentials import LinkUse
-from app.access.hashing import hash_secret
+from app.access.accounts import DAYS, LONGEST_S, MOST_DAYS, hash_secret, make_token
+from app.access.logins import LinkUse
 from app.access.subjects import Permission, Role, Subject, collect_permissions
-from app.access.tokens import DAYS, MOST_DAYS, make_token
 from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
-from app.api.names import find_names
-from app.api.tokens import UsedPerson
+from app.api.trust import UsedPerson, find_names
 from app.errors import (
     AppError,
     BadParameter,

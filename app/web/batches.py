@@ -10,8 +10,8 @@ from fastapi.responses import RedirectResponse
 
 from app.api.library.analyses import check_queue
 from app.api.library.batches import retry_failed
+from app.batch.folder import Task
 from app.batch.inputs import assign_participants
-from app.batch.plan import Task
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, fill, load_wording

@@ -14,7 +14,7 @@ from starlette.types import Receive, Scope, Send
 from app.api.library.analyses import run_to_end
 from app.api.library.files import build_download_name
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
-from app.api.names import find_names
+from app.api.trust import find_names
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState

@@ -8,9 +8,8 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.access.accounts import LONGEST_S
-from app.access.credentials import BROWSER_TERM_S
-from app.access.logins import EXTRA, Entered
-from app.access.secret import StartSecret
+from app.access.gate import StartSecret
+from app.access.logins import BROWSER_TERM_S, EXTRA, Entered
 from app.access.subjects import Permission, Subject
 from app.api.middleware.access import UsedSubject, find_gate
 from app.api.middleware.callers import (

@@ -9,7 +9,7 @@ from app.access.accounts import Person
 from app.access.logins import FORGOTTEN_S, INVITED_S
 from app.access.subjects import ROLES, Role, Subject
 from app.api.middleware.callers import find_logins, find_origin
-from app.api.tokens import UsedPerson
+from app.api.trust import UsedPerson
 from app.errors import AppError, BadParameter, NotPermitted
 from app.report.words.wording import Language
 from app.services import UsedLanguage

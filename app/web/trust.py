@@ -10,8 +10,7 @@ from starlette.status import HTTP_303_SEE_OTHER
 
 from app.access.subjects import Subject
 from app.api.middleware.access import UsedSubject
-from app.api.names import find_names
-from app.api.trust import MOST_LINES, AuditQuery, build_question
+from app.api.trust import MOST_LINES, AuditQuery, build_question, find_names
 from app.errors import BadParameter
 from app.jobs.audit_log import ACTS, find_lines
 from app.jobs.governance.retention import KINDS

@@ -22,9 +22,9 @@ from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.types import Message, Scope, Send
 
+from app.access.logins import find_network
 from app.access.routes import ROUTE_TABLE, Route
 from app.access.subjects import Subject
-from app.access.throttle import find_network
 from app.api.middleware.callers import find_address
 from app.api.middleware.refused_lines import MOST_LINES, MOST_OF_STRANGERS, WINDOW_S, RefusedLines
 from app.jobs.audit_log import NOBODY, Act, begin_touching, record_alone, record_readings, record_refusal

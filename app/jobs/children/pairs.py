@@ -47,7 +47,7 @@ def load_and_make_pair(
 ) -> None:
     """Make a report of several in the child process, from the folders of finished analyses."""
     if isinstance(asked, ProfileRequest):
-        importlib.import_module("app.roads.profile").make_profile(sources, asked, out)
+        importlib.import_module("app.roads.pair").make_profile(sources, asked, out)
     else:
         importlib.import_module("app.roads.pair").make_report_of_two(sources, asked, out)
 

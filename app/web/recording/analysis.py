@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from app.api.middleware.access import find_subject, may
 from app.api.middleware.callers import find_origin
 from app.api.middleware.problems import Refusal
-from app.api.names import find_names, find_person_name
+from app.api.trust import find_names, find_person_name
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Entry

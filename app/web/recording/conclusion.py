@@ -11,7 +11,7 @@ from fastapi.responses import RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
 from app.api.middleware.access import UsedSubject
-from app.api.names import find_person_name
+from app.api.trust import find_person_name
 from app.errors import BadParameter
 from app.jobs.job import Job, JobState
 from app.report.words.numbers import format_date

@@ -13,7 +13,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.api import live as live_api
-from app.api.live_library import LIVE_FOLDER
+from app.api.live import LIVE_FOLDER
 from app.live.early import EarlyFile, EarlyPort, read_about, read_pieces
 from app.live.early_rows import write_early_rows
 from app.live.ports import PushedPort

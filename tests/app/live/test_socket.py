@@ -14,8 +14,7 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.live import _find_limiter, find_hub
-from app.api.live_library import LIVE_FOLDER
+from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
 from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
