@@ -23,9 +23,8 @@ from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.jobs.audit_log import record
-from app.live.early import EarlyFile, EarlyPort
+from app.live.early import EarlyFile, EarlyPort, SessionFiles, begin_files
 from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
-from app.live.session_files import SessionFiles, begin_files
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
@@ -37,7 +36,7 @@ from fusion.errors import FusionError
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub, RunningSession
-    from app.live.source import Source
+    from app.live.sources import Source
 
 SILENCE_S = 600.0
 """After which a session of lines whose page sends none ends by itself."""
@@ -217,12 +216,9 @@ def _open_port(asked: Start, pushed: PushedPort) -> Port | None:
 
 
 def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
-    from app.live.demo import make_demo  # noqa: PLC0415  the science
-    from app.live.early_rows import make_rule  # noqa: PLC0415
     from app.live.hub import SessionRequest  # noqa: PLC0415
-    from app.live.lines import LineSource  # noqa: PLC0415
-    from app.live.raw_file import Wearer  # noqa: PLC0415
-    from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
+    from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
+    from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(_read_subject(asked.subject), asked.side, asked.axis),
@@ -268,7 +264,7 @@ class DifferenceView(BaseModel):
 @router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
 def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
     """Compare what a session showed with its report, once that is made; for an hour after its end."""
-    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415  the science
+    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  the science
 
     session = find_hub(services).get(session_id)
     job = services.store.get(session.analysis_id)

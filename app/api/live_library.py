@@ -10,7 +10,7 @@ from app.errors import AppError
 from app.intake import Intake
 from app.jobs.audit_log import record
 from app.jobs.job import Job
-from app.live.session_files import PLAYED, RAW, SessionFiles, find_left
+from app.live.early import PLAYED, RAW, SessionFiles, find_left
 from app.request import LONGEST_SUBJECT, ReportRequest
 from app.services import Services
 from fusion.conventions import Side
@@ -77,7 +77,7 @@ def take_in_cut(services: Services) -> int:
 
 def _take_in_left(services: Services, files: SessionFiles) -> bool:
     """Take in what a killed server left of a session; False where it held no row."""
-    from app.live.early_rows import write_early_rows  # noqa: PLC0415  the science
+    from app.live.raw_file import write_early_rows  # noqa: PLC0415  the science
 
     is_early = files.early.exists()
     has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0

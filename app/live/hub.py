@@ -20,12 +20,11 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
-from app.live.lines import LineSource
+from app.live.early import SessionFiles
 from app.live.ports import PushedPort
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
-from app.live.session_files import SessionFiles
-from app.live.source import Source
+from app.live.sources import LineSource, Source
 from fusion.errors import FusionError
 from fusion.live import LiveRows, LiveStatus
 from fusion.live.cues import Cue, CueRule
@@ -99,8 +98,8 @@ class RunningSession:
         self._row = self._sequence = 0
         self._is_stopping = threading.Event()
         self._ends_s: float | None = None
+        self._early = source.early
         port = source.port if isinstance(source, LineSource) else None
-        self._early = source.early if isinstance(source, LineSource) else None
         self._pushed = self._early.inner if self._early is not None else port
         self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
 
