@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
-from typing import Any
 from urllib.parse import urlencode
 
 from fastapi import Request
@@ -19,12 +18,14 @@ from app.jobs.library.listing import (
     Library,
     LibraryFilter,
     Order,
+    SavedView,
     Took,
 )
 from app.report.words.numbers import format_duration, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
-from app.web.views import JobRow, build_row, format_time, now_utc
+from app.web.rendering import Page
+from app.web.views import JobRow, build_row, format_time
 from fusion.conventions import METHOD_VERSION
 
 PER_PAGE = 50
@@ -93,6 +94,41 @@ class Chip:
     is_chosen: bool
 
 
+@dataclass(frozen=True, slots=True)
+class LibraryView:
+    """The list of the first page, or of a batch: what is ``wanted``, its rows, and the links around them.
+
+    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
+    """
+
+    entries: Sequence[ShownEntry]
+    headings: Sequence[Heading]
+    wanted: LibraryFilter
+    tags: Sequence[str]
+    views: Sequence[SavedView]
+    number: int
+    older: int
+    query: str
+    chips: Sequence[Chip]
+    count: str
+    is_empty: bool
+    page: int
+    pages: int
+    earlier_page: str
+    later_page: str
+    source_query: str
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """What was shown before and after an analysis in the list that it was opened from."""
+
+    previous_id: str | None
+    next_id: str | None
+    query: str
+    back: str
+
+
 def read_filter(request: Request) -> LibraryFilter:
     """Read the filter of an address."""
     return parse_filter(request.query_params)
@@ -124,31 +160,28 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
     return urlencode({name: value for name, value in (parameters | changes).items() if value})
 
 
-def build_library(
-    services: Services, request: Request, wanted: LibraryFilter, language: Language
-) -> dict[str, Any]:
-    """Give everything the list of the first page, or of a batch, needs."""
-    words = load_wording(language, "page")
+def build_library(page: Page, wanted: LibraryFilter) -> LibraryView:
+    """Build everything that the list of the first page, or of a batch, needs."""
+    words, services = page.words(), page.services
     library = Library(services.store.reader)
     counts = library.count(wanted)
     pages = max(1, -(-counts[wanted.group] // PER_PAGE))
-    asked = request.query_params.get("page", "")
-    page = min(int(asked) if asked.isdecimal() and 0 < int(asked) < 1_000_000 else 1, pages)
-    done = fill(
-        words["list"]["summary"], {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
-    )
-    entries = library.find_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
+    asked = page.request.query_params.get("page", "")
+    number = min(int(asked) if asked.isdecimal() and 0 < int(asked) < 1_000_000 else 1, pages)
+    facts = {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
+    done = fill(words["list"]["summary"], facts)
+    entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
     took = find_took(services, entries)
-    return {
-        "entries": [build_entry(entry, language, took) for entry in entries],
-        "headings": [_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
-        "wanted": wanted,
-        "tags": library.find_tags(),
-        "views": () if wanted.batch else services.views.find_all(),
-        "number": counts[wanted.group],
-        "older": counts["older"],
-        "query": write_filter(wanted),
-        "chips": [
+    return LibraryView(
+        entries=[build_entry(entry, page.language, took) for entry in entries],
+        headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
+        wanted=wanted,
+        tags=library.find_tags(),
+        views=() if wanted.batch else services.views.find_all(),
+        number=counts[wanted.group],
+        older=counts["older"],
+        query=write_filter(wanted),
+        chips=[
             Chip(
                 str(words["group"][group]),
                 counts[group],
@@ -158,14 +191,14 @@ def build_library(
             for group in GROUPS
             if counts[group] or group in ("all", wanted.group)
         ],
-        "count": f"{done}. {words['row']['close_hint']}" if counts["active"] else done,
-        "is_empty": not counts["all"] and wanted == LibraryFilter(),
-        "page": page,
-        "pages": pages,
-        "earlier_page": write_filter(wanted, page=str(page - 1)) if page > 1 else "",
-        "later_page": write_filter(wanted, page=str(page + 1)) if page < pages else "",
-        "source_query": write_filter(wanted, page=str(page) if page > 1 else ""),
-    }
+        count=f"{done}. {words['row']['close_hint']}" if counts["active"] else done,
+        is_empty=not counts["all"] and wanted == LibraryFilter(),
+        page=number,
+        pages=pages,
+        earlier_page=write_filter(wanted, page=str(number - 1)) if number > 1 else "",
+        later_page=write_filter(wanted, page=str(number + 1)) if number < pages else "",
+        source_query=write_filter(wanted, page=str(number) if number > 1 else ""),
+    )
 
 
 def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
@@ -182,7 +215,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
         attempt = None
     start = (entry.headline.start if entry.headline else None) or ""
     return ShownEntry(
-        row=build_row(job, language, now_utc(), took),
+        row=build_row(job, language, took),
         recording_id=job.recording_id,
         name=job.request.subject or job.file_name,
         when=start[:16].replace("T", " ") or format_time(job.created_at),
@@ -190,7 +223,7 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
         arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
         figures=_build_figures(entry.headline, words, language) if entry.headline else None,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
-        attempt=build_row(attempt, language, now_utc(), took) if attempt else None,
+        attempt=build_row(attempt, language, took) if attempt else None,
     )
 
 
@@ -228,12 +261,13 @@ def draw_spark(day: str) -> tuple[str, str, str]:
     return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
-def find_neighbours(services: Services, request: Request, job: Job) -> dict[str, Any]:
-    """Give what was shown before and after an analysis in the list it was opened from."""
-    wanted = read_filter(request)
-    before, after = Library(services.store.reader).find_neighbours(job, wanted)
-    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
-    return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
+def find_neighbours(page: Page, job: Job) -> Neighbours:
+    """Find what was shown before and after an analysis in the list that it was opened from."""
+    wanted = read_filter(page.request)
+    before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
+    return Neighbours(
+        before, after, write_filter(wanted), f"/batches/{wanted.batch}" if wanted.batch else "/"
+    )
 
 
 def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:

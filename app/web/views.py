@@ -14,7 +14,8 @@ from app.report.words.columns import format_columns
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
-from app.web.recording.day_views import DayClock, format_axis, place_rows
+from app.web.recording.day import DayClock, format_axis, place_rows
+from app.web.rendering import Page
 from fusion import errors
 
 _CURED_BY_COLUMNS = (
@@ -25,7 +26,6 @@ _CURED_BY_COLUMNS = (
 ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
 """Refusals that a person may cure by saying what the columns are."""
 
-SENTENCES = 3
 MOST_APART = 2.0
 """Times the size of a file: by larger or smaller ones no time left is judged."""
 MOST_PERIODS = 12
@@ -79,7 +79,7 @@ class OldVersion:
     address: str
 
 
-def describe_old(job: Job, reports: Sequence[Job], language: Language, base: str) -> OldVersion | None:
+def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
     """Return what stands above an old version; None for the current one and for what is no report.
 
     ``reports``: those of the recording, the newest first.
@@ -87,11 +87,11 @@ def describe_old(job: Job, reports: Sequence[Job], language: Language, base: str
     current = next(iter(reports), job)
     if job.state is not JobState.SUCCEEDED or job.request.version == current.request.version:
         return None
-    words = load_wording(language, "page")["version"]
+    words = page.words()["version"]
     count = max(report.request.version for report in (job, *reports))
     told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
     link = fill(words["current"], {"n": str(current.request.version)})
-    return OldVersion(told, link, f"{base}/analyses/{current.id}")
+    return OldVersion(told, link, f"{page.base}/analyses/{current.id}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +103,10 @@ class Fact:
     key: str = ""
 
 
-def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] = ()) -> JobRow:
+def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow:
     """Build the row of a job in the list; ``took``: earlier analyses, by which its time left is judged."""
-    words = load_wording(language, "page")
-    request, told = job.request, words["row"]
-    state_word = str(words["state"][job.state.value])
-    percent = round(100 * job.progress)
+    words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
+    told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
     times = []
     if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
@@ -125,6 +123,8 @@ def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] 
     side = str(told[request.side]) if request.side else str(told["no_side"]) if has_arm else ""
     of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
     place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
+    # a person may also name the columns anew
+    is_table = request.profile != "" and "header" in job.problem_facts
     return JobRow(
         id=job.id,
         key=f"of-{job.recording_id}",
@@ -142,7 +142,7 @@ def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] 
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=f"/api/v1/{place}",
         side=request.side or "",
-        asks_columns=asks_columns(job),
+        asks_columns=request.reference is None and (job.problem_code in ASK_COLUMNS or is_table),
         compared=format_compared(job, words),
     )
 
@@ -171,12 +171,6 @@ def format_compared(job: Job, words: Words) -> str:
     reference = job.request.reference
     facts = {"name": job.file_name, "reference": reference.file_name if reference else ""}
     return fill(words["row"]["compared"], facts) if reference else ""
-
-
-def asks_columns(job: Job) -> bool:
-    """Whether a person may cure a refusal by naming the columns, or by naming them anew."""
-    is_table = job.request.profile != "" and "header" in job.problem_facts
-    return job.request.reference is None and (job.problem_code in ASK_COLUMNS or is_table)
 
 
 def build_problem(job: Job, language: Language) -> ProblemBox | None:
@@ -226,10 +220,8 @@ class Answer:
 
 def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
     """Show the main figures, the answer in words and the verdict on the data."""
-    verdict = str(results["quality"]["verdict"])
-    lines = tuple(brief.splitlines())
-    reason = "".join(lines[SENTENCES : SENTENCES + 1])
-    return Answer(build_figures(results, language), verdict, reason, lines[:SENTENCES], brief)
+    lines, verdict = tuple(brief.splitlines()), str(results["quality"]["verdict"])
+    return Answer(build_figures(results, language), verdict, "".join(lines[3:4]), lines[:3], brief)
 
 
 def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
@@ -279,14 +271,11 @@ def format_moment(text: str) -> str:
 
 def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
     """Write stretches on the clock of the recording, or else in seconds; empty for none."""
-    words = load_wording(language, "page")["analysis"]
     if clock is not None and clock.start is not None:
         return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
-    pairs = (
-        {"start": format_number(start_s, 1, language), "end": format_number(end_s, 1, language)}
-        for start_s, end_s in windows
-    )
-    return "; ".join(fill(words["window"], pair) for pair in pairs)
+    words = load_wording(language, "page")["analysis"]["window"]
+    shown = ([format_number(moment_s, 1, language) for moment_s in window] for window in windows)
+    return "; ".join(fill(words, {"start": start, "end": end}) for start, end in shown)
 
 
 def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
@@ -303,14 +292,7 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
         rows = place_rows(diary, clock) if clock else []
     except errors.UnusableDiary:
         rows = []
-    shown = [
-        f"{row['label'] or kinds[row['kind']]} {row['start']} – {row['end']}" for row in rows[:MOST_PERIODS]
-    ]
+    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MOST_PERIODS]]
     if len(diary) > len(shown):
         shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
     return "; ".join(shown)
-
-
-def now_utc() -> datetime:
-    """Give the time at which a page is shown."""
-    return datetime.now(UTC)

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, time
 
 from app.errors import NoSuchFile
 from app.jobs.job import Job
 from app.report.export.results import decode_results
 from app.services import Services
-from app.web.recording.day import find_day
-from app.web.recording.day_views import DayClock
+from app.web.recording.day import DayClock, find_day
 from app.web.recording.page_one import Minutes, list_minutes
+from app.web.rendering import Page
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ Laid = tuple[Job, str, float | None]
 """An analysis, its name, and when it began, s; None: by its clock's time of the day."""
 
 
-def build_curves(services: Services, laid: Sequence[Laid], base: str) -> tuple[CurveView, ...]:
+def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
     """Build a curve for each analysis; none if one of them has no curve."""
     try:
-        clocks = [DayClock.of(find_day(services, job).facts) for job, _, _ in laid]
+        clocks = [DayClock.of(find_day(page.services, job).facts) for job, _, _ in laid]
     except NoSuchFile:
         return ()
     starts_s = [
@@ -45,20 +45,18 @@ def build_curves(services: Services, laid: Sequence[Laid], base: str) -> tuple[C
     return tuple(
         CurveView(
             name,
-            f"{base}/analyses/{job.id}/curve",
+            f"{page.base}/analyses/{job.id}/curve",
             clock,
             start_s - min(starts_s),
-            _read_minutes(services, job),
+            _read_minutes(page.services, job),
         )
         for (job, name, _), clock, start_s in zip(laid, clocks, starts_s, strict=True)
     )
 
 
 def _find_time_of_day_s(start: datetime | None) -> float:
-    """Give the seconds since midnight; 0 without a clock."""
-    return (
-        (start - start.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds() if start else 0.0
-    )
+    """Return the seconds since midnight; 0 without a clock."""
+    return (start - datetime.combine(start, time(), start.tzinfo)).total_seconds() if start else 0.0
 
 
 def _read_minutes(services: Services, job: Job) -> Minutes:
