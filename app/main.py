@@ -35,8 +35,7 @@ from app.api.live import router as live_routes
 from app.api.live_library import take_in_cut
 from app.api.middleware.access import CHECKED, Access
 from app.api.middleware.echoes import hide_address
-from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
-from app.api.middleware.plain_text import PlainText
+from app.api.middleware.guard import SECURITY_HEADERS, Guard, PlainText, make_timeout_protocol
 from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
 from app.api.pairs import router as pair_routes
 from app.api.tokens import router as token_routes

@@ -96,12 +96,7 @@ def _lasts(scope: Scope) -> bool:
 
 
 def check_address(scope: Scope) -> None:
-    """Refuse a request whose address holds a token, before anything is looked up.
-
-    Raises
-    ------
-    TokenInAddress
-    """
+    """Refuse a request whose address holds a token, before anything is looked up. Raises TokenInAddress."""
     if holds_token(f"{scope['path']}?{scope['query_string'].decode('latin-1')}"):
         raise TokenInAddress
 
@@ -121,9 +116,7 @@ def _read_bearer(headers: Headers) -> str:
 async def check_permission(connection: HTTPConnection) -> None:
     """Check that the subject may use the route that was found; a WebSocket is closed before it is accepted.
 
-    Raises
-    ------
-    NotSignedIn, NotPermitted, NotConfirmed
+    Raises NotSignedIn, NotPermitted, NotConfirmed.
     """
     method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
     route = ROUTE_TABLE.get((method, path))
@@ -139,12 +132,7 @@ async def check_permission(connection: HTTPConnection) -> None:
 
 
 def check_confirmed(connection: HTTPConnection) -> None:
-    """Check that a person gave the password a short time ago.
-
-    Raises
-    ------
-    NotConfirmed
-    """
+    """Check that a person gave the password a short time ago. Raises NotConfirmed."""
     if not find_gate(connection).is_confirmed(find_subject(connection)):
         raise NotConfirmed
 
@@ -158,12 +146,7 @@ CHECKED = [Depends(check_permission)]
 
 
 def find_subject(connection: HTTPConnection) -> Subject:
-    """Give who asks.
-
-    Raises
-    ------
-    NotSignedIn
-    """
+    """Give who asks. Raises NotSignedIn."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     if subject is None:
         raise NotSignedIn
@@ -180,11 +163,6 @@ def may(connection: HTTPConnection, permission: Permission) -> bool:
 
 
 def check_may(subject: Subject, permission: Permission) -> None:
-    """Check a permission that depends on what the request says.
-
-    Raises
-    ------
-    NotPermitted
-    """
+    """Check a permission that depends on what the request says. Raises NotPermitted."""
     if not subject.may(permission):
         raise NotPermitted(permission=permission)

@@ -1,9 +1,11 @@
-"""Middleware before every route: who may call, how slowly a client may send, what browsers may do."""
+"""Middleware before every route: who may call, how slowly and with which text, what browsers may do."""
 
 import asyncio
+import json
 import math
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
@@ -17,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from app.api.middleware.callers import find_origin
-from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
+from app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
 from app.storage.store import too_large
 
 # A time limit for the header of each request; uvicorn itself waits for ever.
@@ -141,8 +143,7 @@ class Guard:
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
         sealed = _drain_refused(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
-            await self._app({**scope, "method": "GET"}, watch.receive, _send_headers_only(sealed))
-            return
+            scope = {**scope, "method": "GET"}  # the server itself leaves the body out
         await self._app(scope, watch.receive, sealed)
 
     async def _guard_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -168,9 +169,7 @@ def check_caller(
 
     Our own pages ask by the same scheme, name and port; behind a proxy the scheme is the proxy's.
 
-    Raises
-    ------
-    ForeignHostName, ForeignOrigin
+    Raises ForeignHostName, ForeignOrigin.
     """
     headers = connection.headers
     host = headers.get("host", "")
@@ -229,18 +228,6 @@ def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
     return patient
 
 
-def _send_headers_only(send: Send) -> Send:
-    """Send the header of a response without its body."""
-
-    async def headed(message: Message) -> None:
-        if message["type"] == "http.response.body":
-            message = {**message, "body": b""}
-        if message["type"] != "http.response.pathsend":
-            await send(message)
-
-    return headed
-
-
 class _BodyWatch:
     """Adds up how long the server waited for the body; its own time does not count."""
 
@@ -256,12 +243,7 @@ class _BodyWatch:
         self._waited_s, self._got_bytes, self._all_bytes, self._more = 0.0, 0, 0, True
 
     async def receive(self) -> Message:
-        """Give the next message.
-
-        Raises
-        ------
-        SlowUpload, FileTooLarge
-        """
+        """Give the next message. Raises SlowUpload, FileTooLarge."""
         if not self._more:
             return await self._receive()
         began_s = time.monotonic()
@@ -291,3 +273,91 @@ class _BodyWatch:
         if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
             raise SlowUpload
         self._waited_s, self._got_bytes = 0.0, 0
+
+
+# Text that no database, log or response can hold: a lone surrogate, a NUL.
+
+_UNFIT = re.compile(r"[\0\ud800-\udfff]")
+_MAY_BE_UNFIT = re.compile(rb"\\u(?:0000|[dD][89a-fA-F])|\xed[\xa0-\xbf]|\0")
+"""How such text is written in JSON: as an escape, or as bytes that are not UTF-8 (Python reads them)."""
+_NUL_IN_ADDRESS = re.compile(rb"%00|\0")
+
+
+class PlainText:
+    """Refuses text which no database, log or response can hold, in every address and every body of JSON."""
+
+    def __init__(self, app: ASGIApp, respond: Respond) -> None:
+        self._app, self._respond = app, respond
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Refuse unfit text; hand everything else on as it came."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        try:
+            check_address_text(scope)
+            messages = await _read_json(scope, receive)
+            check_json(b"".join(message.get("body", b"") for message in messages))
+        except AppError as refusal:
+            await self._respond(Request(scope), refusal)(scope, receive, send)
+            return
+        await self._app(scope, _replay(messages, receive), send)
+
+
+def check_address_text(scope: Scope) -> None:
+    """Refuse a NUL in path or query; bytes that are not UTF-8 are replaced where they are read.
+
+    Raises BadParameter.
+    """
+    if _NUL_IN_ADDRESS.search(scope.get("raw_path") or b"") or _NUL_IN_ADDRESS.search(scope["query_string"]):
+        raise BadParameter(name="URL", value="%00", allowed="UTF-8")
+
+
+def check_json(body: bytes) -> None:
+    """Refuse JSON with a lone surrogate or a NUL in any of its texts; what is no JSON is for the route.
+
+    Raises BadParameter.
+    """
+    if not _MAY_BE_UNFIT.search(body):
+        return
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):
+        return
+    for text in _walk_texts(values):
+        if unfit := _UNFIT.search(text):
+            raise BadParameter(name="body", value=repr(unfit.group())[1:-1], allowed="UTF-8")
+
+
+def _walk_texts(values: Any) -> Iterator[str]:
+    """Give every name and every text, however deep."""
+    waiting = [values]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, str):
+            yield value
+        elif isinstance(value, dict):
+            waiting += [*value, *value.values()]
+        elif isinstance(value, list):
+            waiting += value
+
+
+async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
+    """Give the messages of a body that may be JSON, which the guard keeps short; none of any other."""
+    kind = dict(scope["headers"]).get(b"content-type", b"").lower()
+    is_file = takes_file(scope) and b"json" not in kind
+    if scope["method"] in SAFE_METHODS or is_file or kind.startswith(b"multipart/"):
+        return []
+    messages = [await receive()]
+    while messages[-1].get("more_body", False):
+        messages.append(await receive())
+    return messages
+
+
+def _replay(messages: list[Message], receive: Receive) -> Receive:
+    waiting = iter(messages)
+
+    async def receive_again() -> Message:
+        return next(waiting, None) or await receive()
+
+    return receive_again

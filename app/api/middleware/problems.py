@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
 from app.api.middleware.echoes import hide_tokens, show_input
-from app.api.middleware.plain_text import check_json
+from app.api.middleware.guard import check_json
 from app.errors import (
     AppError,
     BadParameter,
@@ -214,12 +214,7 @@ def translate_error(request: Request, error: Exception) -> Refusal:
 
 
 def validate_model(model: type[Model], values: object) -> Model:
-    """Check values against a model outside of a route's signature.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Check values against a model outside of a route's signature. Raises BadParameter."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -227,12 +222,7 @@ def validate_model(model: type[Model], values: object) -> Model:
 
 
 def parse_json(body: bytes) -> Any:
-    """Read a JSON body.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Read a JSON body. Raises BadParameter."""
     check_json(body)
     try:
         return json.loads(body)
