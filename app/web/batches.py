@@ -16,11 +16,10 @@ from app.jobs.job import Job, JobState
 from app.report.words.wording import fill
 from app.services import UsedServices
 from app.web.forms import read_body
-from app.web.library_views import build_library, read_filter
 from app.web.recording.day import say_whose
 from app.web.rendering import Page, UsedPage
 from app.web.validations import list_compared
-from app.web.views import format_compared, format_moment
+from app.web.views import build_library, format_compared, format_moment, read_filter
 
 SHOWN = 200
 MOST_SQUARES = 2_000

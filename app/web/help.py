@@ -28,7 +28,7 @@ from app.request import ReportRequest
 from app.web.reading import draw_example
 from app.web.recording.page_one import PageOne
 from app.web.rendering import UsedPage
-from app.web.reports import find_way, lay_way
+from app.web.reports import lay_way_of_query
 from app.web.views import build_answer
 from fusion.devices import KNOWN_DEVICES
 from fusion.recording import QualityFlag
@@ -154,7 +154,7 @@ def show_example(page: UsedPage) -> Response:
 @router.get("/example/report.html")
 def show_example_report(page: UsedPage) -> Response:
     """Return the report of the example."""
-    return lay_way(page, render_html(_build_example(page.language)).decode(), find_way(page, "/example"))
+    return lay_way_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
 
 
 @router.get("/example/report.pdf")

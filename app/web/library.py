@@ -32,11 +32,10 @@ from app.services import Services, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
 from app.upkeep.backup_term import find_backup_term
 from app.web.forms import Form, UsedForm, first
-from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.recording.analysis import find_results
 from app.web.recording.day import say_whose
 from app.web.rendering import Page, UsedPage
-from app.web.views import format_moment, format_size
+from app.web.views import format_moment, format_size, parse_filter, read_filter, write_filter
 
 MOST_ROWS = 10_000
 MOST_CHOSEN = 500

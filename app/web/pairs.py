@@ -20,7 +20,7 @@ from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedServices
 from app.web.recording.curves import CurveView, Laid, build_curves
 from app.web.rendering import Page, UsedPage
-from app.web.reports import find_way, lay_way
+from app.web.reports import lay_way_of_query
 from fusion.comparison import FigureChange
 
 DAY = 10  # characters of an ISO date
@@ -177,7 +177,7 @@ def get_report(form: Literal["html", "pdf"], asked: Asked, page: UsedPage) -> Re
     report = _make(page.services, asked)
     body = report.read(report.find("report", form, page.language))
     if form == "html":
-        return lay_way(page, body.decode(), find_way(page, f"/beside/{asked.request.kind}"))
+        return lay_way_of_query(page, body.decode(), f"/beside/{asked.request.kind}")
     return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 

@@ -21,7 +21,7 @@ from app.report.words.wording import load_wording
 from app.request import ProfileRequest
 from app.services import Services, UsedServices
 from app.web.rendering import Page, UsedPage
-from app.web.reports import find_way, lay_way
+from app.web.reports import lay_way_of_query
 
 MOST_OFFERED = 60
 """Recordings of one person in the form."""
@@ -140,7 +140,7 @@ def get_days_report(form: Literal["html", "pdf"], asked: Asked, page: UsedPage) 
     report = page.services.pairs.make(asked)
     body = report.read(report.find("report", form, page.language))
     if form == "html":
-        return lay_way(page, body.decode(), find_way(page, "/days"))
+        return lay_way_of_query(page, body.decode(), "/days")
     return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 

@@ -3,7 +3,6 @@
 from base64 import b64encode
 from hashlib import sha256
 from html import escape
-from typing import NamedTuple
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Response
@@ -26,28 +25,21 @@ POLICY = f"{REPORT_POLICY} allow-downloads"
 """Its PDF may be downloaded, all else is as strict as for the file."""
 
 
-class Way(NamedTuple):
-    """Where a report leads: back to its page, and to its PDF in this language."""
-
-    back: str
-    pdf: str
-
-
-def find_way(page: Page, place: str) -> Way:
-    """Return the way of a report whose page and PDF are asked for by the same query."""
+def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
+    """Lay the way back above a report whose page and PDF are asked for by the same query."""
     query = f"?{page.request.url.query}" if page.request.url.query else ""
-    return Way(f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
+    return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
 
-def lay_way(page: Page, report: str, way: Way, old: OldVersion | None = None) -> HTMLResponse:
+def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
     """Lay the way back above a report, and the banner of an old version; its file is left as it is.
 
-    Printing leaves the links out.
+    ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
     """
     words, labels = page.words(), page.words()["report_way"]
     links = (
-        (way.back, labels["back"], ""),
-        (way.pdf, labels["pdf"], " download"),
+        (back, labels["back"], ""),
+        (pdf, labels["pdf"], " download"),
         (page.turn_language(), words["other_language"], f' lang="{words["other_language_code"]}"'),
     )
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
@@ -75,4 +67,4 @@ def show_report(analysis_id: str, page: UsedPage) -> Response:
     pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
     reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
     old = describe_old(job, reports, page)
-    return lay_way(page, report, Way(f"{page.base}/{place}/{job.id}", pdf), old)
+    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)

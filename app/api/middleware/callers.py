@@ -1,5 +1,7 @@
 """From where a request comes, and the cookies that a browser is given."""
 
+from typing import cast
+
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
@@ -16,14 +18,12 @@ LONGEST_COOKIE = 200
 
 def find_settings(connection: HTTPConnection) -> Settings:
     """Give the settings of the server."""
-    settings: Settings = connection.app.state.services.settings
-    return settings
+    return cast("Settings", connection.app.state.services.settings)
 
 
 def find_logins(connection: HTTPConnection) -> Logins:
     """Give what logs people in."""
-    logins: Logins = connection.app.state.logins
-    return logins
+    return cast("Logins", connection.app.state.logins)
 
 
 def find_address(connection: HTTPConnection) -> str:

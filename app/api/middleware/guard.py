@@ -5,7 +5,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
@@ -127,10 +127,15 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check the request, then hand it on."""
-        if scope["type"] == "websocket":
-            await self._guard_socket(scope, receive, send)
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
             return
-        if scope["type"] != "http":
+        if scope["type"] == "websocket":  # browsers bind these to no origin
+            try:
+                check_caller("POST", HTTPConnection(scope), self._host_names)
+            except AppError:
+                await send({"type": "websocket.close", "code": 1008})
+                return
             await self._app(scope, receive, send)
             return
         request, sealed = Request(scope), _add_headers(send, self._headers)
@@ -145,15 +150,6 @@ class Guard:
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
             scope = {**scope, "method": "GET"}  # the server itself leaves the body out
         await self._app(scope, watch.receive, sealed)
-
-    async def _guard_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse a WebSocket of another site before it is accepted; browsers bind these to no origin."""
-        try:
-            check_caller("POST", HTTPConnection(scope), self._host_names)
-        except AppError:
-            await send({"type": "websocket.close", "code": 1008})
-            return
-        await self._app(scope, receive, send)
 
 
 def takes_file(scope: Scope) -> bool:
@@ -257,7 +253,11 @@ class _BodyWatch:
         self._more = message.get("more_body", False)
         if self._all_bytes > self._most_bytes:
             raise too_large(self._all_bytes, int(self._most_bytes))
-        self._check_rate()
+        # judged by windows as long as the limit, so that a good start does not excuse a standstill
+        if self._waited_s >= self._body_timeout_s:
+            if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
+                raise SlowUpload
+            self._waited_s, self._got_bytes = 0.0, 0
         return message
 
     async def finish(self) -> None:
@@ -265,14 +265,6 @@ class _BodyWatch:
         with suppress(AppError):  # it is being refused already
             while self._more and (await self.receive())["type"] == "http.request":
                 pass
-
-    def _check_rate(self) -> None:
-        """Judge by windows as long as the limit, so that a good start does not excuse a standstill."""
-        if self._waited_s < self._body_timeout_s:
-            return
-        if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
-            raise SlowUpload
-        self._waited_s, self._got_bytes = 0.0, 0
 
 
 # Text that no database, log or response can hold: a lone surrogate, a NUL.
@@ -295,22 +287,20 @@ class PlainText:
             await self._app(scope, receive, send)
             return
         try:
-            check_address_text(scope)
+            # bytes of an address that are not UTF-8 are replaced where they are read
+            if any(map(_NUL_IN_ADDRESS.search, (scope.get("raw_path") or b"", scope["query_string"]))):
+                raise BadParameter(name="URL", value="%00", allowed="UTF-8")
             messages = await _read_json(scope, receive)
             check_json(b"".join(message.get("body", b"") for message in messages))
         except AppError as refusal:
             await self._respond(Request(scope), refusal)(scope, receive, send)
             return
-        await self._app(scope, _replay(messages, receive), send)
+        waiting = iter(messages)
 
+        async def receive_again() -> Message:
+            return next(waiting, None) or await receive()
 
-def check_address_text(scope: Scope) -> None:
-    """Refuse a NUL in path or query; bytes that are not UTF-8 are replaced where they are read.
-
-    Raises BadParameter.
-    """
-    if _NUL_IN_ADDRESS.search(scope.get("raw_path") or b"") or _NUL_IN_ADDRESS.search(scope["query_string"]):
-        raise BadParameter(name="URL", value="%00", allowed="UTF-8")
+        await self._app(scope, receive_again, send)
 
 
 def check_json(body: bytes) -> None:
@@ -324,22 +314,15 @@ def check_json(body: bytes) -> None:
         values = json.loads(body)
     except (ValueError, RecursionError):
         return
-    for text in _walk_texts(values):
-        if unfit := _UNFIT.search(text):
-            raise BadParameter(name="body", value=repr(unfit.group())[1:-1], allowed="UTF-8")
-
-
-def _walk_texts(values: Any) -> Iterator[str]:
-    """Give every name and every text, however deep."""
     waiting = [values]
-    while waiting:
+    while waiting:  # every name and every text, however deep
         value = waiting.pop()
-        if isinstance(value, str):
-            yield value
-        elif isinstance(value, dict):
+        if isinstance(value, dict):
             waiting += [*value, *value.values()]
         elif isinstance(value, list):
             waiting += value
+        elif isinstance(value, str) and (unfit := _UNFIT.search(value)):
+            raise BadParameter(name="body", value=repr(unfit.group())[1:-1], allowed="UTF-8")
 
 
 async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
@@ -352,12 +335,3 @@ async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
     while messages[-1].get("more_body", False):
         messages.append(await receive())
     return messages
-
-
-def _replay(messages: list[Message], receive: Receive) -> Receive:
-    waiting = iter(messages)
-
-    async def receive_again() -> Message:
-        return next(waiting, None) or await receive()
-
-    return receive_again

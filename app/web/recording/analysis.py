@@ -29,14 +29,6 @@ from app.report.words.wording import Language, fill, find_nearest, load_device_n
 from app.request import ReportRequest
 from app.services import Services, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
-from app.web.library_views import (
-    ShownEntry,
-    build_entry,
-    build_library,
-    find_neighbours,
-    find_took,
-    read_filter,
-)
 from app.web.pairs import Offer as PairOffer
 from app.web.pairs import find_offers
 from app.web.profile import find_days_address
@@ -52,15 +44,21 @@ from app.web.views import (
     Fact,
     JobRow,
     OldVersion,
+    ShownEntry,
     build_answer,
+    build_entry,
     build_figures,
+    build_library,
     build_row,
     build_settings,
     describe_old,
+    find_neighbours,
+    find_took,
     format_size,
     format_time,
     format_times,
     format_windows,
+    read_filter,
 )
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS

@@ -376,8 +376,8 @@ def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequenc
 
 
 def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
-    said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
     again = page.services.store.correct(job, corrected)
+    said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
     say_whose(page.services, job, corrected, said)
     return page.go(f"/analyses/{again.id}?before={job.id}")
 
@@ -577,57 +577,42 @@ def name_choice(start_s: float, end_s: float) -> str:
 def _list_questions(
     facts: Mapping[str, Any], request: ReportRequest, words: Words, told: Clock
 ) -> Iterator[Question]:
-    """Yield what is open; a pose after a move is asked for once the one before it is confirmed."""
-    place = _Place(DayClock.of(facts), told, words)
-    if facts.get("asked"):
-        yield _ask_for_pose(facts, request, place)
+    """Yield what is open; a pose after a move is asked for once the one before it is confirmed.
+
+    Of the stretches in which the pose may have been held, the first is the one in use.
+    """
+    clock, asked, unread = DayClock.of(facts), facts.get("asked"), facts.get("unread", ())
+
+    def offer(key: str, start_s: float, end_s: float) -> Choice:
+        time = told.format(start_s, with_seconds=True)
+        length = format_duration(end_s - start_s, told.language)
+        label = fill(words[key], {"time": time, "length": length})
+        shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
+        return Choice(name_choice(start_s, end_s), label, f"{time}?", *shown)
+
+    if asked:
+        leads = [str(words["which_not_held"])] if facts.get("not_held") else []
+        if facts.get("needs_pose"):
+            apart = format_angle(facts.get("spread_deg", 0.0), told.language)
+            leads.append(fill(words["which_apart"], {"apart": apart}))
+        leads = leads or [str(words["which_lead"])]
+        leads += [fill(words["which_next"], {"time": told.format(start_s)}) for start_s, *_ in unread]
+        choices = [offer("choice_used", *asked[0]), *(offer("choice", *other) for other in asked[1:])]
+        if request.pose_held != "start" and not facts.get("not_held"):
+            choices.insert(1, Choice(START, words["held_start"]))
+        yield Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
     for number, (kind, start_s, end_s, apart_deg) in enumerate(facts.get("moves", ())):
         span = {**told.format_span(start_s, end_s), "apart": format_angle(apart_deg, told.language)}
         heading, lead = (fill(words[key], span) for key in (kind, f"{kind}_lead"))
         yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
-        choices = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
-        shown = (place.clock.format(round(at_s)) for at_s in (start_s, end_s))
-        yield Question(f"move-{number}", "moved", "answer", heading, lead, choices, *shown)
-    for number, (start_s, _, stills) in enumerate(() if facts.get("asked") else facts.get("unread", ())):
+        answers = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
+        shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
+        yield Question(f"move-{number}", "moved", "answer", heading, lead, answers, *shown)
+    for number, (start_s, _, stills) in enumerate(() if asked else unread):
         time = {"time": told.format(start_s)}
-        offers = tuple(place.offer("choice", *still) for still in stills)
         heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
+        offers = tuple(offer("choice", *still) for still in stills)
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Writes stretches: ``clock`` as the form reads moments, ``told`` as people do."""
-
-    clock: DayClock
-    told: Clock
-    words: Words
-
-    def offer(self, key: str, start_s: float, end_s: float) -> Choice:
-        facts = {
-            "time": self.told.format(start_s, with_seconds=True),
-            "length": format_duration(end_s - start_s, self.told.language),
-        }
-        start, end = (self.clock.format(round(at_s)) for at_s in (start_s, end_s))
-        label, name = fill(self.words[key], facts), f"{facts['time']}?"
-        return Choice(name_choice(start_s, end_s), label, name, start, end)
-
-
-def _ask_for_pose(facts: Mapping[str, Any], request: ReportRequest, place: _Place) -> Question:
-    """Ask when the pose was held; the first stretch is the one in use."""
-    words, spread_deg = place.words, facts.get("spread_deg", 0.0)
-    apart = format_angle(spread_deg, place.told.language)
-    leads = [str(words["which_not_held"])] if facts.get("not_held") else []
-    if facts.get("needs_pose"):
-        leads.append(fill(words["which_apart"], {"apart": apart}))
-    leads = leads or [str(words["which_lead"])]
-    for start_s, *_ in facts.get("unread", ()):
-        leads.append(fill(words["which_next"], {"time": place.told.format(start_s)}))
-    used, *others = facts["asked"]
-    choices = [place.offer("choice_used", *used), *(place.offer("choice", *other) for other in others)]
-    if request.pose_held != "start" and not facts.get("not_held"):
-        choices.insert(1, Choice(START, words["held_start"]))
-    return Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
 
 
 NO_WINDOW = WindowRow("", "", "", "")
@@ -652,8 +637,8 @@ def _build_proposals(
     proposals = []
     for start_s, end_s, kind, score in (*still, *not_worn):
         shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
-        start, end = clock.format(start_s), clock.format(end_s)
-        proposals.append(Proposal(kind, start, end, fill(words[kind], shown)))
+        told = fill(words[kind], shown)
+        proposals.append(Proposal(kind, clock.format(start_s), clock.format(end_s), told))
     return tuple(proposals)
 
 
