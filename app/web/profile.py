@@ -44,7 +44,12 @@ class DaysQuery(BaseModel):
 
 def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> ProfiledJobs:
     """Find the analyses that an address names; one that stands on both sides is after the change."""
-    first, after = _find_study(services, query) if query.study else _find_named(services, query)
+    if query.study:
+        first, after = _find_study(services, query)
+    else:
+        ids = dict.fromkeys(query.after)
+        first = [services.store.get(one) for one in dict.fromkeys(query.analysis) if one not in ids]
+        after = [services.store.get(one) for one in ids]
     jobs = (*first, *after)
     if not jobs:
         raise CannotProfile(why="one")
@@ -58,30 +63,19 @@ def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> P
     return ProfiledJobs(jobs, request)
 
 
-Sides = tuple[tuple[Job, ...], tuple[Job, ...]]
-"""Before, or all; and after a change."""
-
-
-def _find_named(services: Services, query: DaysQuery) -> Sides:
-    after = tuple(dict.fromkeys(query.after))
-    first = tuple(each for each in dict.fromkeys(query.analysis) if each not in after)
-    return tuple(map(services.store.get, first)), tuple(map(services.store.get, after))
-
-
-def _find_study(services: Services, query: DaysQuery) -> Sides:
-    """Find the reports of a study; of a change, those without a clock are on no side."""
+def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
+    """Find the reports of a study, and those after a change: what has no clock is on neither side."""
     wanted = LibraryFilter(batch=services.batches.get(query.study).id)
-    found = Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
     placed = [
         (entry.job, entry.headline.start or "")
-        for entry in found
+        for entry in Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
         if entry.headline and entry.job.request.reference is None
     ]
     if not query.since:
-        return tuple(job for job, _ in placed), ()
+        return [job for job, _ in placed], []
     since = query.since.isoformat()
-    before = tuple(job for job, start in placed if start and start < since)
-    return before, tuple(job for job, start in placed if start >= since)
+    before = [job for job, start in placed if start and start < since]
+    return before, [job for job, start in placed if start >= since]
 
 
 Asked = Annotated[ProfiledJobs, Depends(find_days)]

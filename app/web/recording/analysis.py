@@ -108,42 +108,40 @@ class History:
 
 
 def build_versions(
-    history: History, shown: Job, names: Mapping[str, str], clock: DayClock | None, language: Language
+    page: Page, history: History, shown: Job, clock: DayClock | None
 ) -> tuple[VersionRow, ...]:
     """Build the rows of the versions, the newest first; none where only ``shown`` exists.
 
-    A version that was computed more than once is there once: the one that is shown, or else the newest.
+    A version that was computed more than once is there once: the one that is shown, or else the newest. What
+    differs from the version before stands with the times that a person gave.
     """
-    name = load_wording(language, "page")["row"]["version"]
-    first = (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports
+    language, number = page.language, page.words()["row"]["version"]
+    changed = page.words("report")["changed"]
+    names = find_names(page.request, (job.asked_by for job in history.jobs), language)
     found: dict[int, Job] = {}
-    for job in first:
+    for job in (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports:
         found.setdefault(job.request.version, job)
-    rows = tuple(
-        VersionRow(
-            job.id,
-            fill(name, {"n": str(job.request.version)}),
-            format_time(job.created_at),
-            format_changes(job, clock, language),
-            job.request.reason,
-            job.id == shown.id,
-            names.get(job.asked_by, ""),
+    rows = []
+    for version, job in sorted(found.items(), reverse=True):
+        request = job.request
+        times = {
+            "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
+            "slip_times_s": format_times(request.slip_times_s, clock, language),
+            "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
+        }
+        told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
+        rows.append(
+            VersionRow(
+                job.id,
+                fill(number, {"n": str(version)}),
+                format_time(job.created_at),
+                ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                request.reason,
+                job.id == shown.id,
+                names.get(job.asked_by, ""),
+            )
         )
-        for _, job in sorted(found.items(), reverse=True)
-    )
-    return () if all(row.is_this for row in rows) else rows
-
-
-def format_changes(job: Job, clock: DayClock | None, language: Language) -> str:
-    """Write what differs from the version before, with the times that a person gave."""
-    names, request = load_wording(language)["changed"], job.request
-    times = {
-        "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
-        "slip_times_s": format_times(request.slip_times_s, clock, language),
-        "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
-    }
-    told = ((str(names.get(name, name)), times.get(name, "")) for name in request.changes)
-    return ", ".join(f"{name} ({time})" if time else name for name, time in told)
+    return () if all(row.is_this for row in rows) else tuple(rows)
 
 
 # Damaged or missing files: the problem, and what a person can do about it.
@@ -402,7 +400,6 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
     subject = find_subject(page.request)
     own_name = find_person_name(page.request, subject.id)
-    names = find_names(page.request, (other.asked_by for other in history.jobs), language)
     view = AnalysisView(
         row=entry.row,
         entry=entry,
@@ -417,7 +414,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         changes=build_changes(page, history, job, seen.before),
         conclusion=build_conclusion(page, job, own_name, is_current=is_current),
         release=build_release(page, subject, job.id),
-        versions=build_versions(history, job, names, clock, language),
+        versions=build_versions(page, history, job, clock),
         recording_id=job.recording_id,
         source=describe_source(page, job),
         failed=build_row(failed, language) if failed else None,
