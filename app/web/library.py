@@ -27,7 +27,7 @@ from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, enco
 from app.report.export.naming import make_safe_name
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest
-from app.request import SUBJECT_HINT, ReportRequest, check_subject
+from app.request import SUBJECT_HINT, check_subject
 from app.services import Services, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
 from app.upkeep.backup_term import find_backup_term
@@ -341,23 +341,21 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
     """Say something else of recordings, and analyse again where that is not what the report says.
 
-    Raises Busy.
+    What is under way, given by hand, or a comparison stays as it is. Raises Busy.
     """
-    asked = [(job, asked) for job, asked in (_ask_again(entry, change) for entry in entries) if asked]
+    asked = []
+    for entry in entries:
+        newest = entry.attempt or entry.job
+        before = newest.request
+        is_same = bool(change) and all(getattr(before, name) == value for name, value in change.items())
+        is_waiting = not change and not newest.is_over
+        is_given = "pose_held" in change and (before.calibration_windows_s or before.arm_axis)
+        if not (is_same or is_given or is_waiting or before.reference):
+            asked.append((newest, replace(before, **change, reason="")))
     check_queue(services, len(asked))
     for job, request in asked if change.keys() & {"side", "subject"} else ():
         say_whose(services, job, request, tuple(change))
     return services.store.repeat_all(asked)
-
-
-def _ask_again(entry: Entry, change: Mapping[str, Any]) -> tuple[Job, ReportRequest | None]:
-    """Build the request of the next analysis; None where it would change nothing or one is under way."""
-    newest = entry.attempt or entry.job
-    said = replace(newest.request, **change, reason="")
-    is_same = bool(change) and all(getattr(newest.request, name) == value for name, value in change.items())
-    is_waiting = not change and not newest.is_over
-    is_given = "pose_held" in change and (newest.request.calibration_windows_s or newest.request.arm_axis)
-    return newest, None if is_same or is_given or is_waiting or newest.request.reference else said
 
 
 # The trash: put in, take back, delete for good.

@@ -156,12 +156,22 @@ def find_days_address(services: Services, job: Job) -> str:
 
 
 def _list_choices(page: Page, asked: ProfiledJobs) -> tuple[Choice, ...]:
-    """List the chosen recordings and the others of the same people."""
+    """List the chosen recordings and the others of the same people.
+
+    What has no subject code stands by itself.
+    """
+    library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
+    found: dict[str, Entry] = {}
+    for job in {job.request.subject: job for job in asked.jobs}.values():
+        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
+        found |= {entry.job.recording_id: entry for entry in every}
+    for job in asked.jobs:
+        known = found.get(job.recording_id)
+        found[job.recording_id] = Entry(job, known.headline if known else None)
     chosen, count = [job.id for job in asked.jobs], asked.request.before_count
     after = set(chosen[count:]) if count is not None else set()
-    sides = load_wording(page.language)["side"]
     listed = []
-    for entry in _find_entries(page.services, asked.jobs):
+    for entry in found.values():
         job, headline = entry.job, entry.headline
         listed.append(
             Choice(
@@ -175,16 +185,3 @@ def _list_choices(page: Page, asked: ProfiledJobs) -> tuple[Choice, ...]:
             )
         )
     return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))
-
-
-def _find_entries(services: Services, jobs: Sequence[Job]) -> list[Entry]:
-    """Find the entries of all recordings of the same people; what has no subject code stands by itself."""
-    library = Library(services.store.reader)
-    found: dict[str, Entry] = {}
-    for job in {job.request.subject: job for job in jobs}.values():
-        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
-        found |= {entry.job.recording_id: entry for entry in every}
-    for job in jobs:
-        known = found.get(job.recording_id)
-        found[job.recording_id] = Entry(job, known.headline if known else None)
-    return list(found.values())

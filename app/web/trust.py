@@ -54,18 +54,13 @@ async def change_terms(page: UsedPage, form: UsedForm) -> Response:
     known = page.services.retention.find_all()
     for kind in KINDS:
         if kind in form:
-            days = _read_days(first(form, kind))
+            typed = first(form, kind)
+            if typed and (not typed.isdecimal() or len(typed) > 6):
+                raise BadParameter(name="days", value=typed[:20], allowed="1, 2, 3 …")
+            days = int(typed) if typed else None
             if days != known[kind]:
                 page.services.retention.put(kind, days)
     return page.go("/retention")
-
-
-def _read_days(text: str) -> int | None:
-    if not text:
-        return None
-    if not text.isdecimal() or len(text) > 6:
-        raise BadParameter(name="days", value=text[:20], allowed="1, 2, 3 …")
-    return int(text)
 
 
 @router.post("/recordings/{recording_id}/hold")
