@@ -110,7 +110,7 @@ class EarlyPort:
         return piece
 
     def now_s(self) -> float:
-        """Give the moment when what was read last came, by ``time.monotonic``; now for nothing."""
+        """Return the moment when what was read last came, by ``time.monotonic``; now for nothing."""
         return time.monotonic() if self._came_s is None else self._came_s
 
     def release(self) -> None:

@@ -104,7 +104,7 @@ class RunningSession:
         self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
 
     def describe(self) -> dict[str, Any]:
-        """Give what a watcher is told first."""
+        """Return what a watcher is told first."""
         facts = self.source.facts
         return {
             "type": "session",
@@ -258,7 +258,7 @@ def _describe_rule(rule: CueRule) -> dict[str, Any]:
 
 
 def describe_status(status: LiveStatus) -> dict[str, Any]:
-    """Give what the page shows of a session's state."""
+    """Return what the page shows of a session's state."""
     return {
         "elapsed_s": round(status.elapsed_s, 3),
         "elevation_deg": None if status.elevation_deg is None else round(status.elevation_deg, 2),
@@ -315,7 +315,7 @@ class LiveHub:
         return session
 
     def sessions(self) -> tuple[RunningSession, ...]:
-        """Give all sessions that are remembered."""
+        """Return all sessions that are remembered."""
         return tuple(self._sessions.values())
 
     def close(self) -> None:

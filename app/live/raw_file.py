@@ -202,7 +202,7 @@ def take_early(folder: Path) -> None:
 
 
 def describe_asked(name: str, wearer: Wearer, rules: tuple[CueRule, ...]) -> dict[str, Any]:
-    """Give what the file of early bytes says of a session, for its raw file."""
+    """Return what the file of early bytes says of a session, for its raw file."""
     cues = [{"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)} for rule in rules]
     return {
         "name": name,

@@ -81,7 +81,7 @@ class Recorder:
         return True
 
     def take_cues(self, rows: LiveRows) -> list[Cue]:
-        """Give the cues of these rows, and log them; while they are paused there are none."""
+        """Return the cues of these rows, and log them; while they are paused there are none."""
         cues = self._cue_watch.take(rows)
         if self.are_cues_paused:
             return []

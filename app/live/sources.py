@@ -194,7 +194,7 @@ class ReplaySource:
         )
 
     def read(self) -> Frames | None:
-        """Give the next frames when their time has come."""
+        """Return the next frames when their time has come."""
         frames = next(self._frames, None)
         if frames is None or len(frames) == 0:
             return frames

@@ -28,7 +28,7 @@ class Operation:
 
 @router.get("/api/v1/openapi.json")
 def give_openapi(request: Request) -> JSONResponse:
-    """Give the OpenAPI document."""
+    """Return the OpenAPI document."""
     return JSONResponse(cast("FastAPI", request.app).openapi())
 
 

@@ -41,10 +41,10 @@ async def read_body(request: Request) -> bytes:
 
 
 def first(form: Form, name: str) -> str:
-    """Give the first value of a name, "" where there is none."""
+    """Return the first value of a name, "" where there is none."""
     return form.get(name, [""])[0].strip()
 
 
 def take_secret(form: Form, name: str) -> str:
-    """Give the first value of a name as it was typed, with every space."""
+    """Return the first value of a name as it was typed, with every space."""
     return form.get(name, [""])[0]

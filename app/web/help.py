@@ -58,7 +58,7 @@ router = APIRouter(include_in_schema=False)
 
 
 def find_happened(key: str) -> list[str]:
-    """Give the codes behind what a person sees."""
+    """Return the codes behind what a person sees."""
     return [f"E-{name}" for name in HAPPENED[key].split()]
 
 

@@ -52,7 +52,7 @@ class Assets(StaticFiles):
 
 @cache
 def find_assets() -> str:
-    """Give the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
+    """Return the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.rglob("*")):
         if path.is_file():
@@ -62,13 +62,13 @@ def find_assets() -> str:
 
 @cache
 def find_plotly() -> str:
-    """Give the address of plotly's script, without the proxy's part."""
+    """Return the address of plotly's script, without the proxy's part."""
     return f"/vendor/plotly-{version('plotly')}.min.js"
 
 
 @cache
 def find_style_ids() -> tuple[str, ...]:
-    """Give the ids of the styles that plotly's script puts into a page unless an element of that name is
+    """Return the ids of the styles that plotly's script puts into a page unless an element of that name is
     there: map controls, which we never draw, and which our policy would refuse.
     """
     return tuple(re.findall(r'getElementById\("([0-9a-f]{32,})"\)', _read_script().decode()))
@@ -76,7 +76,7 @@ def find_style_ids() -> tuple[str, ...]:
 
 @router.get("/vendor/{name}")
 def plotly(name: str, request: Request) -> Response:
-    """Give plotly's script from the installed package."""
+    """Return plotly's script from the installed package."""
     if f"/vendor/{name}" != find_plotly():
         raise NotHere
     headers = {"Cache-Control": FOR_EVER, "Vary": "Accept-Encoding"}

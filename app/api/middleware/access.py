@@ -126,7 +126,7 @@ def check_confirmed(connection: HTTPConnection) -> None:
 
 
 def find_gate(connection: HTTPConnection) -> Gate:
-    """Give the gate of the application that answers."""
+    """Return the gate of the application that answers."""
     return cast("Gate", connection.app.state.gate)
 
 
@@ -134,7 +134,7 @@ CHECKED = [Depends(check_permission)]
 
 
 def find_subject(connection: HTTPConnection) -> Subject:
-    """Give who asks. Raises NotSignedIn."""
+    """Return who asks. Raises NotSignedIn."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     if subject is None:
         raise NotSignedIn
@@ -145,7 +145,7 @@ UsedSubject = Annotated[Subject, Depends(find_subject)]
 
 
 def may(connection: HTTPConnection, permission: Permission) -> bool:
-    """Tell whether whoever asks has a permission; nobody known has none."""
+    """Return whether whoever asks has a permission; nobody known has none."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     return subject is not None and subject.may(permission)
 

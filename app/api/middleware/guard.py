@@ -239,7 +239,7 @@ class _BodyWatch:
         self._waited_s, self._got_bytes, self._all_bytes, self._more = 0.0, 0, 0, True
 
     async def receive(self) -> Message:
-        """Give the next message. Raises SlowUpload, FileTooLarge."""
+        """Return the next message. Raises SlowUpload, FileTooLarge."""
         if not self._more:
             return await self._receive()
         began_s = time.monotonic()
@@ -326,7 +326,7 @@ def check_json(body: bytes) -> None:
 
 
 async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
-    """Give the messages of a body that may be JSON, which the guard keeps short; none of any other."""
+    """Return the messages of a body that may be JSON, which the guard keeps short; none of any other."""
     kind = dict(scope["headers"]).get(b"content-type", b"").lower()
     is_file = takes_file(scope) and b"json" not in kind
     if scope["method"] in SAFE_METHODS or is_file or kind.startswith(b"multipart/"):

@@ -62,7 +62,7 @@ class KnownReadings:
     _turn: Lock = field(default_factory=Lock)
 
     def is_new(self, key: tuple[str, ...]) -> bool:
-        """Tell whether a reading begins, without counting it."""
+        """Return whether a reading begins, without counting it."""
         with self._turn:
             return time.monotonic() - self._at_s.get(key, -ONE_READING_S) >= ONE_READING_S
 
@@ -200,14 +200,14 @@ class Recorder:
 
 
 def _is_whole(status: int, headers: Headers, method: str) -> bool:
-    """Tell whether a file begins to leave: not the later ranges of one that is fetched in pieces."""
+    """Return whether a file begins to leave: not the later ranges of one that is fetched in pieces."""
     if method == "HEAD" or status == NOT_MODIFIED:
         return False
     return status != PART_OF_FILE or headers.get("content-range", "").startswith("bytes 0-")
 
 
 def _find_status(message: Message, *, is_open: bool) -> int | None:
-    """Give the status of a message that begins a response; that of a socket that was not accepted."""
+    """Return the status of a message that begins a response; that of a socket that was not accepted."""
     if message["type"] in ("http.response.start", "websocket.http.response.start"):
         return int(message["status"])
     return 403 if message["type"] == "websocket.close" and not is_open else None

@@ -268,7 +268,7 @@ def build_changes(page: Page, history: History, job: Job, before_id: str) -> Cha
 
 
 def find_clock(services: Services, history: History) -> DayClock | None:
-    """Give the clock of the recording by its newest report that can be read."""
+    """Return the clock of the recording by its newest report that can be read."""
     for report in history.reports:
         with suppress(ResultDamaged):
             results = find_results(services, report)

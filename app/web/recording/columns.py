@@ -166,7 +166,7 @@ def _read_header(form: Form) -> str:
 
 
 def read_profile(form: Form) -> dict[str, Any]:
-    """Give the profile of the form, as :func:`fusion.readers.parse_profile` reads it. Raises BadParameter."""
+    """Read the profile of the form for :func:`fusion.readers.parse_profile`. Raises BadParameter."""
     names = form.get("column", [])
     stated: dict[str, Any] = {name: first(form, name) for name in UNITS if first(form, name)}
     if rate := first(form, "rate_hz"):
@@ -199,7 +199,7 @@ def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
 
 
 def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
-    """Give the number of a column, which a proposal names where its name is its own."""
+    """Return the number of a column, which a proposal names where its name is its own."""
     if isinstance(place, str):
         return columns.index(place) + 1 if place in columns else 0
     return place or 0

@@ -138,7 +138,7 @@ T = TypeVar("T", bound=str)
 def correct_request(
     before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...] = ()
 ) -> ReportRequest:
-    """Give the request of the next analysis; ``used_s``: the windows that the one before used.
+    """Return the request of the next analysis; ``used_s``: the windows that the one before used.
 
     Raises BadParameter, UnusableDiary or UnusableCalibration.
     """
@@ -551,7 +551,7 @@ def _build_axis(
 
 
 def list_axes() -> tuple[tuple[str, str], ...]:
-    """Give each axis that may lie along the arm, and how people read it."""
+    """Return each axis that may lie along the arm, and how people read it."""
     return tuple((axis, format_axis(axis)) for axis in ARM_AXES)
 
 
@@ -643,7 +643,7 @@ def _build_proposals(
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
-    """Give the hours as rows of a table: hour, analysed, median, P90, time above 60 deg.
+    """Return the hours as rows of a table: hour, analysed, median, P90, time above 60 deg.
 
     An hour of which nothing was analysed has no figures: the last, when a day ends just behind the full hour.
     """
