@@ -391,11 +391,8 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
     asked = attempt.request if attempt else job.request
-    clock, failed, report = (
-        find_clock(services, history),
-        history.find_failed(job),
-        next(iter(history.reports), None),
-    )
+    clock, failed = find_clock(services, history), history.find_failed(job)
+    report = next(iter(history.reports), None)
     is_current = report is not None and report.id == job.id
     entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
     subject = find_subject(page.request)
