@@ -27,8 +27,7 @@ from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library import analyses, batches, mappings, recordings, uploads
 from app.api.middleware.access import CHECKED, Access
 from app.api.middleware.echoes import hide_address
-from app.api.middleware.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
-from app.api.middleware.plain_text import PlainText
+from app.api.middleware.guard import SECURITY_HEADERS, Guard, PlainText, make_timeout_protocol
 from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
 from app.errors import (
     AppError,
@@ -70,17 +69,14 @@ from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
 from app.web.account import router as account_pages
-from app.web.acts import router as act_routes
 from app.web.api_docs import router as docs_routes
 from app.web.batches import router as batch_pages
-from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.live import router as live_page
 from app.web.login import respond_with_confirmation, respond_with_login, respond_with_place
 from app.web.login import router as login_routes
 from app.web.pairs import router as pair_pages
-from app.web.people import router as people_pages
 from app.web.profile import router as profile_pages
 from app.web.recording.analysis import respond_with_page
 from app.web.recording.analysis import router as page_routes
@@ -105,20 +101,17 @@ PAGES = (
     day_routes,
     conclusion_routes,
     library_routes,
-    act_routes,
     pair_pages,
     profile_pages,
     column_routes,
     help_routes,
     docs_routes,
-    example_routes,
     asset_routes,
     validation_pages,
     live_page,
     login_routes,
     trust_pages,
     account_pages,
-    people_pages,
 )
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024

@@ -27,9 +27,8 @@ from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
 from app.jobs.audit_log import record
 from app.jobs.job import Job
-from app.live.early import EarlyFile, EarlyPort
+from app.live.early import PLAYED, RAW, EarlyFile, EarlyPort, SessionFiles, begin_files, find_left
 from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
-from app.live.session_files import PLAYED, RAW, SessionFiles, begin_files, find_left
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
@@ -41,7 +40,7 @@ from fusion.errors import FusionError
 
 if TYPE_CHECKING:
     from app.live.hub import Ended, LiveHub, RunningSession
-    from app.live.source import Source
+    from app.live.sources import Source
     from fusion.live.cues import Cue
 
 # What becomes of live sessions: the raw file of each that is kept is a recording in the end.
@@ -105,7 +104,7 @@ def take_in_cut(services: Services) -> int:
 
 def _take_in_left(services: Services, files: SessionFiles) -> bool:
     """Take in what a killed server left of a session; False where it held no row."""
-    from app.live.early_rows import write_early_rows  # noqa: PLC0415  the science
+    from app.live.raw_file import write_early_rows  # noqa: PLC0415  the science
 
     is_early = files.early.exists()
     has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
@@ -295,12 +294,9 @@ def _name_source(asked: Start) -> str:
 
 
 def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
-    from app.live.demo import make_demo  # noqa: PLC0415  the science
-    from app.live.early_rows import make_rule  # noqa: PLC0415
     from app.live.hub import SessionRequest  # noqa: PLC0415
-    from app.live.lines import LineSource  # noqa: PLC0415
-    from app.live.raw_file import Wearer  # noqa: PLC0415
-    from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
+    from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
+    from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(_read_subject(asked.subject), asked.side, asked.axis),
@@ -346,7 +342,7 @@ class DifferenceView(BaseModel):
 @router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
 def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
     """Compare what a session showed with its report, once that is made; for an hour after its end."""
-    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415  the science
+    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  the science
 
     session = find_hub(services).get(session_id)
     job = services.store.get(session.analysis_id)

@@ -22,7 +22,7 @@ from fusion.errors import FusionError
 
 if TYPE_CHECKING:
     from app.live.recorder import Recorder
-    from app.live.source import Source
+    from app.live.sources import Source
     from fusion.live import LiveStatus
     from fusion.live.cues import Cue
 
@@ -60,14 +60,11 @@ def live(
 ) -> None:
     """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
     from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  the science, and only this needs it
-    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415
-    from app.live.early_rows import describe_asked  # noqa: PLC0415
-    from app.live.lines import open_lines  # noqa: PLC0415
+    from app.live.early import EARLY  # noqa: PLC0415
     from app.live.ports import names_port  # noqa: PLC0415
-    from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415
-    from app.live.recorder import Recorder  # noqa: PLC0415
-    from app.live.replay import open_replay  # noqa: PLC0415
-    from app.live.session_files import EARLY  # noqa: PLC0415
+    from app.live.raw_file import PREFIX, Wearer, describe_asked  # noqa: PLC0415
+    from app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
+    from app.live.sources import open_lines, open_replay  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
@@ -223,8 +220,7 @@ class _Screen:
 
 def _print_cut_sessions(out: Path, language: Language) -> None:
     """Name the sessions of this folder that were cut: their rows are kept, and what is lost is said."""
-    from app.live.early_rows import take_early  # noqa: PLC0415
-    from app.live.raw_file import find_cut  # noqa: PLC0415
+    from app.live.raw_file import find_cut, take_early  # noqa: PLC0415
 
     take_early(out)
     words = load_wording(language, "live")["terminal"]
