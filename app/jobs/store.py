@@ -43,7 +43,7 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
+from app.jobs.versions import COUNTED, drop_drafts, identify_work, renumber, select_same, settle_conclusion
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
 from app.storage.store import ResultFile, StoredRecording
@@ -143,25 +143,10 @@ class JobStore(RowStore):
         StaleVersion
             ``job`` is not the current version any more.
         """
-        counted = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
-        own = tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
-        is_later = tuple_(analyses.c.created_at, analyses.c.id) > own
-        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         with self._engine.begin() as connection:
-            # nobody else corrects this recording until the end of the transaction
-            of_it = select(recordings.c.id).where(recordings.c.id == job.recording_id)
-            connection.execute(of_it.with_for_update())
-            counts = (analyses.c.state.in_(counted), analyses.c.replaced_by.is_(None), is_later)
-            query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
-            jobs = [read_job(row) for row in connection.execute(query.order_by(*newest_first)).all()]
-            newest = next((one for one in jobs if one.request.reference is None), None)
+            newest = _find_newer(connection, job, settle_conclusion(connection, job, asked))
             if newest is not None:
-                key = identify_work(job.sha256, settle_conclusion(connection, job, asked))
-                same = select(analyses.c.id).where(analyses.c.id == newest.id, analyses.c.key == key)
-                if connection.execute(same).first() is not None:
-                    return newest
-                if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
-                    raise StaleVersion
+                return newest
             analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
@@ -172,9 +157,20 @@ class JobStore(RowStore):
         return self.get(analysis_id)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
-        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft."""
+        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft.
+
+        The same conclusion again is made once.
+
+        Raises
+        ------
+        StaleVersion
+            ``job`` is not the current version any more.
+        """
         asked = replace(job.request, conclusion=conclusion, reason="")
         with self._engine.begin() as connection:
+            newest = _find_newer(connection, job, asked)
+            if newest is not None:
+                return newest
             analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
             if conclusion is None:
                 drop_drafts(connection, job.recording_id)
@@ -521,6 +517,33 @@ class JobStore(RowStore):
         kept = (JobState.RUNNING, JobState.SUCCEEDED)
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         return frozenset((row.id, row.token) for row in self._read_all(query))
+
+
+def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job | None:
+    """Find a later analysis that makes what is asked for; None if ``job`` is the current version.
+
+    Nobody else corrects the recording until the end of the transaction.
+
+    Raises
+    ------
+    StaleVersion
+    """
+    connection.execute(select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update())
+    place = (analyses.c.created_at, analyses.c.id)
+    is_later = tuple_(*place) > tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
+    counts = (analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None), is_later)
+    query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
+    newest_first = query.order_by(*(column.desc() for column in place))
+    jobs = (read_job(row) for row in connection.execute(newest_first).all())
+    newest = next((one for one in jobs if one.request.reference is None), None)
+    if newest is None:
+        return None
+    key = select(analyses.c.key).where(analyses.c.id == newest.id)
+    if connection.execute(key).scalar() == identify_work(job.sha256, asked):
+        return newest
+    if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
+        raise StaleVersion
+    return None
 
 
 def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:

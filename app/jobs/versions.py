@@ -23,7 +23,7 @@ from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_sett
 from app.version import identify_engine
 
 KEYS_PER_QUERY = 500
-_COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
+COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
 
 Item = tuple[str, str, ReportRequest]
 """A recording, its SHA-256 and the request."""
@@ -38,7 +38,7 @@ def identify_work(sha256: str, request: ReportRequest) -> str:
 
 def select_same(keys: Sequence[str]) -> Select[Any]:
     """Select the analyses with these keys that are queued, running or done and not replaced, oldest first."""
-    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(_COUNTED), analyses.c.replaced_by.is_(None))
+    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None))
     return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
 
 
@@ -72,7 +72,7 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[Repor
     of the conclusion that they leave behind.
     """
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
-    histories = _read_histories(connection, digests, _COUNTED)
+    histories = _read_histories(connection, digests, COUNTED)
     numbered = []
     for recording_id, _, request in items:
         history = histories[recording_id]
