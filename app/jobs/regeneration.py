@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 
 from app.errors import StoreDamaged
+from app.jobs.database.connect import one_request_at_a_time
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
 from app.jobs.store import JobStore
@@ -27,13 +28,14 @@ def find_or_add(
 ) -> tuple[Job, bool]:
     """Return the analysis that counts, else the one that ``add`` makes; and whether it was there before.
 
-    The same request sent twice at once makes one analysis: a server does this for one request at a time.
+    The same request sent twice at once, also to two servers, makes one analysis: this is done for one request
+    at a time.
 
     Raises
     ------
     StoreDamaged
     """
-    with _one_at_a_time:
+    with _one_at_a_time, one_request_at_a_time(store.engine):
         same = find_same(store, storage, recording, request, way_in)
         return same or add(), same is not None
 

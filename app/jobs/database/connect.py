@@ -31,6 +31,7 @@ from app.storage.store import check_folder, translate_folder_errors
 
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
+_REQUEST_LOCK = 0x61637271  # whoever holds this one looks for a requested analysis and adds it
 _CONNECT_TIMEOUT_S = 10
 BUSY_TIMEOUT_S = 30
 _WRITE_LOCK_BYTE = 120  # of SQLite's file "-shm" (sqlite.org/walformat.html, "WAL locks")
@@ -187,6 +188,20 @@ def lock_tables(connection: Connection) -> None:
     """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _TABLES_LOCK})
+
+
+@contextmanager
+def one_request_at_a_time(engine: Engine) -> Iterator[None]:
+    """Let one server of a PostgreSQL database at a time look for an analysis and add it.
+
+    SQLite has one server, which takes turns by itself.
+    """
+    if engine.dialect.name != "postgresql":
+        yield
+        return
+    with engine.begin() as connection:
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _REQUEST_LOCK})
+        yield
 
 
 def read_revision(connection: Connection) -> str | None:
