@@ -40,6 +40,8 @@ class KeptFile:
 class Fault:
     """A file that differs from its row, or that has no row; a side file may be behind or ahead of it.
 
+    ``side_waiting``: it is behind its row, and housekeeping is about to write it.
+
     ``known_...``: the backup that holds the file lists the fault itself.
     """
 
@@ -54,6 +56,7 @@ class Fault:
         "side_missing",
         "side_damaged",
         "side_behind",
+        "side_waiting",
         "side_ahead",
         "quarantine",
     ]
@@ -139,23 +142,21 @@ def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
 
 def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
     present = storage.find_recordings()
+    kept = (recordings.c.id, recordings.c.revision, recordings.c.side_revision)
+    with _reading(settings) as connection:
+        rows = connection.execute(select(*kept).where(recordings.c.state != PURGING)).all()
     faults = set()
-    for recording_id, revision in _read_revisions(settings):
+    for recording_id, revision, written in rows:
         name = format_side_file_name(recording_id)
         side = decode_side_file(storage.read_small(name), recording_id)
         if side is None:
             is_there = f"{recording_id}{SIDE_SUFFIX}" in present
             faults.add(Fault(name, "side_damaged" if is_there else "side_missing"))
-        elif side.revision != revision:
-            faults.add(Fault(name, "side_behind" if side.revision < revision else "side_ahead"))
+        elif side.revision > revision:
+            faults.add(Fault(name, "side_ahead"))
+        elif side.revision < revision:
+            faults.add(Fault(name, "side_waiting" if written < revision else "side_behind"))
     return faults
-
-
-def _read_revisions(settings: Settings) -> list[tuple[str, int]]:
-    """Give every recording with the revision of its row."""
-    query = select(recordings.c.id, recordings.c.revision).where(recordings.c.state != PURGING)
-    with _reading(settings) as connection:
-        return [(row.id, row.revision) for row in connection.execute(query)]
 
 
 def _find_attempts_under_way(settings: Settings) -> tuple[str, ...]:
