@@ -52,6 +52,14 @@ class ServerSecret:
         except (OSError, InvalidToken):
             raise SecretUnreadable(file=str(self.file)) from None
 
+    def can_decrypt(self, token: str, about: str) -> bool:
+        """Tell whether this secret has encrypted a text."""
+        try:
+            self.decrypt(token, about)
+        except SecretUnreadable:
+            return False
+        return True
+
     def derive(self, about: str) -> bytes:
         """Derive a key for digests."""
         return self._derive(about, self._create())
