@@ -14,13 +14,16 @@ from pathlib import Path
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.errors import AppError
+from app.access.accounts import AccountStore
+from app.errors import AccountsLost, AppError
 from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
+from app.storage.server_secret import ServerSecret
+from app.upkeep.account_rows import find_unreadable
 from app.upkeep.place import is_used
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
@@ -53,6 +56,8 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_disk,
         _examine_database,
         _examine_store,
+        _examine_accounts,
+        _examine_secret,
         _examine_recordings,
         _examine_quarantine,
         _examine_bytes,
@@ -118,6 +123,32 @@ def _examine_store(settings: Settings) -> Examination:
     except OSError as error:
         return Examination("store", healthy=False, facts={"where": where, "why": error.strerror or ""})
     return Examination("store", healthy=True, facts={"where": where})
+
+
+def _examine_accounts(settings: Settings) -> Examination:
+    """Check that the database holds accounts if the folder says that there are any."""
+    accounts = AccountStore(settings)
+    try:
+        accounts.check_kept()
+    except AccountsLost as lost:
+        return Examination("accounts", healthy=False, facts={"file": str(lost.facts["file"])})
+    except SQLAlchemyError:
+        pass  # the database has a check of its own
+    return Examination("accounts", healthy=True)
+
+
+def _examine_secret(settings: Settings) -> Examination:
+    """Check that the secret of the server has encrypted the stored second factors and webhooks."""
+    secret = ServerSecret(settings.data_dir)
+    try:
+        with closing(JobStore(settings)) as store:
+            lost = find_unreadable(store.reader, secret)
+    except (AppError, SQLAlchemyError):
+        return Examination("secret", healthy=True)  # the database has a check of its own
+    if not lost.second_factors and not lost.webhooks:
+        return Examination("secret", healthy=True)
+    counts = {"factors": str(lost.second_factors), "webhooks": str(lost.webhooks)}
+    return Examination("secret", healthy=False, facts=counts | {"file": str(secret.file)})
 
 
 def _examine_recordings(settings: Settings) -> Examination:
