@@ -77,7 +77,7 @@ class WorkerPool:
 
 
 def _is_stopped(pid: int) -> bool:
-    """Return whether a signal has stopped a process; False where the system does not say (only Linux does)."""
+    """Return whether a signal has stopped a process; False if the system does not say (only Linux does)."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].startswith("T")
     except OSError:
