@@ -125,7 +125,7 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_purges(services: Services, unknown: Unknown) -> None:
-    again = services.storage.ledger.find() & services.store.find_recordings()
+    again = services.storage.find_erased() & services.store.find_recordings()
     for recording_id in {*services.recordings.find_purging(), *again}:
         try:
             purge_recording(services, recording_id)

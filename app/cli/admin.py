@@ -177,7 +177,7 @@ def restore(
 
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
-    from app.storage.erasures import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
+    from app.storage.store import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415
 
     settings = find_settings(data)

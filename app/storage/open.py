@@ -5,7 +5,6 @@ from types import ModuleType
 
 from app.errors import NotInstalled
 from app.settings import Settings
-from app.storage.folder import FolderStorage
 from app.storage.store import Storage
 
 
@@ -17,7 +16,7 @@ def open_storage(settings: Settings) -> Storage:
     NotInstalled, StoreAway
     """
     if not settings.object_store:
-        return FolderStorage(settings.data_dir)
+        return Storage(settings.data_dir)
     bucket: Storage = load_extra("app.storage.bucket").open_bucket(settings)
     return bucket
 

@@ -5,7 +5,7 @@
     rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
                               (sessions, links, wrong tries, known browsers)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
-    erasures.jsonl           the ledger of erasures (:mod:`app.storage.erasures`)
+    erasures.jsonl           the ledger of erasures (:mod:`app.storage.store`)
     server.key               the secret of the server (:mod:`app.storage.server_secret`)
 
 It may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`). Beside the backups the newest
@@ -58,16 +58,18 @@ from app.jobs.database.tables import (
 from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage.erasures import LEDGER_FILE, format_ledger, parse_ledger
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, create_file, make_folder
 from app.storage.server_secret import SECRET_FILE, ServerSecret
 from app.storage.store import (
     COPY_BYTES,
+    LEDGER_FILE,
     SIDE_SUFFIX,
     FolderLock,
     Storage,
+    format_ledger,
     hash_file,
+    parse_ledger,
     translate_disk_full,
     translate_folder_errors,
     write_durably,
@@ -112,7 +114,7 @@ def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> 
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
             copied = _write(settings, storage, path, recipients)
-            _keep_ledger(storage.ledger.find(), path)
+            _keep_ledger(storage.find_erased(), path)
             return copied
     raise BackupRefused(why="recordings are being purged")
 
@@ -141,7 +143,7 @@ def _write(settings: Settings, storage: Storage, path: Path, recipients: Recipie
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         manifest, files = _write_rows(settings, archive)
         copied = _write_files(settings, storage, archive, files)
-        archive.writestr(LEDGER_FILE, format_ledger(storage.ledger.find()))
+        archive.writestr(LEDGER_FILE, format_ledger(storage.find_erased()))
         if (secret := ServerSecret(settings.data_dir).file).exists():
             archive.writestr(SECRET_FILE, secret.read_bytes())
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
@@ -369,8 +371,8 @@ def _restore(
             _check_no_rows(connection)
             storage = open_storage(settings)
             storage.prepare()
-            storage.ledger.add(erased)
-            erased = storage.ledger.find()
+            storage.add_erased(erased)
+            erased = storage.find_erased()
             copied = _restore_files(storage, archive, erased)
             _drop_tables(connection)
             _restore_rows(connection, archive, erased)

@@ -75,7 +75,7 @@ def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
         return Unknown()
-    erased = storage.ledger.find() & {name.removesuffix(SIDE_SUFFIX) for name in found}
+    erased = storage.find_erased() & {name.removesuffix(SIDE_SUFFIX) for name in found}
     found = {name for name in found if name.removesuffix(SIDE_SUFFIX) not in erased}
     suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
     # a recording that is purged meanwhile loses its side file before its row
@@ -122,7 +122,7 @@ def finish_purges(storage: Storage, unknown: Unknown) -> None:
     if not unknown.erased:
         return
     present = {name.split("/")[1] for name in storage.find_names() if name.startswith("analyses/")}
-    for analysis_id in present & storage.ledger.find():
+    for analysis_id in present & storage.find_erased():
         storage.drop_analysis(analysis_id)
     for recording_id in unknown.erased:
         storage.drop_recording(recording_id)
@@ -231,7 +231,7 @@ def recover(settings: Settings) -> Recovered:
 def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     unknown = find_unknown(store, storage)
     finish_purges(storage, unknown)
-    for recording_id in storage.ledger.find() & store.find_recordings():
+    for recording_id in storage.find_erased() & store.find_recordings():
         store.mark_purging(recording_id)  # an older database was put back: the next start deletes it again
     names, before = storage.find_recordings(), store.find_recordings()
     results = frozenset(storage.find_names())

@@ -85,7 +85,7 @@ def test_after_an_erasure_the_canary_is_nowhere(
 
     assert find_hits(served.data_dir) == []
     assert find_hits_in_bucket(storage) == []
-    assert recording_id in storage.ledger.find()
+    assert recording_id in storage.find_erased()
 
 
 @on_both_set_ups
