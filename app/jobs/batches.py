@@ -82,12 +82,7 @@ class BatchStore(RowStore):
         return self.get(batch_id)
 
     def get(self, batch_id: str) -> Batch:
-        """Give one batch with its counts.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one batch with its counts. Raises NotHere."""
         counted = (
             select(analyses.c.state, func.count())
             .where(analyses.c.id.in_(select_items(batch_id)))

@@ -127,11 +127,7 @@ class RecordingStore(RowStore):
         """Acknowledge a recording without asking for an analysis.
 
         The same bytes with the same description, sent again within a day by the same subject, give the row
-        that is there: its id is another.
-
-        Raises
-        ------
-        PurgedSince
+        that is there: its id is another. Raises PurgedSince.
         """
         with self._engine.begin() as connection:
             check_not_purged(connection, stored, about)
@@ -146,13 +142,7 @@ class RecordingStore(RowStore):
             insert_recording(connection, stored, Description(file_name), REFERENCE)
 
     def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
-        """Give one recording.
-
-        Raises
-        ------
-        NotHere
-            Also for one in the trash, unless asked for.
-        """
+        """Give one recording. Raises NotHere: also for one in the trash, unless asked for."""
         row = self._read_one(select(recordings).where(recordings.c.id == recording_id))
         if row is None or row.state == PURGING or (row.state == TRASHED and not trashed):
             raise NotHere(id=recording_id)
@@ -180,12 +170,7 @@ class RecordingStore(RowStore):
         return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
-        """Change columns, unless the row has changed since this version.
-
-        Raises
-        ------
-        StaleVersion
-        """
+        """Change columns, unless the row has changed since this version. Raises StaleVersion."""
         mine = (recordings.c.id == recording_id, recordings.c.version == version)
         change = update(recordings).where(*mine, recordings.c.state == STORED)
         with self._engine.begin() as connection:
@@ -232,11 +217,7 @@ class RecordingStore(RowStore):
     def trash(self, recording_id: str) -> None:
         """Move a recording to the trash and cancel its analyses; nothing is deleted yet.
 
-        A recording in the trash stays there as it is: its term does not start again.
-
-        Raises
-        ------
-        NotHere
+        A recording in the trash stays there as it is: its term does not start again. Raises NotHere.
         """
         self.get(recording_id, trashed=True)
         going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
@@ -273,11 +254,7 @@ class RecordingStore(RowStore):
     def begin_purge(self, recording_id: str) -> Purged:
         """Hide a recording and its references for good; gives the ids whose files are to be removed now.
 
-        The rows go last (:meth:`end_purge`), so that an interrupted purge can continue.
-
-        Raises
-        ------
-        OnHold
+        The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
         with self._engine.begin() as connection:
             _check_hold(connection, recording_id)
@@ -332,31 +309,16 @@ class RecordingStore(RowStore):
             return tuple(connection.execute(due).scalars())
 
     def check_hold(self, recording_id: str) -> None:
-        """Check that a recording may be deleted for good.
-
-        Raises
-        ------
-        OnHold
-        """
+        """Check that a recording may be deleted for good. Raises OnHold."""
         with self._reader.connect() as connection:
             _check_hold(connection, recording_id)
 
     def hold(self, recording_id: str, reason: HoldReason, who: str) -> StoredRow:
-        """Put a recording on hold: nothing deletes it for good before it is let go.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Put a recording on hold: nothing deletes it for good before it is let go. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": reason, "hold_by": who}, "recording.held")
 
     def let_go(self, recording_id: str) -> StoredRow:
-        """End the hold of a recording.
-
-        Raises
-        ------
-        NotHere
-        """
+        """End the hold of a recording. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": None, "hold_by": None}, "recording.let_go")
 
     def _change_hold(self, recording_id: str, values: Mapping[str, str | None], act: Act) -> StoredRow:
@@ -420,12 +382,7 @@ def _read_description(row: Row[Any]) -> Description:
 
 
 def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:
-    """Refuse to bring back by a repeated request what was deleted for good.
-
-    Raises
-    ------
-    PurgedSince
-    """
+    """Refuse to bring back by a repeated request what was deleted for good. Raises PurgedSince."""
     key = _hash_upload(find_actor(), stored.sha256, about)
     is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
     known = select(purged_uploads.c.key).where(purged_uploads.c.key == key, ~is_old)
@@ -557,12 +514,7 @@ class UploadStore(RowStore):
         return self.get(str(row["id"]))
 
     def get(self, upload_id: str) -> UploadRow:
-        """Give one upload.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one upload. Raises NotHere."""
         row = self._read_one(select(uploads).where(uploads.c.id == upload_id))
         if row is None:
             raise NotHere

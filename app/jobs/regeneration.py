@@ -29,11 +29,7 @@ def find_or_add(
     """Return the analysis that counts, else the one that ``add`` makes; and whether it was there before.
 
     The same request sent twice at once, also to two servers, makes one analysis: this is done for one request
-    at a time.
-
-    Raises
-    ------
-    StoreDamaged
+    at a time. Raises StoreDamaged.
     """
     with _one_at_a_time, one_request_at_a_time(store.engine):
         same = find_same(store, storage, recording, request, way_in)
@@ -89,10 +85,7 @@ def find_same(
 
     A damaged analysis is queued again. An analysis of another recording whose bytes are damaged does not
     count: the new bytes (``recording`` is their id and SHA-256) are then the only good ones, and are kept.
-
-    Raises
-    ------
-    StoreDamaged
+    Raises StoreDamaged.
     """
     recording_id, sha256 = recording
     for job in store.find_same(sha256, request):

@@ -20,12 +20,7 @@ class ResultReader:
     storage: Storage
 
     def find(self, job: Job, name: str) -> ResultFile:
-        """Give the row of a published file.
-
-        Raises
-        ------
-        NotFinished, NoSuchFile
-        """
+        """Give the row of a published file. Raises NotFinished, NoSuchFile."""
         check_succeeded(job, name)
         file = self.store.find_file(job.id, name)
         if file is None:
@@ -37,10 +32,7 @@ class ResultReader:
     def borrow(self, job: Job, name: str) -> Iterator[Path]:
         """Lend a published file whose bytes are those of its row.
 
-        Raises
-        ------
-        NotFinished, NoSuchFile, ResultDamaged
-            The last names the analysis that replaces a damaged one, if there is one.
+        Raises NotFinished, NoSuchFile, and ResultDamaged, which names the analysis that replaces a damaged one.
         """
         file = self.find(job, name)
         try:
@@ -51,12 +43,7 @@ class ResultReader:
             raise ResultDamaged(**damaged.facts, **again) from damaged
 
     def read(self, job: Job, name: str) -> bytes:
-        """Give the bytes of a published file.
-
-        Raises
-        ------
-        NotFinished, NoSuchFile, ResultDamaged
-        """
+        """Give the bytes of a published file. Raises NotFinished, NoSuchFile, ResultDamaged."""
         with self.borrow(job, name) as path:
             return path.read_bytes()
 
@@ -64,9 +51,7 @@ class ResultReader:
 def check_succeeded(job: Job, name: str) -> None:
     """Check that an analysis has files; ``name`` is the one that is asked for.
 
-    Raises
-    ------
-    NotFinished, NoSuchFile
+    Raises NotFinished, NoSuchFile.
     """
     if not job.is_over:
         raise NotFinished(state=job.state.value)

@@ -93,9 +93,7 @@ class JobStore(RowStore):
     def check_belongs(self, store_id: str) -> None:
         """Check that this database belongs to this folder or bucket; the first one is remembered.
 
-        Raises
-        ------
-        StoreMismatch
+        Raises StoreMismatch.
         """
         query = select(facts.c.value).where(facts.c.name == "store")
         with self._engine.begin() as connection:
@@ -116,9 +114,7 @@ class JobStore(RowStore):
     ) -> Job:
         """Acknowledge a recording and queue its analysis, which joins the study named, in one commit.
 
-        Raises
-        ------
-        PurgedSince
+        Raises PurgedSince.
         """
         about = Description(request.file_name, request.subject, request.side, external_id)
         with self._engine.begin() as connection:
@@ -138,10 +134,7 @@ class JobStore(RowStore):
     def correct(self, job: Job, asked: ReportRequest) -> Job:
         """Queue what a person corrected of the current version; the same correction again is made once.
 
-        Raises
-        ------
-        StaleVersion
-            ``job`` is not the current version any more.
+        Raises StaleVersion: ``job`` is not the current version any more.
         """
         with self._engine.begin() as connection:
             newest = _find_newer(connection, job, settle_conclusion(connection, job, asked))
@@ -160,11 +153,7 @@ class JobStore(RowStore):
         """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft.
 
         The same conclusion again is made once.
-
-        Raises
-        ------
-        StaleVersion
-            ``job`` is not the current version any more.
+        Raises StaleVersion: ``job`` is not the current version any more.
         """
         asked = replace(job.request, conclusion=conclusion, reason="")
         with self._engine.begin() as connection:
@@ -182,9 +171,7 @@ class JobStore(RowStore):
     def dismiss_draft(self, analysis_id: str) -> None:
         """Delete the draft of a conclusion, so that no later analysis gets it; without one nothing happens.
 
-        Raises
-        ------
-        NotHere
+        Raises NotHere.
         """
         job = self.get(analysis_id)
         with self._engine.begin() as connection:
@@ -205,9 +192,7 @@ class JobStore(RowStore):
     def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
         """Queue a failed or cancelled analysis again, once; one that waits, runs or is done stays as it is.
 
-        Raises
-        ------
-        NotHere
+        Raises NotHere.
         """
         job = self.get(analysis_id)
         if job.replaced_by is not None:
@@ -247,10 +232,7 @@ class JobStore(RowStore):
     def withdraw(self, analysis_id: str) -> Job:
         """Replace a failed analysis by the report before it; gives the analysis of that report.
 
-        Raises
-        ------
-        NotHere
-            The analysis has not failed, or there is no earlier report.
+        Raises NotHere: the analysis has not failed, or there is no earlier report.
         """
         job = self.get(analysis_id)
         reports = self.find_reports(job.recording_id)
@@ -265,12 +247,7 @@ class JobStore(RowStore):
         return reports[0]
 
     def get(self, analysis_id: str) -> Job:
-        """Give one job.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one job. Raises NotHere."""
         row = self._read_one(select_jobs().where(analyses.c.id == analysis_id))
         if row is None:
             raise NotHere
@@ -433,9 +410,7 @@ class JobStore(RowStore):
     def cancel(self, analysis_id: str) -> Job:
         """Cancel the job unless it is over; its worker notices that its attempt counts no more.
 
-        Raises
-        ------
-        NotHere
+        Raises NotHere.
         """
         with self._engine.begin() as connection:
             cancel_job(connection, analysis_id)
@@ -452,12 +427,7 @@ class JobStore(RowStore):
         return tuple(ResultFile(*row) for row in self._read_all(query))
 
     def find_sha256(self, recording_id: str) -> str:
-        """Give the SHA-256 of a recording, or of the reference of one.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
         sha256 = self._read_value(select(recordings.c.sha256).where(recordings.c.id == recording_id))
         if sha256 is None:
             raise NotHere(id=recording_id)
@@ -522,11 +492,7 @@ class JobStore(RowStore):
 def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job | None:
     """Find a later analysis that makes what is asked for; None if ``job`` is the current version.
 
-    Nobody else corrects the recording until the end of the transaction.
-
-    Raises
-    ------
-    StaleVersion
+    Nobody else corrects the recording until the end of the transaction. Raises StaleVersion.
     """
     connection.execute(select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update())
     place = (analyses.c.created_at, analyses.c.id)

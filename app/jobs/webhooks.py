@@ -71,12 +71,7 @@ class WebhookStore(RowStore):
         )
 
     def drop(self, webhook_id: str) -> None:
-        """Delete an address and its pending deliveries.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Delete an address and its pending deliveries. Raises NotHere."""
         with self._engine.begin() as connection:
             connection.execute(delete(deliveries).where(deliveries.c.webhook_id == webhook_id))
             if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount != 1:

@@ -69,9 +69,7 @@ class Bench:
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
     """Open database and store for one worker; ``make`` replaces the science.
 
-    Raises
-    ------
-    ServerRefused, DatabaseAway, StoreAway, DiskFull
+    Raises ServerRefused, DatabaseAway, StoreAway, DiskFull.
     """
     with translate_start_errors(settings):
         storage = open_storage(settings)
@@ -127,10 +125,7 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
     """Run the loop of the engine in the settings; Procrastinate is loaded only where it is chosen.
 
-    Raises
-    ------
-    ServerRefused, DatabaseAway, StoreAway, DiskFull
-        At the start; and DatabaseDamaged later.
+    Raises ServerRefused, DatabaseAway, StoreAway, DiskFull at the start, and DatabaseDamaged later.
     """
     with translate_database_errors(settings.database_url):
         if settings.engine == "embedded":

@@ -182,9 +182,7 @@ class BucketStorage(Storage):
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:  # noqa: ARG002
         """Refuse when this machine has no room for temporary files; the recording goes to the bucket.
 
-        Raises
-        ------
-        DiskFull
+        Raises DiskFull.
         """
         check_free(self.root, min_free_bytes)
 

@@ -182,12 +182,7 @@ class DayFile:
 
 
 def open_day(path: Path) -> DayFile:
-    """Map the file.
-
-    Raises
-    ------
-    FileNotFoundError
-    """
+    """Map the file. Raises FileNotFoundError."""
     with path.open("rb") as file:
         head = json.loads(file.readline())
         at = file.tell()

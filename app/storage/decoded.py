@@ -132,13 +132,7 @@ def _write_entry(file: IO[bytes], recording: Recording) -> None:
 
 
 def _read_entry(file: IO[bytes]) -> Recording:
-    """Read an entry.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        The entry is damaged.
-    """
+    """Read an entry. Raises ValueError, KeyError, TypeError: the entry is damaged."""
     sha256, _, described = file.readline(LONGEST_HEAD_BYTES).rstrip(b"\n").partition(b" ")
     digest = hashlib.sha256(described)
     facts = json.loads(described)

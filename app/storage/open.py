@@ -9,12 +9,7 @@ from app.storage.store import Storage
 
 
 def open_storage(settings: Settings) -> Storage:
-    """Open the folder or the bucket.
-
-    Raises
-    ------
-    NotInstalled, StoreAway
-    """
+    """Open the folder or the bucket. Raises NotInstalled, StoreAway."""
     if not settings.object_store:
         return Storage(settings.data_dir)
     bucket: Storage = load_extra("app.storage.bucket").open_bucket(settings)
@@ -22,12 +17,7 @@ def open_storage(settings: Settings) -> Storage:
 
 
 def load_extra(module: str, extra: str = "many") -> ModuleType:
-    """Load a module of ours that needs the libraries of an extra.
-
-    Raises
-    ------
-    NotInstalled
-    """
+    """Load a module of ours that needs the libraries of an extra. Raises NotInstalled."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -41,12 +41,7 @@ def make_folder(folder: Path) -> None:
 
 
 def create_file(path: Path) -> IO[bytes]:
-    """Create a file that does not exist yet, and open it for reading and writing.
-
-    Raises
-    ------
-    FileExistsError
-    """
+    """Create a file that does not exist yet, and open it for reading and writing. Raises FileExistsError."""
     return open(path, "x+b", opener=_open_private)  # Path.open has no opener
 
 

@@ -42,10 +42,7 @@ class ServerSecret:
     def decrypt(self, token: str, about: str) -> str:
         """Decrypt what :meth:`encrypt` gave for the same ``about``.
 
-        Raises
-        ------
-        SecretUnreadable
-            The file is gone, or is not the one that encrypted it.
+        Raises SecretUnreadable: the file is gone, or is not the one that encrypted it.
         """
         try:
             return Fernet(self._derive(about, self.file.read_bytes())).decrypt(token).decode()

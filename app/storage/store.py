@@ -353,10 +353,7 @@ class Storage:
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
         """Refuse an upload that would fill the disk, before its first byte.
 
-        Raises
-        ------
-        DiskFull
-            Less is free than ``min_free_bytes`` or three times the announced length.
+        Raises DiskFull: less is free than ``min_free_bytes`` or three times the announced length.
         """
         check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
 
@@ -442,10 +439,7 @@ class Storage:
 def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> Iterator[Path]:
     """Give a result for the length of the block, verified against the SHA-256 of its row.
 
-    Raises
-    ------
-    ResultDamaged
-        It is missing or altered, or was altered during the block.
+    Raises ResultDamaged: it is missing or altered, or was altered during the block.
     """
     damaged = ResultDamaged(name=file.name, analysis=analysis_id)
     with _borrow(storage, format_result_name(analysis_id, token, file.name), file.sha256, damaged) as path:
@@ -456,22 +450,14 @@ def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFi
 def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterator[Path]:
     """Give a recording for the length of the block, verified against the SHA-256 of its row.
 
-    Raises
-    ------
-    StoreDamaged
-        It is missing or altered, or was altered during the block.
+    Raises StoreDamaged: it is missing or altered, or was altered during the block.
     """
     with _borrow(storage, format_recording_name(recording_id), sha256, StoreDamaged()) as path:
         yield path
 
 
 def read_recording(storage: Storage, recording_id: str, first_byte: int, count: int) -> bytes:
-    """Read a part of a recording, unverified.
-
-    Raises
-    ------
-    StoreDamaged
-    """
+    """Read a part of a recording, unverified. Raises StoreDamaged."""
     name = format_recording_name(recording_id)
     with _translate_read_errors(name, StoreDamaged()):
         return storage.read_part(name, first_byte, count)
@@ -514,10 +500,7 @@ def format_result_name(analysis_id: str, token: str, name: str) -> str:
 def read_mark(path: Path) -> Mark:
     """Give size, time and inode of a file.
 
-    Raises
-    ------
-    FileNotFoundError
-        Also for a folder, a device or a pipe.
+    Raises FileNotFoundError: also for a folder, a device or a pipe.
     """
     status = path.stat()
     if not S_ISREG(status.st_mode):
@@ -688,9 +671,7 @@ def translate_folder_errors(folder: Path) -> Iterator[None]:
 def check_folder(folder: Path) -> None:
     """Check that a data folder, and each folder of ours in it, can be written.
 
-    Raises
-    ------
-    FolderUnusable, DiskFull
+    Raises FolderUnusable, DiskFull.
     """
     with translate_folder_errors(folder):
         for name in ("", "uploads", "recordings", "analyses", "incoming"):

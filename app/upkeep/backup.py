@@ -173,13 +173,7 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
 def _write_files(
     settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]
 ) -> Copied:
-    """Copy every promised file.
-
-    Raises
-    ------
-    _PurgedMeanwhileError
-        A file is missing together with its row.
-    """
+    """Copy every promised file. Raises _PurgedMeanwhileError: a file is missing together with its row."""
     storage.prepare()
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
@@ -247,12 +241,7 @@ def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> It
 def open_backup(
     path: Path, identity: Path | None = None
 ) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
-    """Open a backup; gives the archive with its manifest.
-
-    Raises
-    ------
-    BackupRefused, WrongSchema
-    """
+    """Open a backup; gives the archive with its manifest. Raises BackupRefused, WrongSchema."""
     try:
         with read_envelope(path, identity) as file, zipfile.ZipFile(file) as archive:
             manifest = json.loads(archive.read("manifest.json"))
@@ -269,10 +258,7 @@ def find_damage(path: Path, identity: Path | None = None) -> Copied:
     """Read every byte of a backup, and find the files that do not match their rows.
 
     Faults that the manifest lists are found as ``known_missing`` or ``known_damaged``.
-
-    Raises
-    ------
-    BackupRefused, WrongSchema
+    Raises BackupRefused, WrongSchema.
     """
     with open_backup(path, identity) as (archive, manifest):
         known = {fault["name"] for fault in manifest.get("faults", ())}
@@ -337,10 +323,7 @@ def restore(
     visible, and can be repeated. Analyses that ran when the backup was made wait again. What a ledger of
     erasures names (that of the place, of the backup, or beside it) does not come back. Accounts and tokens
     come back; everybody signs in again.
-
-    Raises
-    ------
-    BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway
+    Raises BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway.
     """
     with open_backup(path, identity) as (archive, _):
         with translate_folder_errors(settings.data_dir):

@@ -25,9 +25,7 @@ class Drilled:
 def drill(backup: Path, identity: Path | None = None, place: Path | None = None) -> Drilled:
     """Restore into a temporary folder (in ``place``, else beside the backup), and read every byte.
 
-    Raises
-    ------
-    BackupRefused, WrongSchema, DiskFull, NotInstalled
+    Raises BackupRefused, WrongSchema, DiskFull, NotInstalled.
     """
     begun_s = time.monotonic()
     with tempfile.TemporaryDirectory(

@@ -11,12 +11,7 @@ _KEPT = ("acromion.sqlite3", MARKER, "recordings")
 
 
 def check_used(settings: Settings) -> None:
-    """Check that something was ever kept here. To look makes nothing.
-
-    Raises
-    ------
-    NotHere
-    """
+    """Check that something was ever kept here. To look makes nothing. Raises NotHere."""
     if not is_used(settings):
         raise NotHere(id=str(settings.data_dir))
 
@@ -24,10 +19,7 @@ def check_used(settings: Settings) -> None:
 def check_recoverable(settings: Settings) -> None:
     """Check that something is left here, even if the database is lost.
 
-    Raises
-    ------
-    NotHere
-        Nothing is in the folder, the database or the bucket.
+    Raises NotHere: nothing is in the folder, the database or the bucket.
     """
     is_there = _is_folder_used(settings) or is_used(settings)
     if not is_there and not (settings.object_store and open_storage(settings).find_recordings()):

@@ -65,10 +65,7 @@ class Unknown:
 def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     """Compare the entries among the recordings with the rows.
 
-    Raises
-    ------
-    WrongSchema
-        Side files are of another version.
+    Raises WrongSchema: side files are of another version.
     """
     names = storage.find_recordings()  # first: a recording that is stored meanwhile has its row by then
     rows = store.find_recordings()
@@ -94,10 +91,8 @@ def _check_schema(side: SideFile) -> None:
 def check_known(store: JobStore, storage: Storage) -> Unknown:
     """Check that the database knows every stored recording; gives the other unknown entries.
 
-    Raises
-    ------
-    WrongSchema, UnknownRecordings
-        A recording has a valid side file and no row: the database is lost, older or foreign.
+    Raises WrongSchema, and UnknownRecordings: a recording has a valid side file and no row, so that the
+    database is lost, older or foreign.
     """
     unknown = find_unknown(store, storage)
     if unknown.recoverable:
@@ -203,11 +198,7 @@ def recover(settings: Settings) -> Recovered:
 
     Accounts, tokens and webhooks come back with the copy; every session ends. Uploads under way are not
     recovered. A recording whose bytes are gone gets its row, too, so
-    that page and ``acromion verify`` report it.
-
-    Raises
-    ------
-    FolderTaken, StoreMismatch, StoreAway, WrongSchema
+    that page and ``acromion verify`` report it. Raises FolderTaken, StoreMismatch, StoreAway, WrongSchema.
     """
     storage = open_storage(settings)
     storage.prepare()

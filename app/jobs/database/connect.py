@@ -43,12 +43,7 @@ UNWRITABLE = ("unable to open", "readonly database")
 
 
 def open_database(url: str) -> Engine:
-    """Connect, and create the tables of a database that has none.
-
-    Raises
-    ------
-    WrongSchema
-    """
+    """Connect, and create the tables of a database that has none. Raises WrongSchema."""
     engine = connect(url)
     try:
         with engine.begin() as connection:
@@ -63,11 +58,7 @@ def open_database(url: str) -> Engine:
 def bring_up_to_date(settings: Settings) -> None:
     """Migrate the tables if they are of an earlier revision of ours.
 
-    Only for the server and the recovery, before they open the database.
-
-    Raises
-    ------
-    WrongSchema
+    Only for the server and the recovery, before they open the database. Raises WrongSchema.
     """
     engine = connect(settings.database_url)
     try:
@@ -102,9 +93,7 @@ def _connect(url: str) -> Engine:
 def check_writable(url: str, timeout_s: int) -> None:
     """Check that rows could be written now; writes none, and waits at most ``timeout_s`` for a lock.
 
-    Raises
-    ------
-    DatabaseAway, DatabaseLocked, DatabaseDamaged, DiskFull
+    Raises DatabaseAway, DatabaseLocked, DatabaseDamaged, DiskFull.
     """
     if make_url(url).get_backend_name() == "sqlite":
         engine = _connect_sqlite(create_engine(url, poolclass=NullPool))
@@ -119,12 +108,7 @@ def check_writable(url: str, timeout_s: int) -> None:
 
 
 def check_whole(url: str) -> None:
-    """Check the whole file of a SQLite database; it is not changed.
-
-    Raises
-    ------
-    DatabaseDamaged
-    """
+    """Check the whole file of a SQLite database; it is not changed. Raises DatabaseDamaged."""
     file = find_database_file(url)
     if file is None or not Path(file).exists():
         return

@@ -67,12 +67,7 @@ class AggregateStore(RowStore):
         return tuple(group for group in groups if group.blocks)
 
     def publish(self, study_id: str) -> StudyGroup:
-        """Give the blocks of a study, with a new one where enough people are in none.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give the blocks of a study, with a new one where enough people are in none. Raises NotHere."""
         row = self._read_one(select(batches).where(batches.c.id == study_id))
         if row is None:
             raise NotHere(id=study_id)

@@ -42,10 +42,7 @@ class ReleaseStore(RowStore):
     def release(self, job: Job, who: str) -> Release | None:
         """Release the report of an analysis; one that is released already stays so.
 
-        Raises
-        ------
-        NoSuchFile
-            There is no report, or another has replaced it.
+        Raises NoSuchFile: there is no report, or another has replaced it.
         """
         known = self.find(job.id)
         return known if known is not None else self._add(job, who, "report.released")

@@ -55,12 +55,7 @@ class MappingStore(RowStore):
         return self.get(header)
 
     def get(self, header: str) -> ColumnMapping:
-        """Give the mapping of a header.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give the mapping of a header. Raises NotHere."""
         found = self.find(header)
         if found is None:
             raise NotHere(id=header)
@@ -77,12 +72,7 @@ class MappingStore(RowStore):
         return tuple(_read_mapping(row) for row in self._read_all(select(column_mappings).order_by(*newest)))
 
     def change(self, header: str, **values: str | int) -> ColumnMapping:
-        """Change the name of a mapping, or whether it is confirmed.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Change the name of a mapping, or whether it is confirmed. Raises NotHere."""
         if header.startswith(UNNAMED):
             values.pop("is_confirmed", None)
         if values:
@@ -93,12 +83,7 @@ class MappingStore(RowStore):
         return self.get(header)
 
     def drop(self, header: str) -> None:
-        """Forget a mapping; the reports made by it stay.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Forget a mapping; the reports made by it stay. Raises NotHere."""
         with self._engine.begin() as connection:
             gone = delete(column_mappings).where(column_mappings.c.header == header)
             if connection.execute(gone).rowcount != 1:
