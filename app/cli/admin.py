@@ -127,11 +127,10 @@ def backup(
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.storage.open import open_storage  # noqa: PLC0415
-    from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415
+    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
     from app.upkeep.backup_term import record_backup  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
@@ -155,7 +154,7 @@ def drill(
     lang: LanguageOption = "en",
 ) -> None:
     """Restore a backup into a temporary folder, read every byte, and say how long it took."""
-    from app.upkeep.drill import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
     with refusals_printed(lang, find_settings(None)):
         done = try_out(file, identity)
@@ -249,8 +248,7 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 def _verify_kept(settings: "Settings") -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.acts import record_command  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
     check_used(settings)

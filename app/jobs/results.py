@@ -32,7 +32,7 @@ class ResultReader:
     def borrow(self, job: Job, name: str) -> Iterator[Path]:
         """Lend a published file whose bytes are those of its row.
 
-        Raises NotFinished, NoSuchFile, and ResultDamaged, which names the analysis that replaces a damaged one.
+        Raises NotFinished, NoSuchFile, and ResultDamaged, which names the one that replaces it.
         """
         file = self.find(job, name)
         try:

@@ -1,8 +1,14 @@
-"""Whether a place holds anything that a command of upkeep may work on."""
+"""The place that a command of upkeep works on: whether it holds anything, and a line in its audit log."""
+
+from contextlib import suppress
+
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.accounts import MARKER
 from app.errors import NotHere
+from app.jobs.audit_log import AT_MACHINE, Act, record
 from app.jobs.database.connect import connect, read_revision
+from app.jobs.database.tables import REVISION
 from app.settings import Settings
 from app.storage.open import open_storage
 
@@ -30,7 +36,13 @@ def is_used(settings: Settings) -> bool:
     """Return whether anything was ever kept here; to look makes nothing."""
     if settings.database_url.startswith("sqlite"):
         return _is_folder_used(settings)
-    return _has_tables(settings) and (bool(settings.object_store) or _is_folder_used(settings))
+    engine = connect(settings.database_url)
+    try:
+        with engine.connect() as connection:
+            has_tables = read_revision(connection) is not None
+    finally:
+        engine.dispose()
+    return has_tables and (bool(settings.object_store) or _is_folder_used(settings))
 
 
 def _is_folder_used(settings: Settings) -> bool:
@@ -38,11 +50,15 @@ def _is_folder_used(settings: Settings) -> bool:
     return folder.is_file() or any((folder / name).exists() for name in _KEPT)  # a file is named as one later
 
 
-def _has_tables(settings: Settings) -> bool:
-    """Return whether there are tables."""
+def record_command(settings: Settings, act: Act) -> None:
+    """Write the line of a command that changes no row.
+
+    A store that cannot be written is backed up and verified all the same.
+    """
     engine = connect(settings.database_url)
     try:
-        with engine.connect() as connection:
-            return read_revision(connection) is not None
+        with suppress(SQLAlchemyError), engine.begin() as connection:
+            if read_revision(connection) == REVISION:
+                record(connection, act, who=AT_MACHINE)
     finally:
         engine.dispose()
