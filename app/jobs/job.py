@@ -44,8 +44,8 @@ class Job:
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` state why a
     failed job failed, or what delays one that is not over. ``attempts`` counts the attempts that died while
     their worker lived, and the one that runs or succeeded. ``interruptions`` counts the ends of the worker or
-    its computer. ``asked_by``: who asked for it; "" for the machine
-    keep that. ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
+    its computer. ``asked_by``: who asked for it; "" for the machine.
+    ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
     repeats it, or of the earlier report that replaces it.
     """
 

@@ -4,10 +4,10 @@ import hashlib
 import json
 import secrets
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
+from sqlalchemy import Connection, Row, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
 from app.jobs.audit_log import Act, find_actor, record
@@ -91,6 +91,9 @@ class StoredRow:
     hold_by: str = ""
 
 
+_ROW_COLUMNS = tuple(field.name for field in fields(StoredRow))
+
+
 @dataclass(frozen=True, slots=True)
 class RecordingFilter:
     """Which recordings are listed; "" or None asks for any. ``begin`` and ``end`` bound the start."""
@@ -152,7 +155,14 @@ class RecordingStore(RowStore):
         self, wanted: RecordingFilter, limit: int, after: Place | None = None
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that the filter lets through, from ``after`` on."""
-        query = _select_wanted(wanted)
+        query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
+        for name in ("subject", "external_id", "sha256"):
+            if value := getattr(wanted, name):
+                query = query.where(recordings.c[name] == value)
+        if wanted.begin:
+            query = query.where(recordings.c.start >= wanted.begin)
+        if wanted.end:
+            query = query.where(recordings.c.start < wanted.end)
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
         if after is not None:
             query = query.where(is_after((moment, recordings.c.id), after))
@@ -162,8 +172,7 @@ class RecordingStore(RowStore):
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
         """Give those of some ids that belong to a recording, in the trash or not."""
-        query = select(recordings.c.id).where(recordings.c.id.in_(recording_ids))
-        return self._read_ids(query)
+        return self._read_ids(select(recordings.c.id).where(recordings.c.id.in_(recording_ids)))
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
         """Give the ids of a subject's recordings of now, in the trash or not."""
@@ -226,17 +235,9 @@ class RecordingStore(RowStore):
             # the analyses first, in the order in which an ending analysis takes its locks: no deadlock
             for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
                 cancel_job(connection, analysis_id)
-            gone = connection.execute(
-                update(recordings)
-                .where(recordings.c.id == recording_id, recordings.c.state == STORED)
-                .values(
-                    state=TRASHED,
-                    trashed_s=0.0,
-                    version=recordings.c.version + 1,
-                    revision=recordings.c.revision + 1,
-                )
-            )
-            if gone.rowcount == 1:
+            gone = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == STORED)
+            grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
+            if connection.execute(gone.values(state=TRASHED, trashed_s=0.0, **grown)).rowcount == 1:
                 record(connection, "recording.trashed", recording_id)
 
     def restore(self, recording_id: str) -> StoredRow:
@@ -261,7 +262,11 @@ class RecordingStore(RowStore):
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
             files = (recording_id, *_find_references(connection, recording_id))
-            _remember_purged(connection, recording_id)
+            row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
+            if row is not None:
+                key = _hash_upload(row.stored_by, row.sha256, _read_description(row))
+                connection.execute(delete(purged_uploads).where(purged_uploads.c.key == key))
+                connection.execute(insert(purged_uploads).values(key=key, since_s=select_running_s()))
             gone = update(recordings).where(recordings.c.id.in_(files))
             gone = gone.where(recordings.c.state != PURGING)
             if connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1)).rowcount:
@@ -271,8 +276,7 @@ class RecordingStore(RowStore):
     def forget_purged(self) -> None:
         """Forget what was deleted for good more than a day of running time ago."""
         is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
-        with self._engine.begin() as connection:
-            connection.execute(delete(purged_uploads).where(is_old))
+        self._write(delete(purged_uploads).where(is_old))
 
     def find_purging(self) -> tuple[str, ...]:
         """Give the recordings whose purge was interrupted."""
@@ -284,17 +288,12 @@ class RecordingStore(RowStore):
         with self._engine.begin() as connection:
             if delete_recording(connection, recording_id):
                 record(connection, "recording.purged", recording_id)
-        self._empty_log()
-
-    def _empty_log(self) -> None:
-        """Truncate SQLite's write-ahead log, which may hold copies of deleted rows."""
-        if self._engine.dialect.name != "sqlite":
-            return
-        connection = self._engine.raw_connection()
-        try:
-            connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        finally:
-            connection.close()
+        if self._engine.dialect.name == "sqlite":  # its write-ahead log may hold copies of the deleted rows
+            raw = self._engine.raw_connection()
+            try:
+                raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            finally:
+                raw.close()
 
     def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
         """Add elapsed time to everything in the trash; gives what has been there for the whole term.
@@ -390,15 +389,6 @@ def check_not_purged(connection: Connection, stored: StoredRecording, about: Des
         raise PurgedSince
 
 
-def _remember_purged(connection: Connection, recording_id: str) -> None:
-    row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
-    if row is None:
-        return
-    key = _hash_upload(row.stored_by, row.sha256, _read_description(row))
-    connection.execute(delete(purged_uploads).where(purged_uploads.c.key == key))
-    connection.execute(insert(purged_uploads).values(key=key, since_s=select_running_s()))
-
-
 def _hash_upload(who: str, sha256: str, about: Description) -> str:
     return hashlib.sha256(json.dumps([who, sha256, asdict(about)]).encode()).hexdigest()
 
@@ -431,35 +421,16 @@ def is_after(columns: tuple[Any, Any], place: Place) -> Any:
     return tuple_(*columns) < tuple_(*place)
 
 
-def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
-    query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
-    if wanted.subject:
-        query = query.where(recordings.c.subject == wanted.subject)
-    if wanted.external_id:
-        query = query.where(recordings.c.external_id == wanted.external_id)
-    if wanted.sha256:
-        query = query.where(recordings.c.sha256 == wanted.sha256)
-    if wanted.begin:
-        query = query.where(recordings.c.start >= wanted.begin)
-    return query.where(recordings.c.start < wanted.end) if wanted.end else query
-
-
 def _read_recording(row: Row[Any]) -> StoredRow:
-    return StoredRow(
-        id=row.id,
-        sha256=row.sha256,
-        size_bytes=row.size_bytes,
-        state=row.state,
-        created_at=row.created_at,
-        about=_read_description(row),
-        duplicate_of=row.duplicate_of,
-        version=row.version,
-        start=row.start,
-        inspection=_read_inspection(row.inspection),
-        diary=read_diary(row.diary),
-        hold=row.hold or "",
-        hold_by=row.hold_by or "",
-    )
+    columns = row._asdict()
+    parsed = {
+        "about": _read_description(row),
+        "inspection": _read_inspection(row.inspection),
+        "diary": read_diary(row.diary),
+        "hold": row.hold or "",
+        "hold_by": row.hold_by or "",
+    }
+    return StoredRow(**{name: columns.get(name) for name in _ROW_COLUMNS} | parsed)
 
 
 def _read_inspection(text: str | None) -> Mapping[str, Any] | None:
@@ -525,16 +496,13 @@ class UploadStore(RowStore):
     def advance(self, row: UploadRow, offset_bytes: int) -> bool:
         """Acknowledge bytes that are on the disk; False when another writer has moved the offset."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
-        change = update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)
-        with self._engine.begin() as connection:
-            return connection.execute(change).rowcount == 1
+        return self._write(update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)) == 1
 
     def step_back(self, row: UploadRow, offset_bytes: int) -> UploadRow:
         """Reset the offset to the bytes that the disk still has, unless the upload has become a recording."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
         lost = update(uploads).where(*mine, uploads.c.recording_id.is_(None))
-        with self._engine.begin() as connection:
-            connection.execute(lost.values(offset_bytes=offset_bytes))
+        self._write(lost.values(offset_bytes=offset_bytes))
         return self.get(row.id)
 
     def describe(self, upload_id: str, about: Description, metadata: str) -> UploadRow:

@@ -24,9 +24,9 @@ from sqlalchemy.exc import OperationalError
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
-from app.jobs.database.tables import analyses, facts, recordings, result_files
+from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline
+from app.jobs.library.figures import HeadlineFigures, adopt_description
 from app.jobs.library.studies import follow_recording, join_study
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import (
@@ -39,7 +39,6 @@ from app.jobs.queue import (
     find_next,
     replace_job,
     start_job,
-    update_one_row,
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
@@ -316,8 +315,7 @@ class JobStore(RowStore):
             .where(analyses.c.state == JobState.RUNNING)
             .values(lease | {"stage": stage, "progress": progress})
         )
-        with self._engine.begin() as connection:
-            return update_one_row(connection, change)
+        return self._write(change) == 1
 
     def return_expired(self) -> tuple[tuple[str, str], ...]:
         """Put back the jobs whose lease ran out twice in a row; return analysis and token of each attempt.
@@ -361,13 +359,13 @@ class JobStore(RowStore):
         rows = [{"analysis_id": analysis_id, **asdict(file)} for file in files]
         with self._engine.begin() as connection:
             ended = {"progress": 1.0, "ended_at": format_now()}
-            won = change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token)
-            if won:
-                connection.execute(insert(result_files), rows)
-                adopt_description(connection, analysis_id)
-            if won and headline is not None:
-                insert_headline(connection, analysis_id, headline)
-        return won
+            if not change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token):
+                return False
+            connection.execute(insert(result_files), rows)
+            adopt_description(connection, analysis_id)
+            if headline is not None:
+                connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))
+        return True
 
     def is_published(self, analysis_id: str, token: str) -> bool:
         """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
@@ -405,7 +403,7 @@ class JobStore(RowStore):
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
         delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
-        self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
+        self._write(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
         """Cancel the job unless it is over; its worker notices that its attempt counts no more.
@@ -435,8 +433,7 @@ class JobStore(RowStore):
 
     def run(self, change: Executable) -> None:
         """Execute a change in a transaction of its own."""
-        with self._engine.begin() as connection:
-            connection.execute(change)
+        self._write(change)
 
     def may_hold(self, recording_id: str) -> bool:
         """Tell whether a recording has a row; True when the database does not answer."""

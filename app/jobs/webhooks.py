@@ -99,20 +99,16 @@ class WebhookStore(RowStore):
 
     def take(self, delivery: Delivery) -> bool:
         """Count a try before it is made; False when a peer makes it, or when the delivery is given up."""
-        given_up = delivery.tries >= len(PAUSES_S)
         mine = (deliveries.c.id == delivery.id, deliveries.c.tries == delivery.tries)
-        with self._engine.begin() as connection:
-            if given_up:
-                connection.execute(delete(deliveries).where(*mine))
-                return False
-            change = update(deliveries).where(*mine)
-            later = change.values(tries=delivery.tries + 1, wait_s=PAUSES_S[delivery.tries])
-            return connection.execute(later).rowcount == 1
+        if delivery.tries >= len(PAUSES_S):
+            self._write(delete(deliveries).where(*mine))
+            return False
+        later = {"tries": delivery.tries + 1, "wait_s": PAUSES_S[delivery.tries]}
+        return self._write(update(deliveries).where(*mine).values(later)) == 1
 
     def drop_delivery(self, delivery: Delivery) -> None:
         """Delete a delivery that has arrived."""
-        with self._engine.begin() as connection:
-            connection.execute(delete(deliveries).where(deliveries.c.id == delivery.id))
+        self._write(delete(deliveries).where(deliveries.c.id == delivery.id))
 
 
 def announce_end(connection: Connection, analysis_id: str, state: JobState) -> None:
