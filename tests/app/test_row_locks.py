@@ -11,7 +11,7 @@ from app.jobs.database.connect import lock_tables, one_request_at_a_time
 from app.jobs.database.tables import recordings
 from app.jobs.job import Job, JobState
 from app.jobs.recordings import Description, RecordingStore, insert_recording
-from app.jobs.regeneration import find_or_add
+from app.jobs.results import find_or_add
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.storage.store import Storage, StoredRecording

@@ -48,7 +48,11 @@ def open_database(url: str) -> Engine:
     try:
         with engine.begin() as connection:
             lock_tables(connection)
-            _check_revision(connection)
+            found = read_revision(connection)
+            if found is None and not inspect(connection).has_table(analyses.name):
+                create_tables(connection)
+            elif found != REVISION:
+                raise WrongSchema(found=found or "-", needed=REVISION)
     except BaseException:
         engine.dispose()
         raise
@@ -76,18 +80,15 @@ def connect(url: str) -> Engine:
 
     Its errors hold no subject code.
     """
-    engine = _connect(url)
-    keep_audit_log(engine)
-    return engine
-
-
-def _connect(url: str) -> Engine:
-    if make_url(url).get_backend_name() != "sqlite":
+    if make_url(url).get_backend_name() == "sqlite":
+        engine = _connect_sqlite(create_engine(url, hide_parameters=True))
+    else:
         timeout = {"connect_timeout": _CONNECT_TIMEOUT_S}
-        return create_engine(
+        engine = create_engine(
             url, pool_size=20, pool_pre_ping=True, connect_args=timeout, hide_parameters=True
         )
-    return _connect_sqlite(create_engine(url, hide_parameters=True))
+    keep_audit_log(engine)
+    return engine
 
 
 def check_writable(url: str, timeout_s: int) -> None:
@@ -153,7 +154,8 @@ def classify_error(error: DBAPIError, url: str) -> AppError | None:
     if any(sign in words for sign in DAMAGED):
         return DatabaseDamaged(file=file, why=words)
     if LOCKED in words:
-        return _explain_lock(file)
+        pid = _find_lock_holder(Path(f"{file}-shm"))
+        return DatabaseLocked(file=file, pid=str(pid)) if pid else DatabaseLocked(file=file)
     if any(sign in words for sign in UNWRITABLE):
         return _explain_unwritable(Path(file)) or DatabaseAway(why=words)
     return DatabaseAway(why=words) if "disk I/O error" in words else None
@@ -203,21 +205,6 @@ def create_tables(connection: Connection) -> None:
     connection.execute(schema_revision.insert().values(version_num=REVISION))
 
 
-def _check_revision(connection: Connection) -> None:
-    found = read_revision(connection)
-    if found is None and not inspect(connection).has_table(analyses.name):
-        create_tables(connection)
-    elif found != REVISION:
-        raise WrongSchema(found=found or "-", needed=REVISION)
-
-
-def _create_private(path: Path) -> None:
-    """Create the file of a new database with our mode; SQLite gives its log the same mode."""
-    make_folder(path.parent)
-    with suppress(OSError):  # it exists already, or SQLite reports why it cannot
-        create_file(path).close()
-
-
 def _explain_unwritable(file: Path) -> AppError | None:
     try:
         check_folder(file.parent)
@@ -227,14 +214,11 @@ def _explain_unwritable(file: Path) -> AppError | None:
         return refusal
 
 
-def _explain_lock(file: str) -> DatabaseLocked:
-    """Build the refusal, with the process that holds the write lock where it can be found (Linux)."""
-    pid = _find_lock_holder(Path(f"{file}-shm"))
-    return DatabaseLocked(file=file, pid=str(pid)) if pid else DatabaseLocked(file=file)
-
-
 def _find_lock_holder(file: Path) -> int | None:
-    """Look the holder up in the system's list; to open and close the file would release locks of our own."""
+    """Find the process that holds the write lock (Linux).
+
+    The system's list is read: to open and close the file would release locks of our own.
+    """
     try:
         inode = file.stat().st_ino
         rows = [line.split() for line in Path("/proc/locks").read_text().splitlines() if "->" not in line]
@@ -245,7 +229,11 @@ def _find_lock_holder(file: Path) -> int | None:
 
 
 def _connect_sqlite(engine: Engine) -> Engine:
-    _create_private(Path(str(engine.url.database)))
+    """Prepare each connection; a new database gets a file of our mode, and SQLite gives its log the same."""
+    file = Path(str(engine.url.database))
+    make_folder(file.parent)
+    with suppress(OSError):  # it exists already, or SQLite reports why it cannot
+        create_file(file).close()
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
