@@ -76,7 +76,11 @@ class BatchStore(RowStore):
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
             known |= dict(zip(wanted, enqueue_all(connection, plain, "api", batch_id), strict=True))
-            _insert_items(connection, batch_id, [known[key] for key in asked])
+            rows = [
+                {"batch_id": batch_id, "place": place, "analysis_id": known[key]}
+                for place, key in enumerate(asked)
+            ]
+            connection.execute(insert(batch_items), rows)
             record(connection, "batch.asked", other={"batch": batch_id, "items": len(asked)})
             announce_batch(connection, batch_id)
         return self.get(batch_id)
@@ -154,11 +158,3 @@ def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
         for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
             found.setdefault(key, analysis_id)
     return found
-
-
-def _insert_items(connection: Connection, batch_id: str, analysis_ids: Sequence[str]) -> None:
-    rows = [
-        {"batch_id": batch_id, "place": place, "analysis_id": analysis_id}
-        for place, analysis_id in enumerate(analysis_ids)
-    ]
-    connection.execute(insert(batch_items), rows)

@@ -68,8 +68,8 @@ def check_succeeded(job: Job, name: str) -> None:
         raise NoSuchFile(name=name)
 
 
-# A report that is made again: recording and settings are still there, so that it is the same. If the recording
-# itself is damaged, the original has to be uploaded again, or a backup restored.
+# A report that is made again: recording and settings are still there, so that it is the same. If the
+# recording itself is damaged, the original has to be uploaded again, or a backup restored.
 
 
 def find_or_add(

@@ -125,21 +125,19 @@ def announce_end(connection: Connection, analysis_id: str, state: JobState) -> N
 def announce_batch(connection: Connection, batch_id: str) -> None:
     """Write the deliveries for a batch, if it is over."""
     hooks = _read_hooks(connection)
-    if hooks and _is_over(connection, batch_id):
+    if not hooks:
+        return
+    # one ending at a time counts the unfinished: two last ones must not each count the other
+    connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
+    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+    count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)
+    if connection.execute(count).scalar_one() == 0:
         _announce(connection, hooks, "batch.finished", {"batch_id": batch_id})
 
 
 def _read_hooks(connection: Connection) -> list[tuple[str, str]]:
     """Give id and events (JSON) of every webhook."""
     return [(hook.id, hook.events) for hook in connection.execute(select(webhooks.c.id, webhooks.c.events))]
-
-
-def _is_over(connection: Connection, batch_id: str) -> bool:
-    """Count the unfinished, one ending at a time: two last ones must not each count the other."""
-    connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
-    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
-    count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)
-    return connection.execute(count).scalar_one() == 0
 
 
 def _announce(

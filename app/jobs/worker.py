@@ -181,39 +181,32 @@ def _attempt(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
     bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
     out = bench.storage.open_attempt(job.id, token)
     limits = choose_limits(bench.settings, job.size_bytes)
+    # the digest that is verified now: the child need not compute it again
+    digests = () if job.request.joined else (job.sha256,)
+    known = KnownLogs(digests, replace(bench.cache, recording_id=job.recording_id))
+    make = bench.make or partial(load_and_make_report, known=known)
     with ExitStack() as stack:
         own = borrow_recording(bench.storage, job.recording_id, job.sha256)
         log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
         reference = _borrow_reference(bench, job)
         request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
-        attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
+        attempt = Attempt(log, request, out, make, limits, gives_way=True)
         on_progress = partial(_renew_unless_stopping, bench, lease)
         outcome = run_attempt(attempt, on_progress)
-        asked = _adopt_columns(bench, job, token, outcome)
+        header = outcome.facts.get("header") if isinstance(outcome, Refused) else None
+        if header is None or job.request.profile:
+            return outcome
+        # the columns confirmed for the header of a table that was refused
+        asked = MappingStore(bench.store.engine, bench.store.reader).adopt(job.id, token, str(header))
         if asked is None:
             return outcome
         named = replace(asked, reference=request.reference)
         return run_attempt(replace(attempt, request=named), on_progress)
 
 
-def _adopt_columns(bench: Bench, job: Job, token: str, outcome: Outcome) -> ReportRequest | None:
-    """Give the request with the columns confirmed for the header of a table that was refused, if any are."""
-    if not isinstance(outcome, Refused) or job.request.profile or "header" not in outcome.facts:
-        return None
-    mappings = MappingStore(bench.store.engine, bench.store.reader)
-    return mappings.adopt(job.id, token, str(outcome.facts["header"]))
-
-
 def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fraction: float) -> bool:
     """Renew the lease; False when the job was cancelled or taken, or this worker is to stop."""
     return not bench.stopping.is_set() and lease.renew(stage, fraction)
-
-
-def _choose_road(bench: Bench, job: Job) -> MakeReport:
-    """Give the one road, with the digest that was just verified: the child need not compute it again."""
-    digests = () if job.request.joined else (job.sha256,)
-    cache = replace(bench.cache, recording_id=job.recording_id)
-    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
 @contextmanager
@@ -254,11 +247,11 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease)
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
     """Read the headline figures of a finished attempt; a comparison with a reference has none."""
-    files = {file.name: file for file in made.files}
-    if "results.json" not in files:
+    file = next((file for file in made.files if file.name == "results.json"), None)
+    if file is None:
         return None
     try:
-        with borrow_result(bench.storage, analysis_id, token, files["results.json"]) as results:
+        with borrow_result(bench.storage, analysis_id, token, file) as results:
             return read_headline(results)
     except ResultDamaged:  # every reader of the file gets this error
         return None

@@ -227,8 +227,7 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
         os.nice(NICENESS)
     result = _make_files(attempt, tell_preparing(partial(_send_stage, pipe)))
     if isinstance(result, Finished):
-        files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
-        _send(pipe, {"files": files})
+        _send(pipe, {"files": [(file.name, file.sha256, file.size_bytes) for file in result.files]})
     else:
         _send(pipe, {"code": result.code, "facts": dict(result.facts)})
     pipe.close()
@@ -274,12 +273,8 @@ def _apply_limits(limits: Limits) -> None:
     if sys.platform == "win32":
         return
     cpu_s = round(limits.wall_s * (os.cpu_count() or 1)) + 1
-    _lower_limit(resource.RLIMIT_AS, limits.memory_bytes)
-    _lower_limit(resource.RLIMIT_CPU, cpu_s)
-    _lower_limit(resource.RLIMIT_CORE, 0)
-
-
-def _lower_limit(which: int, value: int) -> None:
-    _, hard = resource.getrlimit(which)
-    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
-    resource.setrlimit(which, (value, value))
+    wanted = {resource.RLIMIT_AS: limits.memory_bytes, resource.RLIMIT_CPU: cpu_s, resource.RLIMIT_CORE: 0}
+    for which, value in wanted.items():
+        _, hard = resource.getrlimit(which)
+        lowered = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(which, (lowered, lowered))

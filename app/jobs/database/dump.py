@@ -58,11 +58,7 @@ def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
 
 def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
     """Give the rows of a table in a backup; none when the backup has no such table."""
-    return read_lines(archive, f"rows/{table}.jsonl")
-
-
-def read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[dict[str, Any]]:
-    """Give the rows of a member; none when there is no such member."""
+    name = f"rows/{table}.jsonl"
     if name in archive.namelist():
         with archive.open(name) as member:
             for line in member:
