@@ -14,17 +14,7 @@ FILE_MODE, FOLDER_MODE = 0o600, 0o700
 OTHERS = 0o077
 
 OUR_FOLDERS = frozenset(
-    {
-        "analyses",
-        "cache",
-        "copies",
-        "incoming",
-        "inspections",
-        "live",
-        "quarantine",
-        "recordings",
-        "uploads",
-    }
+    {"analyses", "cache", "copies", "incoming", "inspections", "live", "quarantine", "recordings", "uploads"}
 )
 OUR_FILES = frozenset(
     {"backups.json", "erasures.jsonl", "has_accounts", "secret", "server.key", "server.lock", "store.id"}

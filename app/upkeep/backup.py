@@ -33,19 +33,9 @@ from typing import IO, Any
 from sqlalchemy import Connection, func, insert, select, text
 
 from app.access.accounts import AccountStore
-from app.errors import (
-    BackupRefused,
-    NotEmpty,
-    WrongSchema,
-)
+from app.errors import BackupRefused, NotEmpty, WrongSchema
 from app.jobs.audit_log import AT_MACHINE, record
-from app.jobs.database.connect import (
-    READ_ONLY,
-    connect,
-    create_tables,
-    lock_tables,
-    read_revision,
-)
+from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.tables import (
     REVISION,
@@ -304,11 +294,7 @@ def _read_rest(member: IO[bytes]) -> bytes:
         return b""
 
 
-def restore(
-    settings: Settings,
-    path: Path,
-    identity: Path | None = None,
-) -> Copied:
+def restore(settings: Settings, path: Path, identity: Path | None = None) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
     The files are written first, then all rows in one transaction: an interrupted restore leaves nothing

@@ -15,14 +15,7 @@ from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspe
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
-from app.errors import (
-    AppError,
-    DatabaseAway,
-    DatabaseDamaged,
-    DatabaseLocked,
-    DiskFull,
-    WrongSchema,
-)
+from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
 from app.jobs.audit_log import keep_audit_log
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings

@@ -10,19 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from sqlalchemy import (
-    ColumnElement,
-    Engine,
-    Select,
-    and_,
-    case,
-    delete,
-    func,
-    insert,
-    or_,
-    select,
-    true,
-)
+from sqlalchemy import ColumnElement, Engine, Select, and_, case, delete, func, insert, or_, select, true
 
 from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings, saved_views
