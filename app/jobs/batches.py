@@ -17,7 +17,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same, settle_conclusion
+from app.jobs.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
 
@@ -121,10 +121,7 @@ class BatchStore(RowStore):
         failed = _select_jobs_of(batch_id).where(analyses.c.state == JobState.FAILED)
         with self._engine.begin() as connection:
             jobs = [read_job(row) for row in connection.execute(failed.with_for_update(of=analyses))]
-            wanted = [
-                (job.recording_id, job.sha256, settle_conclusion(connection, job, job.request))
-                for job in jobs
-            ]
+            wanted = [build_item(connection, job, job.request) for job in jobs]
             repeated = enqueue_all(connection, wanted, "api", batch_id)
             for job, again in zip(jobs, repeated, strict=True):
                 replace_job(connection, job.id, again)

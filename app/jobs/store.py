@@ -42,7 +42,15 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
 from app.jobs.side_files import increment_revision
-from app.jobs.versions import COUNTED, drop_drafts, identify_work, renumber, select_same, settle_conclusion
+from app.jobs.versions import (
+    COUNTED,
+    build_item,
+    drop_drafts,
+    identify_work,
+    renumber,
+    select_same,
+    settle_conclusion,
+)
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
 from app.storage.store import ResultFile, StoredRecording
@@ -204,9 +212,8 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
             if connection.execute(repeated).scalar() is None:
-                recording = (job.recording_id, job.sha256)
-                asked = settle_conclusion(connection, job, job.request)
-                again = enqueue(connection, recording, asked, way_in, job.batch_id)
+                item = build_item(connection, job, job.request)
+                (again,) = enqueue_all(connection, [item], way_in, job.batch_id)
                 replace_job(connection, job.id, again)
         return self.get(str(self.get(job.id).replaced_by))
 
@@ -218,10 +225,7 @@ class JobStore(RowStore):
         waits: a file that a person drops goes first.
         """
         with self._engine.begin() as connection:
-            items = [
-                (job.recording_id, job.sha256, settle_conclusion(connection, job, request))
-                for job, request in asked
-            ]
+            items = [build_item(connection, job, request) for job, request in asked]
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
@@ -510,8 +514,7 @@ def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job |
 
 
 def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
-    asked = settle_conclusion(connection, job, asked)
-    analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
+    (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
     follow_recording(connection, analysis_id)
     return analysis_id
 

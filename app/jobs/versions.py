@@ -169,6 +169,11 @@ def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) ->
     return asked if is_same else replace(asked, conclusion=None)
 
 
+def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
+    """Return what is to be queued for the recording of a job."""
+    return job.recording_id, job.sha256, settle_conclusion(connection, job, asked)
+
+
 def drop_drafts(connection: Connection, recording_id: str) -> bool:
     """Delete the draft of a conclusion from every analysis of a recording; False if there was none."""
     mine = select(analyses.c.id, analyses.c.request).where(analyses.c.recording_id == recording_id)

@@ -37,7 +37,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from stat import S_ISREG
-from typing import IO, ClassVar
+from typing import IO, TYPE_CHECKING, ClassVar
 
 from app.errors import (
     AppError,
@@ -52,6 +52,9 @@ from app.errors import (
     StoreDamaged,
 )
 from app.storage.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
+
+if TYPE_CHECKING:  # it needs numpy
+    from app.storage.decoded import DecodedCache
 
 if sys.platform != "win32":
     import fcntl
@@ -104,6 +107,17 @@ class Fetched:
     path: Path
     mark: Mark
     own_mark: Mark
+
+
+@dataclass(frozen=True, slots=True)
+class KnownLogs:
+    """What is known of files before they are read: their SHA-256, and the cache of their samples."""
+
+    digests: tuple[str, ...] = ()
+    cache: "DecodedCache | None" = None
+
+
+NOTHING_KNOWN = KnownLogs()
 
 
 class VerifiedFiles:

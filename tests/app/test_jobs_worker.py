@@ -20,9 +20,8 @@ from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_a
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
 from app.jobs.processes import pool
-from app.jobs.processes.lease import Lease
 from app.jobs.store import JobStore
-from app.jobs.worker import return_expired, run_next
+from app.jobs.worker import Lease, return_expired, run_next
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins

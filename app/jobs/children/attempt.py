@@ -34,8 +34,7 @@ from app.jobs.children.fork_server import NotStarted, choose_context, end_child,
 from app.jobs.children.preparing import tell_preparing
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
-from app.storage.known import NOTHING_KNOWN, KnownLogs
-from app.storage.store import ResultFile, describe_files, translate_disk_full
+from app.storage.store import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic

@@ -14,7 +14,7 @@ from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.versions import identify_work, renumber, settle_conclusion
+from app.jobs.versions import build_item, identify_work, renumber
 from app.request import ReportRequest
 
 UNNAMED = "-"
@@ -104,14 +104,7 @@ class MappingStore(RowStore):
             wanted = select_jobs().where(_waits(waiting_for)).order_by(analyses.c.created_at, analyses.c.id)
             found = connection.execute(wanted.with_for_update(of=analyses)) if waiting_for else ()
             jobs = [job, *(other for other in map(read_job, found) if other.id != job.id)]
-            items = [
-                (
-                    one.recording_id,
-                    one.sha256,
-                    settle_conclusion(connection, one, replace(one.request, profile=profile)),
-                )
-                for one in jobs
-            ]
+            items = [build_item(connection, one, replace(one.request, profile=profile)) for one in jobs]
             repeated = enqueue_all(connection, items, "web")
             for one, again in zip(jobs, repeated, strict=True):
                 if one.state is JobState.FAILED:
