@@ -3,13 +3,12 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 from sqlalchemy import (
     Connection,
     Engine,
     Executable,
-    Select,
     and_,
     case,
     func,
@@ -420,13 +419,13 @@ class JobStore(RowStore):
 
     def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
         """Give the published file of this name; None where there is none."""
-        row = self._read_one(_select_files(analysis_id).where(result_files.c.name == name))
-        return ResultFile(*row) if row else None
+        return next((file for file in self.find_files(analysis_id) if file.name == name), None)
 
     def find_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
         """Give every published file, by name."""
-        query = _select_files(analysis_id).order_by(result_files.c.name)
-        return tuple(ResultFile(*row) for row in self._read_all(query))
+        columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
+        query = select(*columns).where(result_files.c.analysis_id == analysis_id)
+        return tuple(ResultFile(*row) for row in self._read_all(query.order_by(result_files.c.name)))
 
     def find_sha256(self, recording_id: str) -> str:
         """Give the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
@@ -517,12 +516,6 @@ def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
     (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
     follow_recording(connection, analysis_id)
     return analysis_id
-
-
-def _select_files(analysis_id: str) -> Select[Any]:
-    """Select the published files of an analysis, in the order of :class:`ResultFile`'s fields."""
-    columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
-    return select(*columns).where(result_files.c.analysis_id == analysis_id)
 
 
 def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:

@@ -144,18 +144,15 @@ def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
     newer = 0
     for analysis_id, token in stale:
-        if _counts_by_side_file(store, storage, analysis_id, token):
+        side = read_side_file(storage, store.find_recording(analysis_id))
+        rows = side.rows["analyses"] if side else ()
+        if (analysis_id, token, JobState.SUCCEEDED) in (
+            (row["id"], row["token"], row["state"]) for row in rows
+        ):
             newer += 1
         else:
             storage.drop_attempt(analysis_id, token)
     return len(stale) - newer, newer
-
-
-def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, token: str) -> bool:
-    side = read_side_file(storage, store.find_recording(analysis_id))
-    rows = side.rows["analyses"] if side else ()
-    named = ((row["id"], row["token"], row["state"]) for row in rows)
-    return (analysis_id, token, JobState.SUCCEEDED) in named
 
 
 def catch_up(store: JobStore, storage: Storage) -> int:
@@ -235,7 +232,11 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
             _check_schema(side)
             rows, found = _recover_rows(store, storage, side, has_copy=has_copy)
             troubles += [*found, *_find_absent(storage, rows, results)]
-            added += _count(rows)
+            states = Counter(row["state"] for row in rows["analyses"])
+            trashed = sum(row["state"] == TRASHED for row in rows["recordings"])
+            added += Counter(
+                recordings=len(rows["recordings"]), trashed=trashed, reports=states[JobState.SUCCEEDED]
+            )
         elif recording_id in before:
             SideWriter(store.engine, store.reader, storage).mark_side_files_missing([recording_id])
             troubles.append(Trouble(recording_id, "side_damaged"))
@@ -271,12 +272,6 @@ def _recover_rows(
             mark_side_file_stale(connection, side)
     found: list[Finding] = ["newer"] * is_newer + ["trashed_since"] * is_trashed  # type: ignore[assignment]
     return rows, [Trouble(recording_id, finding) for finding in found]
-
-
-def _count(rows: Rows) -> Counter[str]:
-    trashed = [row for row in rows["recordings"] if row["state"] == TRASHED]
-    reports = [row for row in rows["analyses"] if row["state"] == JobState.SUCCEEDED]
-    return Counter(recordings=len(rows["recordings"]), trashed=len(trashed), reports=len(reports))
 
 
 def _find_absent(storage: Storage, rows: Rows, results: frozenset[str]) -> Iterator[Trouble]:
