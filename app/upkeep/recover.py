@@ -146,8 +146,8 @@ def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     for analysis_id, token in stale:
         side = read_side_file(storage, store.find_recording(analysis_id))
         rows = side.rows["analyses"] if side else ()
-        counted = {(row["id"], row["token"]) for row in rows if row["state"] == JobState.SUCCEEDED}
-        if (analysis_id, token) in counted:
+        named = {(row["id"], row["token"]) for row in rows if row["state"] == JobState.SUCCEEDED}
+        if (analysis_id, token) in named:
             newer += 1
         else:
             storage.drop_attempt(analysis_id, token)
