@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Row, delete, exists, insert, select, tuple_, update
+from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
 from app.jobs.audit_log import Act, find_actor, record
@@ -164,11 +164,8 @@ class RecordingStore(RowStore):
         if wanted.end:
             query = query.where(recordings.c.start < wanted.end)
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
-        if after is not None:
-            query = query.where(is_after((moment, recordings.c.id), after))
-        newest_first = moment.desc(), recordings.c.id.desc()
-        rows = self._read_all(query.order_by(*newest_first).limit(limit))
-        return tuple(_read_recording(row) for row in rows)
+        page = select_page(query, (moment, recordings.c.id), limit, after)
+        return tuple(_read_recording(row) for row in self._read_all(page))
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
         """Give those of some ids that belong to a recording, in the trash or not."""
@@ -416,9 +413,11 @@ def insert_recording(
     record(connection, "recording.stored", stored.id)
 
 
-def is_after(columns: tuple[Any, Any], place: Place) -> Any:
-    """Build the condition for rows after a place, newest first (a keyset: later pages cost no more)."""
-    return tuple_(*columns) < tuple_(*place)
+def select_page(query: Select[Any], order: tuple[Any, Any], limit: int, after: Place | None) -> Select[Any]:
+    """Select the rows after a place, the newest first (a keyset: later pages cost no more)."""
+    if after is not None:
+        query = query.where(tuple_(*order) < tuple_(*after))
+    return query.order_by(*(column.desc() for column in order)).limit(limit)
 
 
 def _read_recording(row: Row[Any]) -> StoredRow:

@@ -223,34 +223,22 @@ class SideWriter:
         return number
 
     def write(self, recording_id: str) -> None:
-        """Write one side file, again if the row changes meanwhile."""
-        while not self._write_once(recording_id):
-            pass
-
-    def _write_once(self, recording_id: str) -> bool:
-        """Write the rows of this moment; False when they have changed before the revision was recorded."""
-        side = self._read(recording_id)
-        if side is None:
-            return True
-        self._quarantine_newer(recording_id, side)
-        self.storage.write_small(format_side_file_name(recording_id), side.encode())
-        mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
-        with self.engine.begin() as connection:
-            written = update(recordings).where(*mine).values(side_revision=side.revision)
-            if connection.execute(written).rowcount == 1:
-                return True
-        if self._read(recording_id) is None:  # purged meanwhile: its side file is removed, too
-            self.storage.drop_recording(recording_id)
-        return False
-
-    def _quarantine_newer(self, recording_id: str, side: SideFile) -> None:
-        """Copy a side file that is newer than the row into quarantine: the database is an older copy."""
-        present = decode_side_file(self.storage.read_small(format_side_file_name(recording_id)), recording_id)
-        if present is None or present.revision <= side.revision:
-            return
-        row = self._read(recording_id)
-        if row is not None and row.revision < present.revision:
-            quarantine_side_file(self.storage, present)
+        """Write one side file, again if the row changes before its revision is recorded."""
+        name = format_side_file_name(recording_id)
+        while (side := self._read(recording_id)) is not None:
+            present = decode_side_file(self.storage.read_small(name), recording_id)
+            if present is not None and present.revision > side.revision:
+                row = self._read(recording_id)
+                if row is not None and row.revision < present.revision:  # the database is an older copy
+                    quarantine_side_file(self.storage, present)
+            self.storage.write_small(name, side.encode())
+            mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
+            with self.engine.begin() as connection:
+                written = update(recordings).where(*mine).values(side_revision=side.revision)
+                if connection.execute(written).rowcount == 1:
+                    return
+            if self._read(recording_id) is None:  # purged meanwhile: its side file is removed, too
+                self.storage.drop_recording(recording_id)
 
     def _read(self, recording_id: str) -> SideFile | None:
         with self.reader.connect() as connection:

@@ -39,7 +39,7 @@ from app.jobs.queue import (
     replace_job,
     start_job,
 )
-from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
+from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.jobs.side_files import increment_revision
 from app.jobs.versions import (
     COUNTED,
@@ -273,10 +273,8 @@ class JobStore(RowStore):
                 query = query.where(analyses.c.id.in_(select_items(value)))
             elif value:
                 query = query.where(analyses.c[name] == value)
-        if after is not None:
-            query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
-        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
-        return tuple(read_job(row) for row in self._read_all(query.order_by(*newest_first).limit(limit)))
+        page = select_page(query, (analyses.c.created_at, analyses.c.id), limit, after)
+        return tuple(read_job(row) for row in self._read_all(page))
 
     def find_reports(self, recording_id: str) -> tuple[Job, ...]:
         """Return the reports of a recording, the newest first, without comparisons and what was replaced."""

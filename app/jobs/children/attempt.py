@@ -224,7 +224,11 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     logging.getLogger("app").setLevel(level)  # ours alone: what a library tells may name a file
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
-    result = _make_files(attempt, tell_preparing(partial(_send_stage, pipe)))
+
+    def send_stage(stage: Stage, fraction: float) -> None:
+        _send(pipe, {"stage": stage, "fraction": fraction})
+
+    result = _make_files(attempt, tell_preparing(send_stage))
     if isinstance(result, Finished):
         _send(pipe, {"files": [(file.name, file.sha256, file.size_bytes) for file in result.files]})
     else:
@@ -249,10 +253,6 @@ def _make_files(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
 
 def _refuse(error: AttemptFailed) -> Refused:
     return Refused(error.code, error.facts)
-
-
-def _send_stage(pipe: Connection, stage: Stage, fraction: float) -> None:
-    _send(pipe, {"stage": stage, "fraction": fraction})
 
 
 def _send(pipe: Connection, message: Mapping[str, object]) -> None:

@@ -83,11 +83,11 @@ class Took:
     took_s: float
 
 
-class Library:
+class Library(RowStore):
     """The queries of the library; it only reads."""
 
     def __init__(self, reader: Engine) -> None:
-        self._reader = reader
+        super().__init__(reader, reader)
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
@@ -103,8 +103,7 @@ class Library:
     def find_took(self) -> tuple[Took, ...]:
         """Say how long the last analyses took, by which the time left of others is judged."""
         query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
-        with self._reader.connect() as connection:
-            jobs = [read_job(row) for row in connection.execute(query.limit(JUDGED_BY))]
+        jobs = [read_job(row) for row in self._read_all(query.limit(JUDGED_BY))]
         return tuple(
             Took(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
             for job in jobs
@@ -114,18 +113,14 @@ class Library:
     def find_tags(self) -> tuple[str, ...]:
         """Give every tag, by the alphabet."""
         query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
-        with self._reader.connect() as connection:
-            found = connection.execute(query).scalars()
-            return sort_tags(tag for text in found for tag in read_tags(text))
+        return sort_tags(tag for row in self._read_all(query) for tag in read_tags(row.tags))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
         """Count the recordings of each group, among those that text and days let through."""
         rows = _select(replace(wanted, group="all")).subquery()
         groups = [_is_in_group(group, rows.c, rows.c, rows.c.report_id) for group in GROUPS]
-        query = select(*(func.count().filter(group) for group in groups)).select_from(rows)
-        with self._reader.connect() as connection:
-            counts = connection.execute(query).one()
-        return dict(zip(GROUPS, counts, strict=True))
+        query: Select[Any] = select(*(func.count().filter(group) for group in groups)).select_from(rows)
+        return dict(zip(GROUPS, self._read_all(query)[0], strict=True))
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
         """Find other recordings of the same subject that have a report, the newest first.
@@ -154,8 +149,7 @@ class Library:
         return _read_shown_id(first), _read_shown_id(second)
 
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
-        with self._reader.connect() as connection:
-            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted))).all()
+        rows = self._read_all(_select(wanted).order_by(*_choose_order(wanted)))
         shown = [_read_shown_id(row) for row in rows]
         here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
         if here is None:
@@ -169,8 +163,7 @@ class Library:
         newest = select(analyses.c.created_at, analyses.c.id).where(
             analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None)
         )
-        with self._reader.connect() as connection:
-            row = connection.execute(newest.order_by(*_newest_first()).limit(1)).one()
+        (row,) = self._read_all(newest.order_by(*_newest_first()).limit(1))
         return row.created_at, row.id
 
     def _read(self, query: Select[Any]) -> tuple[Entry, ...]:

@@ -6,10 +6,10 @@ the next file with that header. Once a person has confirmed it, files with that 
 
 from dataclasses import dataclass, replace
 
-from sqlalchemy import ColumnElement, Connection, Row, delete, exists, insert, select, update
+from sqlalchemy import ColumnElement, Row, delete, exists, insert, select, update
 
 from app.errors import NotHere
-from app.jobs.audit_log import Act, record
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
@@ -51,7 +51,7 @@ class MappingStore(RowStore):
             row = {"header": header, "created_at": format_now(), "name": known or name, "profile": profile}
             confirmed = int(is_confirmed and not header.startswith(UNNAMED))
             connection.execute(insert(column_mappings).values(row | {"is_confirmed": confirmed}))
-            self._record(connection, "columns.named", header)
+            record(connection, "columns.named", other={"header": header})
         return self.get(header)
 
     def get(self, header: str) -> ColumnMapping:
@@ -79,7 +79,7 @@ class MappingStore(RowStore):
             with self._engine.begin() as connection:
                 mine = update(column_mappings).where(column_mappings.c.header == header)
                 if connection.execute(mine.values(values)).rowcount == 1:
-                    self._record(connection, "columns.changed", header)
+                    record(connection, "columns.changed", other={"header": header})
         return self.get(header)
 
     def drop(self, header: str) -> None:
@@ -88,7 +88,7 @@ class MappingStore(RowStore):
             gone = delete(column_mappings).where(column_mappings.c.header == header)
             if connection.execute(gone).rowcount != 1:
                 raise NotHere(id=header)
-            self._record(connection, "columns.dropped", header)
+            record(connection, "columns.dropped", other={"header": header})
 
     def count_waiting(self, header: str) -> int:
         """Count the recordings with this header that could not be read and wait for their columns."""
@@ -132,9 +132,6 @@ class MappingStore(RowStore):
             renumber(connection, analysis_id)
             numbered = connection.execute(select(analyses.c.request).where(*mine)).scalar_one()
         return ReportRequest.from_json(numbered)
-
-    def _record(self, connection: Connection, act: Act, header: str) -> None:
-        record(connection, act, other={"header": header})
 
 
 def _waits(header: str) -> ColumnElement[bool]:
