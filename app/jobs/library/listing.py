@@ -119,8 +119,9 @@ class Library(RowStore):
         """Count the recordings of each group, among those that text and days let through."""
         rows = _select(replace(wanted, group="all")).subquery()
         groups = [_is_in_group(group, rows.c, rows.c, rows.c.report_id) for group in GROUPS]
-        query: Select[Any] = select(*(func.count().filter(group) for group in groups)).select_from(rows)
-        return dict(zip(GROUPS, self._read_all(query)[0], strict=True))
+        query = select(*(func.count().filter(group) for group in groups)).select_from(rows)
+        with self._reader.connect() as connection:
+            return dict(zip(GROUPS, connection.execute(query).one(), strict=True))
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
         """Find other recordings of the same subject that have a report, the newest first.
