@@ -10,7 +10,7 @@ confirms or dismisses it.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -104,24 +104,18 @@ def renumber(connection: Connection, analysis_id: str) -> None:
 def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
 ) -> dict[str, _History]:
+    """Read the reports of some recordings, in the order in which they were asked for."""
     histories = {recording_id: _History() for recording_id in digests}
-    for recording_id, key, request in _read_earlier(connection, set(digests), states):
-        is_ours = key == identify_work(digests[recording_id], request)
-        histories[recording_id].add(request, is_ours=is_ours)
-    return histories
-
-
-def _read_earlier(
-    connection: Connection, recording_ids: set[str], states: Sequence[JobState]
-) -> Iterator[tuple[str, str, ReportRequest]]:
-    """Give every analysis of some recordings in these states: recording, key, request; the oldest first."""
     columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
-    ordered = sorted(recording_ids)
+    ordered = sorted(digests)
     for first in range(0, len(ordered), KEYS_PER_QUERY):
         some = ordered[first : first + KEYS_PER_QUERY]
         query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
         for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
-            yield row.recording_id, row.key or "", ReportRequest.from_json(row.request)
+            request = ReportRequest.from_json(row.request)
+            is_ours = row.key == identify_work(digests[row.recording_id], request)
+            histories[row.recording_id].add(request, is_ours=is_ours)
+    return histories
 
 
 def _number(history: _History, request: ReportRequest) -> ReportRequest:
