@@ -25,7 +25,7 @@ from fusion.errors import (
     UnusableTime,
     WrongAngle,
 )
-from fusion.exposure.rows import find_runs
+from fusion.numerics.runs import find_runs
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, QualityFlag, Recording, Segment
 
 COLUMNS = ("time_s", "elevation_deg")

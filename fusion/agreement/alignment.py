@@ -32,6 +32,7 @@ from fusion.agreement.pairs import (
 )
 from fusion.agreement.statistics import find_r
 from fusion.errors import NotAligned, NothingInCommon
+from fusion.numerics.robust import weigh_huber
 from fusion.recording import Float64Array
 
 GRID_HZ = 10.0
@@ -60,7 +61,6 @@ LEAST_SPAN_S = 120.0
 MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 60, 20.0, 300.0
 STEPS = 25
 SLOPE_S = 0.2
-HUBER = 1.345
 MOST_SHIFT_S = 1.0
 """If the last step moves the offset by more than this, it has diverged, and the step before it is kept."""
 
@@ -297,7 +297,7 @@ def _find_step(
     design = np.stack(
         [*(c for c, is_free in zip(columns, free, strict=True) if is_free), np.ones(len(error))]
     )
-    weights = _weigh(error - np.median(error))
+    weights = weigh_huber(error - np.median(error))
     weighted = design * weights
     normal = weighted @ design.T
     scale = np.sqrt(np.diag(normal))
@@ -314,13 +314,6 @@ def _find_slopes(run: PairedRun) -> Float64Array:
     rows = np.arange(len(run))
     first, last = np.maximum(rows - reach, 0), np.minimum(rows + reach, len(run) - 1)
     return np.asarray((run.reference_deg[last] - run.reference_deg[first]) * run.rate_hz / (last - first))
-
-
-def _weigh(residual: Float64Array) -> Float64Array:
-    """Huber's weights; the scale is the median absolute deviation."""
-    scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
-    size = np.abs(residual) / scale
-    return np.asarray(np.where(size <= HUBER, 1.0, HUBER / np.maximum(size, HUBER)))
 
 
 def _correlate_rates(ours: Runs, reference: Runs, alignment: Alignment) -> float:

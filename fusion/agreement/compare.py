@@ -23,6 +23,7 @@ from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits,
 from fusion.angle_files import AngleFile, calibrate_file, resample_file
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
 from fusion.exposure import Exposure, summarise_exposure
+from fusion.numerics.intervals import join_overlapping
 from fusion.pipeline import FusedRecording
 from fusion.recording import Float64Array, FloatArray
 from fusion.task_windows import TaskWindow
@@ -302,12 +303,7 @@ def _compare_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> tuple[TaskAgr
 
 def _join_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> Pairs:
     """Every moment that lies in a task, once, in time order."""
-    joined: list[tuple[float, float]] = []
-    for start_s, end_s in sorted((task.start_s, task.end_s) for task in tasks):
-        if joined and start_s <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(joined[-1][1], end_s))
-        else:
-            joined.append((start_s, end_s))
+    joined = join_overlapping((task.start_s, task.end_s) for task in tasks)
     return join_pairs([pairs.cut(start_s, end_s) for start_s, end_s in joined])
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import NothingInCommon
 from fusion.numba_kernels import njit
+from fusion.numerics.runs import find_runs
 from fusion.recording import MICROSECONDS, Float64Array, FloatArray
 
 # The angle of one side as unbroken, even runs in its own clock.
@@ -85,10 +86,8 @@ def measure_path(up: FloatArray) -> Float64Array:
 
 def _cut_valid(segment: ElevationSegment) -> Iterable[tuple[int, NDArray[np.float32]]]:
     usable = segment.valid & np.isfinite(segment.elevation_deg)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
-    for first, stop in edges.reshape(-1, 2).tolist():
-        if stop - first >= SHORTEST_ROWS:
-            yield first, segment.elevation_deg[first:stop]
+    for first, stop in find_runs(usable, SHORTEST_ROWS).tolist():
+        yield first, segment.elevation_deg[first:stop]
 
 
 def interpolate(run: Run, time_s: Float64Array) -> Float64Array:

@@ -1,23 +1,20 @@
-"""The low-pass behind which every figure is taken (EXPOSURE.md A0, CONTRACT.md §5).
+"""The low-pass behind which every figure is taken. (:mod:`fusion.numerics.low_pass`).
 
-Zero-phase Butterworth, order 2 per pass, 5 Hz, as ``scipy.signal.sosfiltfilt`` with its default odd padding.
 Without it, 0.2 deg of white noise at 500 Hz turns a true median speed of 44 deg/s into 57 deg/s.
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
-from fusion.exposure.rows import find_runs
-from fusion.numba_kernels import inner, kernel, kernel_making_arrays
+from fusion.numba_kernels import kernel
+from fusion.numerics.low_pass import filter_rows
+from fusion.numerics.runs import find_runs
 from fusion.recording import LONGEST_BRIDGE_US, BoolArray, Float64Array
 
-CORNER_HZ = 5.0
 LOWEST_RATE_HZ = 20.0
-PADDING_ROWS = 9  # sosfiltfilt's default for one second-order section: three times its three taps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,61 +73,8 @@ def _filter_runs(segment: ElevationSegment, finite: BoolArray) -> Float64Array:
 
 
 def filter_angle(angle: NDArray[np.float32] | Float64Array, rate_hz: float) -> Float64Array:
-    """Low-pass a series, shape (n,), without delay; as it is where the rate is under 20 Hz.
-
-    A run of nine rows or fewer is padded by as many rows as it can mirror (all but one), where
-    ``sosfiltfilt`` would refuse it.
-    """
-    if not is_filtered(rate_hz):
-        return angle.astype(np.float64)
-    padding = min(PADDING_ROWS, len(angle) - 1)
-    padded = np.empty(len(angle) + 2 * padding)
-    _filter_padded(angle, padding, design_filter(rate_hz), padded)
-    return padded[padding : padding + len(angle)]
-
-
-@cache
-def design_filter(rate_hz: float) -> tuple[float, ...]:
-    """Give the section (b0, b1, b2, a1, a2), whose gain at rest is one.
-
-    To the bit what ``scipy.signal.butter(2, 5.0, fs=rate_hz, output="sos")`` gives, in the same order of
-    operations; loading that package takes longer than to analyse an hour.
-    """
-    warped = 4.0 * np.tan(np.pi * (CORNER_HZ / (rate_hz / 2.0)) / 2.0)
-    analog = warped * -np.exp(1j * np.pi * np.array([-1.0, 1.0]) / 4.0)
-    pole, conjugate = (4.0 + analog) / (4.0 - analog)
-    gain = float(warped**2 * np.real(1.0 / np.prod(4.0 - analog)))
-    return gain, 2.0 * gain, gain, float(-(pole + conjugate).real), float((pole * conjugate).real)
-
-
-@kernel_making_arrays
-def _filter_padded(angle, padding, section, padded):  # type: ignore[no-untyped-def]
-    """Write the odd extension of ``angle`` into ``padded`` and filter it there, forth and back."""
-    n = len(angle)
-    for i in range(n):
-        padded[padding + i] = angle[i]
-    for i in range(1, padding + 1):
-        padded[padding - i] = 2.0 * angle[0] - angle[i]
-        padded[padding + n - 1 + i] = 2.0 * angle[n - 1] - angle[n - 1 - i]
-    _pass_in_place(padded, section)
-    _pass_in_place(padded[::-1], section)
-
-
-@inner
-def _pass_in_place(x, section):  # type: ignore[no-untyped-def]
-    """One pass of a second-order section, started at rest at the first row.
-
-    Direct form I: a row waits for the one before it through one product and one difference only, which makes
-    it twice as fast as the transposed form II of scipy; they agree to rounding.
-    """
-    b0, b1, b2, a1, a2 = section
-    before, earlier = x[0], x[0]  # what came in
-    y, z = x[0], x[0]  # what went out
-    for i in range(len(x)):
-        forward = b0 * x[i] + b1 * before + b2 * earlier - a2 * z
-        earlier, before, z = before, x[i], y
-        y = forward - a1 * y
-        x[i] = y
+    """Low-pass a series, shape (n,), without delay; as it is where the rate is under 20 Hz."""
+    return filter_rows(angle, rate_hz) if is_filtered(rate_hz) else angle.astype(np.float64)
 
 
 @kernel

@@ -11,9 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from fusion.numba_kernels import inner, kernel
+from fusion.numerics.runs import find_runs
 from fusion.recording import MICROSECONDS, BoolArray, IntArray, Span
-
-USUAL_RUNS = 256
 
 
 class EvenRun(Protocol):
@@ -112,31 +111,6 @@ def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
                 reached_us = int(np.rint(rows * (MICROSECONDS / rate_hz)))
                 cell_us[part, cell] += reached_us - told_us
                 told_us = reached_us
-
-
-def find_runs(mask: BoolArray) -> IntArray:
-    """Give the runs of true rows, shape (k, 2): first row and the row after the last."""
-    runs = np.empty((USUAL_RUNS, 2), np.int64)
-    count = _scan_runs(mask, runs)
-    if count > len(runs):
-        runs = np.empty((count, 2), np.int64)
-        _scan_runs(mask, runs)
-    return runs[:count]
-
-
-@kernel
-def _scan_runs(mask, runs):  # type: ignore[no-untyped-def]
-    """Write as many runs as there is room for; return how many there are."""
-    count, first = 0, -1
-    for i in range(len(mask) + 1):
-        here = i < len(mask) and mask[i]
-        if here and first < 0:
-            first = i
-        elif not here and first >= 0:
-            if count < len(runs):
-                runs[count, 0], runs[count, 1] = first, i
-            count, first = count + 1, -1
-    return count
 
 
 def find_valid_samples(valid: BoolArray, samples: int) -> BoolArray:

@@ -16,7 +16,7 @@ from fusion.exposure.cycles import summarise_cycles
 from fusion.exposure.episodes import summarise_entries, summarise_episodes
 from fusion.exposure.eva import summarise_eva_matrix
 from fusion.exposure.intervals import add_intervals, describe_hours
-from fusion.exposure.metric_filter import CORNER_HZ, filter_elevation, is_filtered
+from fusion.exposure.metric_filter import filter_elevation, is_filtered
 from fusion.exposure.parts import (
     DayDivision,
     Group,
@@ -29,6 +29,7 @@ from fusion.exposure.peaks import find_peak_windows, find_quarter_hours
 from fusion.exposure.rows import find_end_us, find_valid_samples
 from fusion.exposure.tally import Count, DayTally, start_day
 from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartExposure
+from fusion.numerics.low_pass import CORNER_HZ
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment
 
 UNDIVIDED = DayDivision()

@@ -15,3 +15,17 @@ def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Numbe
         else:
             joined.append((start, end))
     return joined
+
+
+def find_uncovered(
+    spans: Iterable[tuple[Number, Number]], start: Number, end: Number, tolerance: Number
+) -> list[tuple[Number, Number]]:
+    """Return what no span covers between ``start`` and ``end``, where it is longer than ``tolerance``."""
+    uncovered: list[tuple[Number, Number]] = []
+    covered = sorted(spans)
+    covered.append((end, end))
+    for first, stop in covered:
+        if first - start > tolerance:
+            uncovered.append((start, first))
+        start = max(start, stop)
+    return uncovered

@@ -5,9 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
-from fusion.checks.gravity_windows import number_directions
+from fusion.checks.rests import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
+from fusion.numerics.intervals import find_uncovered
 from fusion.pose.calibrate import Calibration
 from fusion.quality.time_account import count_beside_us
 from fusion.quality.types import Quality, TimeAccount, Verdict
@@ -163,12 +164,8 @@ def find_holes(recording: Recording, left_out: tuple[Span, ...] = ()) -> list[Sp
         return []  # its segments hold no samples; the reader of angles tells its holes
     known = [(segment.start_us, segment.end_us) for segment in recording.segments]
     known += [(span.start_us, span.end_us) for span in (*recording.excluded, *left_out)]
-    holes, reached_us = [], 0
-    for start_us, end_us in [*sorted(known), (recording.duration_us, recording.duration_us)]:
-        if start_us > reached_us + 1:  # a microsecond is rounding
-            holes.append(Span(reached_us, start_us - reached_us, "missing"))
-        reached_us = max(reached_us, end_us)
-    return holes
+    holes = find_uncovered(known, 0, recording.duration_us, 1)  # a microsecond is rounding
+    return [Span(start_us, end_us - start_us, "missing") for start_us, end_us in holes]
 
 
 def _flag_untrusted(

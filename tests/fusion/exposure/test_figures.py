@@ -13,7 +13,8 @@ from scipy.signal import butter, sosfiltfilt
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import Exposure, summarise_exposure
-from fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
+from fusion.exposure.metric_filter import filter_angle, filter_elevation
+from fusion.numerics.low_pass import design_filter
 from tests.factories import elevate
 
 START = datetime(2026, 3, 2, 7, 12, 30)  # noqa: DTZ001 - a device's own clock, which has no zone
