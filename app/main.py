@@ -67,6 +67,7 @@ from app.start_checks import (
 from app.storage.open import load_extra, open_storage
 from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
+from app.upkeep.account_rows import warn_of_lost_secret
 from app.upkeep.recover import check_known
 from app.version import software_version
 from app.web.account import router as account_pages
@@ -150,6 +151,7 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
     accounts = AccountStore(settings, clock, services.store.engine)
     try:
         accounts.check_kept()
+        warn_of_lost_secret(services.store.reader, accounts.secrets)
     except BaseException:
         services.store.close()
         raise
