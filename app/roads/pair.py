@@ -21,7 +21,7 @@ from fusion.angle_files.elevation_parquet import read_elevation
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.readings import join_intervals
+from fusion.exposure.intervals import join_intervals
 from fusion.exposure.types import Exposure, Interval
 from fusion.quality import leave_out
 
