@@ -18,29 +18,29 @@ from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_l
 from fusion.pose.axes import AxisPart
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.windows import reduce_recording
-from fusion.quality import (
-    Quality,
-    TimeAccount,
-    account_time,
-    assess_quality,
-    count_holes_us,
-    divide_time,
-    find_exclusions,
+from fusion.quality import Quality, TimeAccount
+from fusion.quality.flags import (
     flag_accelerometer_drift,
     flag_gyro_drift,
     flag_pose,
     flag_published,
-    flag_spans,
     flag_untrusted,
     flag_untrusted_pose,
     flag_upside_down,
+)
+from fusion.quality.time_account import (
+    account_time,
+    count_holes_us,
+    divide_time,
+    find_exclusions,
     leave_out,
     make_disjoint,
     propose_nonwear,
     refuse_short,
 )
+from fusion.quality.verdict import assess_quality
 from fusion.readers import RecordingFile, read_recording
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]

@@ -23,7 +23,7 @@ from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.intervals import join_intervals
 from fusion.exposure.types import Exposure, Interval
-from fusion.quality import leave_out
+from fusion.quality.time_account import leave_out
 
 ELEVATION = "elevation.parquet"
 
