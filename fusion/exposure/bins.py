@@ -178,7 +178,7 @@ def _share(part_us: np.int64, total_us: np.int64) -> tuple[float, float]:
     return int(part_us) / MICROSECONDS, 100.0 * int(part_us) / int(total_us)
 
 
-def find_percentiles(cell_us: IntArray, percents: tuple[int, ...] = PERCENTS) -> dict[int, float]:
+def find_percentiles(cell_us: AnyArray, percents: tuple[int, ...] = PERCENTS) -> dict[int, float]:
     """Return percentiles of elevation, deg: the smallest x with F(x) >= p, linear within a 0.1 deg cell.
 
     APDF of Jonsson 1982; percentiles of a day come from its pooled cells, never from averaged percentiles.
