@@ -2,7 +2,7 @@
 
     python -m benchmarks.example
 
-Writes ``templates/example/results.json``; ``tests/app/test_example.py`` holds it against today's engine.
+Writes ``templates/example/results.json``; ``tests/app/report/test_example.py`` compares it with the engine.
 """
 
 import tempfile

@@ -10,14 +10,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fusion.units import STANDARD_GRAVITY
-from tests.fusion.cwa_builder import START_US as CWA_START_US
-from tests.fusion.cwa_builder import block as cwa_block
-from tests.fusion.cwa_builder import blocks as cwa_blocks
-from tests.fusion.cwa_builder import header as cwa_header
-from tests.fusion.device_layouts import TABLES
-from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
 from tests.fusion.made_motion import rest_and_turn
-from tests.fusion.table_builder import HEADER, PREAMBLE
+from tests.fusion.readers.cwa.cwa_builder import START_US as CWA_START_US
+from tests.fusion.readers.cwa.cwa_builder import block as cwa_block
+from tests.fusion.readers.cwa.cwa_builder import blocks as cwa_blocks
+from tests.fusion.readers.cwa.cwa_builder import header as cwa_header
+from tests.fusion.readers.device_layouts import TABLES
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, log_of, pack, record
+from tests.fusion.readers.tables.table_builder import HEADER, PREAMBLE
 
 ROWS, LAYOUT_LINES = 90, 150
 TURNS, SLOW_HZ = 12, 16.0

@@ -4,8 +4,8 @@ Orientation A comes from the ratios of the accelerations (Freescale AN3461), ori
 last known orientation by the resultant angular velocity. Both are split into a rotation about an axis in
 the world's XY plane and a rotation about world Z; the XY parts are joined by slerp and multiplied by the
 gyroscope's Z part; elevation is the tilt of Bonev's tilt-and-torsion angles.
-``tests/fusion/published_step_by_step.py`` does every step, sample by sample; the kernel here carries only
-the direction of the vertical, because nothing else bears on the tilt.
+``tests/fusion/orientation/published_step_by_step.py`` does every step, sample by sample; the kernel here
+carries only the direction of the vertical, because nothing else bears on the tilt.
 """
 
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from tests.badfiles.arm import minute
-from tests.fusion.cwa_builder import (
+from tests.fusion.readers.cwa.cwa_builder import (
     AX3,
     PACKED,
     RATE_50,

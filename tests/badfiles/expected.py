@@ -13,8 +13,8 @@ from tests.badfiles.clock_rows import CLOCKS
 from tests.badfiles.order_rows import ORDER
 from tests.badfiles.outcomes import given, read, refused
 from tests.badfiles.signal_rows import SIGNALS
-from tests.fusion.gt3x_builder import INFO, T0, record
-from tests.fusion.table_builder import HEADER
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, record
+from tests.fusion.readers.tables.table_builder import HEADER
 
 ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ASSUMED", "W-WHICH-POSE", "W-POSE-UNSTEADY"})
 """What any recording of an hour without sway is told whose pose nobody stated."""

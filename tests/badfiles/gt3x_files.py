@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from tests.badfiles.arm import Matrix, minute
-from tests.fusion.gt3x_builder import INFO, T0, record, schema, ssp
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, record, schema, ssp
 
 SECONDS = range(60)
 YEAR_S = 366 * 86_400

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, NAMES, calendar, stamped, values
-from tests.fusion.table_builder import HEADER
+from tests.fusion.readers.tables.table_builder import HEADER
 
 CALENDAR = "timestamp," + NAMES
 MICROS = tuple(range(0, 60_000_000, 10_000))

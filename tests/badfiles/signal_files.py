@@ -7,7 +7,7 @@ import numpy as np
 from tests.badfiles.arm import Matrix, minute
 from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, changed
 from tests.fusion.made_motion import rest_and_turn, tumble
-from tests.fusion.table_builder import HEADER
+from tests.fusion.readers.tables.table_builder import HEADER
 
 PREAMBLE = "# acc_range_g: 16\n# gyr_range_dps: 2000\n"
 UNITLESS = "time_us,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"

@@ -4,7 +4,7 @@ from tests.badfiles import gt3x_files as g
 from tests.badfiles import signal_files as s
 from tests.badfiles import table_files as t
 from tests.badfiles.outcomes import given, read, refused
-from tests.fusion.table_builder import HEADER
+from tests.fusion.readers.tables.table_builder import HEADER
 
 FILLED = "W-STUCK-PART W-GAP"
 SIGNALS = (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusion.units import STANDARD_GRAVITY
 from tests.badfiles.arm import minute
-from tests.fusion.table_builder import HEADER
+from tests.fusion.readers.tables.table_builder import HEADER
 
 NAMES = "ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps"
 ACTILIFE = (

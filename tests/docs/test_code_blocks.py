@@ -20,8 +20,8 @@ import yaml
 from app.cli import app
 from app.main import create_app
 from app.settings import Settings
+from tests import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     path
     for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"))

@@ -1,13 +1,12 @@
 """The notebook: it runs, and is kept without what it printed."""
 
-from pathlib import Path
-
 import nbformat
 import pytest
 
 from benchmarks.site.notebook import run_notebook
+from tests import ROOT
 
-NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "code" / "recording_to_figure.ipynb"
+NOTEBOOK = ROOT / "docs" / "code" / "recording_to_figure.ipynb"
 
 
 @pytest.fixture(scope="module")

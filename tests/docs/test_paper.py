@@ -1,11 +1,12 @@
 """The paper says of validation what the page of validation says, and cites what its bibliography holds."""
 
 import re
-from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+from tests import ROOT
+
+DOCS = ROOT / "docs"
 PAPER = (DOCS / "paper.md").read_text("utf-8")
 VALIDATION = (DOCS / "validation.md").read_text("utf-8")
 Row = tuple[str, str, str, str]

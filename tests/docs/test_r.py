@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from tests import ROOT
 from tests.ways_in.servers import RunningServer
 from tests.ways_in.typed import read_table, run
 
-SCRIPT = Path(__file__).resolve().parents[2] / "docs" / "code" / "acromion.R"
+SCRIPT = ROOT / "docs" / "code" / "acromion.R"
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.release import NotReady, build_twice, check_changelog, check_citation, read_version
+from tests import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 1_772_438_400
 ENTRY = """# Changelog
 

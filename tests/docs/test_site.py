@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Request, expect
 
 import fusion
+from tests import ROOT
 
 GUIDE = ("start", "poses", "reading", "limits", "codes")
 LOADING = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
@@ -103,7 +104,7 @@ def test_the_reference_holds_every_public_name(site: Path, read: dict[Path, Page
 
 
 def test_no_page_names_a_folder_of_the_machine_that_built_it(site: Path) -> None:
-    home = str(Path(__file__).resolve().parents[2])
+    home = str(ROOT)
 
     assert [path.name for path in site.rglob("*.html") if home in path.read_text("utf-8")] == []
     assert "/tmp/" not in (site / "code/recording_to_figure.html").read_text("utf-8")

@@ -27,9 +27,9 @@ from fusion import (
     read_recordings,
 )
 from fusion.simulation import simulate_shift, write_shift
+from tests import ROOT
 from tests.factories import hold
 
-ROOT = Path(__file__).resolve().parents[2]
 WINDOWS = "allowed: (start, end), s, 0 <= start < end"
 TIMES = "allowed: seconds from the first sample, >= 0"
 EVERY = {name: getattr(fusion, name) for name in fusion.__all__}

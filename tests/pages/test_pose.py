@@ -10,7 +10,7 @@ from playwright.sync_api import Locator, Page, Request, expect
 
 from fusion.recording import Recording
 from tests.factories import hold, record
-from tests.fusion.test_poses import ASIDE, RATE_HZ, Course, take_off, tilted
+from tests.fusion.pose.test_poses import ASIDE, RATE_HZ, Course, take_off, tilted
 from tests.pages.conftest import finish, keep_picture, repeat
 from tests.pages.steps import END_MS, open_analysis, read_bands, wait_for_curve
 from tests.ways_in.servers import RunningServer

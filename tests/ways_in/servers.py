@@ -12,7 +12,8 @@ from typing import Any
 
 import httpx2
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests import ROOT
+
 PATIENCE_S = 120.0
 
 

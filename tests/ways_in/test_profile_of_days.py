@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from tests.app.days_factory import change_recording, finish_day, make_day
+from tests.app.analysis.days_factory import change_recording, finish_day, make_day
 from tests.ways_in.typed import read_table, run
 
 

@@ -16,8 +16,8 @@ from app.report.pair import build_pair
 from app.report.render.html import render_html
 from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure.types import MinuteProfile
+from tests.app.analysis.test_both_arms import make_pair
 from tests.app.analysis_factory import make_analysis, make_exposure, make_minutes, make_subject
-from tests.app.test_both_arms import make_pair
 
 pytestmark = pytest.mark.browser
 

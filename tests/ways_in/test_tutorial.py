@@ -12,8 +12,8 @@ from app.main import create_app
 from app.report.export.columns import write_document
 from app.report.words.wording import load_wording
 from app.settings import Settings
+from tests import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text("utf-8")
 BLOCKS = re.findall(r"```(\w+)(?: ([\w.]+))?\n(.*?)```", TUTORIAL, re.DOTALL)
 

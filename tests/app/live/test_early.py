@@ -24,7 +24,7 @@ from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.app.live.made import count_stored_rows
 from tests.app.live.test_socket import connect, read_until
-from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
+from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 from tests.ways_in.servers import wait_for
 
 BOARD = PREAMBLE + HEADER

@@ -23,8 +23,8 @@ from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_worn
 from tests.app.live.test_raw_file import HEADER, START
-from tests.fusion.test_live_lines import HEADER as COLUMNS
-from tests.fusion.test_live_lines import PREAMBLE, write_rows
+from tests.fusion.live.test_lines import HEADER as COLUMNS
+from tests.fusion.live.test_lines import PREAMBLE, write_rows
 from tests.ways_in.servers import wait_for
 
 BOARD = PREAMBLE + COLUMNS

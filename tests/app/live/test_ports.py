@@ -14,7 +14,7 @@ from app.errors import LiveSourceFailed
 from app.live.lines import LineSource, open_lines
 from app.live.ports import MOST_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, names_port, open_port
 from fusion.live import LiveSession
-from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
+from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 
 BOARD = PREAMBLE + HEADER
 

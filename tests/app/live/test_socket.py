@@ -33,7 +33,7 @@ from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, count_stored_rows, make_worn
 from tests.app.live.test_ports import Board
 from tests.app.live.test_raw_file import START
-from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
+from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 from tests.ways_in.servers import wait_for
 
 ADDRESS = "/api/v1/live"

@@ -1,0 +1,543 @@
+"""Who did what: a line for each act, in its commit."""
+
+import csv
+import io
+import json
+import threading
+from collections.abc import Callable
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import insert, text, update
+from sqlalchemy.exc import IntegrityError
+
+from app.api.housekeeping import write_side_files
+from app.api.middleware.refused_lines import MOST_LINES
+from app.jobs.audit_log import (
+    ACTS,
+    AuditLine,
+    AuditQuestion,
+    acting,
+    find_lines,
+    record,
+)
+from app.jobs.database.tables import facts, sessions
+from app.jobs.job import Job
+from app.jobs.store import JobStore
+from app.jobs.worker import Bench, open_bench, run_next
+from app.logs import LineFormatter
+from app.report.words.wording import LANGUAGES, load_wording
+from app.request import ReportRequest
+from app.settings import Settings
+from tests.app import stand_ins
+from tests.app.accounts.conftest import House
+from tests.app.conftest import AddJob, do_next
+from tests.crash.program import write_digest
+
+both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+UNKNOWN = "an_00000000000000ff"
+
+
+def read(store: JobStore, question: AuditQuestion | None = None) -> list[AuditLine]:
+    """Give lines, the oldest first."""
+    return list(find_lines(store.reader, question or AuditQuestion()))[::-1]
+
+
+def list_acts(store: JobStore) -> list[str]:
+    return [line.act for line in read(store)]
+
+
+def do_one_job(bench: Callable[..., Bench], add_job: AddJob) -> Job:
+    job = add_job()
+    assert do_next(bench(write_digest))
+    return job
+
+
+# A line in the commit of its act.
+
+
+@both
+def test_storing_and_asking_leave_a_line_each(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+
+    lines = [(line.act, line.recording_id, line.analysis_id) for line in read(store)]
+    assert lines == [
+        ("recording.stored", job.recording_id, ""),
+        ("analysis.asked", job.recording_id, job.id),
+    ]
+
+
+@both
+def test_a_rollback_drops_the_line_with_the_act(store: JobStore) -> None:
+    with pytest.raises(IntegrityError):
+        _break_off(store)
+    with store.engine.begin() as connection:
+        connection.execute(insert(facts).values(name="y", value="1"))
+
+    assert list_acts(store) == []
+
+
+@both
+def test_a_worker_s_report_is_an_act_of_the_system(
+    store: JobStore, bench: Callable[..., Bench], add_job: AddJob
+) -> None:
+    job = do_one_job(bench, add_job)
+
+    last = read(store)[-1]
+    assert (last.who, last.act, last.analysis_id) == ("system", "analysis.succeeded", job.id)
+
+
+def test_an_act_that_is_not_on_the_list_is_refused(store: JobStore) -> None:
+    with store.engine.begin() as connection, pytest.raises(ValueError, match=r"made\.up"):
+        record(connection, "made.up")  # type: ignore[arg-type]
+
+
+def test_a_line_takes_no_sentence(store: JobStore) -> None:
+    with store.engine.begin() as connection, pytest.raises(ValueError, match="refused"):
+        record(connection, "refused", other={"why": "Jane Doe, born 1970"})
+
+
+def test_no_line_holds_what_was_said_of_a_recording(client: TestClient, store: JobStore) -> None:
+    words = {"file_name": "Zoe.csv", "subject": "CANARY-7", "external_id": "CANARY-8", "note": "CANARY-9"}
+    row = client.post("/api/v1/recordings", params=words, content=b"bytes").json()
+    client.patch(f"/api/v1/recordings/{row['id']}", json={"note": "CANARY-9 again"})
+    client.get(f"/api/v1/recordings/{row['id']}")
+    client.get("/api/v1/recordings", params={"subject": "CANARY-7"})
+
+    written = json.dumps([line.other + line.act for line in read(store)])
+    assert "recording.changed" in written
+    assert "CANARY" not in written
+    assert "Zoe" not in written
+
+
+@both
+def test_lines_of_many_at_once_are_all_there(store: JobStore, settings: Settings) -> None:
+    def work() -> None:
+        own = JobStore(settings)
+        for _ in range(10):
+            with own.engine.begin() as connection:
+                record(connection, "view.saved")
+        own.close()
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert list_acts(store) == ["view.saved"] * 40
+
+
+def test_each_line_is_logged_as_json(store: JobStore, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO"), acting("per_1"), store.engine.begin() as connection:
+        record(connection, "token.added", other={"token": "tok_1"})
+
+    (logged,) = (LineFormatter("%(asctime)s %(message)s").format(one) for one in caplog.records)
+    (line,) = read(store)
+    told = {"audit": "token.added", "act": "token.added", "at": line.at, "who": "per_1"}
+    assert json.loads(logged) == told | {"recording_id": "", "analysis_id": "", "other": {"token": "tok_1"}}
+
+
+def test_what_is_rolled_back_is_not_logged(store: JobStore, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO"), pytest.raises(IntegrityError):
+        _break_off(store)
+
+    assert caplog.records == []
+
+
+def test_every_act_has_words_in_both_languages() -> None:
+    for language in LANGUAGES:
+        assert set(load_wording(language, "trail")["act"]) == {act.replace(".", "_") for act in ACTS}
+
+
+# Readings, downloads, refusals.
+
+
+def test_a_report_that_is_read_leaves_one_line_for_its_pieces(
+    house: House, caller: TestClient, settings: Settings
+) -> None:
+    job = _store_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for address in (f"/analyses/{job.id}", f"/analyses/{job.id}", f"/api/v1/analyses/{job.id}"):
+        caller.get(address, headers=clinician)
+
+    assert _find_read(house, "clinician") == [("report.read", job.recording_id, job.id)]
+
+
+def test_every_download_is_a_line_of_its_own(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        address = f"/api/v1/analyses/{job.id}/report.pdf"
+        assert caller.get(address, headers=clinician).headers["content-disposition"].startswith("attachment")
+
+    assert _find_read(house, "clinician") == [("file.exported", job.recording_id, job.id)] * 2
+
+
+def test_every_export_is_a_line_of_its_own(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        assert caller.get(f"/api/v1/analyses/{job.id}/results.json", headers=clinician).status_code == 200
+
+    lines = _find_by(house, "clinician", "file.exported")
+    assert [json.loads(line.other)["name"] for line in lines] == ["results.json"] * 2
+
+
+def test_every_export_of_the_audit_log_is_a_line_of_its_own(house: House, caller: TestClient) -> None:
+    auditor = dict(house.log_in("auditor"))
+
+    for _ in range(2):
+        caller.get("/api/v1/trail/trail.csv", headers=auditor)
+
+    assert len(_find_by(house, "auditor", "trail.exported")) == 2
+
+
+def test_a_file_that_a_page_sends_in_answer_to_a_form_is_a_download(house: House, caller: TestClient) -> None:
+    _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        answer = caller.post("/library/acts/reports.zip", data={"every": "1"}, headers=clinician)
+        assert answer.status_code == 200
+
+    assert len(_find_by(house, "clinician", "file.exported")) == 2
+
+
+def test_the_later_ranges_of_a_file_are_pieces_of_its_download(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for piece in ("bytes=0-1", "bytes=2-3", "bytes=4-"):
+        headers = clinician | {"Range": piece}
+        assert caller.get(f"/api/v1/analyses/{job.id}/results.json", headers=headers).status_code == 206
+
+    assert len(_find_by(house, "clinician", "file.exported")) == 1
+
+
+def test_a_range_alone_leaves_a_line_too(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    headers = dict(house.log_in("clinician")) | {"Range": "bytes=1-"}
+
+    caller.get(f"/api/v1/analyses/{job.id}/results.json", headers=headers)
+
+    assert len(_find_by(house, "clinician", "file.exported")) == 1
+
+
+def test_an_original_is_given_to_whoever_may_export_and_leaves_a_line(
+    house: House, caller: TestClient
+) -> None:
+    job = _store_job(house)
+
+    answer = caller.get(
+        f"/api/v1/recordings/{job.recording_id}/file", headers=dict(house.log_in("researcher"))
+    )
+
+    assert (answer.status_code, answer.content) == (200, b"recording")
+    lines = _find_by(house, "researcher", "file.exported")
+    assert [line.recording_id for line in lines] == [job.recording_id]
+
+
+def test_the_page_of_a_report_in_the_browser_is_a_reading(house: House, caller: TestClient) -> None:
+    job = _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+
+    for _ in range(2):
+        assert caller.get(f"/analyses/{job.id}/report.html", headers=clinician).status_code == 200
+
+    assert _find_read(house, "clinician") == [("report.read", job.recording_id, job.id)]
+
+
+def test_a_file_that_is_not_given_before_the_password_is_no_export(house: House, caller: TestClient) -> None:
+    _finish_job(house)
+    clinician = dict(house.log_in("clinician"))
+    with house.accounts.database.write() as connection:
+        connection.execute(update(sessions).values(confirmed_s=0.0))
+
+    asked = {"accept": "text/html", "sec-fetch-mode": "navigate"}
+    answer = caller.get("/library/reports.zip", headers=clinician | asked)
+
+    assert (answer.status_code, answer.headers["location"].split("?")[0]) == (303, "/confirm")
+    assert _find_by(house, "clinician", "file.exported") == []
+
+
+def test_the_same_report_read_by_another_is_another_line(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    for name in ("clinician", "assistant"):
+        caller.get(f"/analyses/{job.id}", headers=dict(house.log_in(name)))
+
+    readers = [line.who for line in read(house.services.store, AuditQuestion(act="report.read"))]
+    assert readers == [house.people["clinician"], house.people["assistant"]]
+
+
+def test_an_act_by_a_token_names_the_token(house: House, caller: TestClient) -> None:
+    bearer = house.add_token("clinician", "upload")
+    caller.post("/api/v1/analyze", content=b"bytes", headers={"Authorization": f"Bearer {bearer}"})
+
+    stored = read(house.services.store, AuditQuestion(act="recording.stored"))[-1]
+    assert stored.who.startswith("tok_")
+
+
+@pytest.mark.parametrize(
+    ("headers_of", "status", "who"), [("", 401, "nobody"), ("employer", 403, "employer")]
+)
+def test_a_refusal_leaves_a_line_with_the_id_that_was_asked_for(
+    house: House, caller: TestClient, headers_of: str, status: int, who: str
+) -> None:
+    job = _store_job(house)
+    headers = dict(house.log_in(headers_of)) if headers_of else {}
+
+    assert caller.get(f"/api/v1/analyses/{job.id}", headers=headers).status_code == status
+
+    (line,) = read(house.services.store, AuditQuestion(act="refused"))
+    assert (line.who, line.analysis_id) == (house.people.get(who, who), job.id)
+
+
+def test_each_refused_id_is_a_line_and_the_same_again_is_none(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    asked = [f"an_{number:016x}" for number in (1, 2, 1)]
+
+    for one in asked:
+        assert caller.get(f"/api/v1/analyses/{one}", headers=clinician).status_code == 404
+
+    assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == asked[:2]
+
+
+def test_ids_of_other_kinds_stand_among_the_codes(house: House, caller: TestClient) -> None:
+    caller.get("/api/v1/batches/ba_00000000000000ff", headers=dict(house.log_in("clinician")))
+
+    (line,) = _find_by(house, "clinician", "refused")
+    assert json.loads(line.other)["asked"] == "ba_00000000000000ff"
+
+
+def test_ids_in_the_query_of_a_refused_request_are_lines(house: House, caller: TestClient) -> None:
+    asked = ["an_0000000000000001", "an_0000000000000002"]
+
+    caller.get(
+        "/api/v1/compare/comparison.json", params={"analysis": asked}, headers=dict(house.log_in("employer"))
+    )
+
+    assert [line.analysis_id for line in _find_by(house, "employer", "refused")] == asked
+
+
+def test_what_is_no_id_is_in_no_line_of_a_refusal(house: House, caller: TestClient) -> None:
+    employer = dict(house.log_in("employer"))
+
+    for typed in ("CANARY-7", "an_CANARY", "CANARY-8"):
+        caller.get(f"/api/v1/analyses/{typed}?subject={typed}", headers=employer)
+
+    (line,) = _find_by(house, "employer", "refused")
+    assert "CANARY" not in str(line)
+
+
+def test_who_guesses_many_ids_leaves_so_many_lines_and_one_that_says_that_there_were_more(
+    house: House, caller: TestClient
+) -> None:
+    for number in range(MOST_LINES + 5):
+        caller.get(f"/api/v1/analyses/an_{number:016x}")
+
+    acts = [line.act for line in read(house.services.store, AuditQuestion(who="nobody"))]
+    assert (acts.count("refused"), acts.count("refused.more")) == (MOST_LINES, 1)
+
+
+def test_the_guesses_of_one_leave_the_other_his_lines(house: House, caller: TestClient) -> None:
+    for number in range(MOST_LINES + 5):
+        caller.get(f"/api/v1/analyses/an_{number:016x}")
+
+    caller.get(f"/api/v1/analyses/{UNKNOWN}", headers=dict(house.log_in("clinician")))
+
+    assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == [UNKNOWN]
+
+
+def test_a_stranger_s_browser_that_is_led_to_the_login_was_refused_and_read_nothing(
+    house: House, caller: TestClient
+) -> None:
+    job = _store_job(house)
+
+    asked = {"accept": "text/html", "sec-fetch-mode": "navigate"}
+    assert caller.get(f"/analyses/{job.id}", headers=asked).status_code == 303
+
+    lines = read(house.services.store, AuditQuestion(who="nobody"))
+    assert [(line.act, line.analysis_id) for line in lines] == [("refused", job.id)]
+
+
+def test_a_response_does_not_go_out_without_its_line(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    clinician = dict(house.log_in("clinician"))
+    with house.services.store.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE audit_log RENAME TO audit_log_away"))
+    refused = caller.get(f"/api/v1/analyses/{job.id}", headers=clinician)
+    with house.services.store.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE audit_log_away RENAME TO audit_log"))
+
+    assert refused.status_code >= 500
+    assert "shift.gt3x" not in refused.text
+    assert caller.get(f"/api/v1/analyses/{job.id}", headers=clinician).status_code == 200
+
+
+def test_health_help_and_static_files_have_no_line(house: House, caller: TestClient) -> None:
+    for address in ("/healthz", "/readyz", "/help", "/api/v1/version"):
+        assert caller.get(address, headers=dict(house.log_in("auditor"))).status_code == 200
+
+    assert _find_read(house, "auditor") == []
+
+
+# Questions.
+
+
+def test_who_touched_a_subject_between_two_moments(house: House, caller: TestClient) -> None:
+    job, other = _store_job(house, "W-1"), _store_job(house, "W-2", b"other")
+    for one in (job, other):
+        caller.get(f"/analyses/{one.id}", headers=dict(house.log_in("clinician")))
+    auditor = dict(house.log_in("auditor"))
+
+    asked = {"subject": "W-1", "from": "2020-01-01", "to": "2999-01-01"}
+    found = caller.get("/api/v1/trail", params=asked, headers=auditor).json()["items"]
+    none = caller.get("/api/v1/trail", params=asked | {"to": "2021-01-01"}, headers=auditor).json()["items"]
+
+    assert [line["act"] for line in found] == ["report.read", "analysis.asked", "recording.stored"]
+    assert {line["recording_id"] for line in found} == {job.recording_id}
+    assert none == []
+
+
+def test_what_somebody_did(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    caller.get(f"/analyses/{job.id}", headers=dict(house.log_in("clinician")))
+    clinician = house.people["clinician"]
+    auditor = dict(house.log_in("auditor"))
+
+    found = caller.get("/api/v1/trail", params={"who": clinician}, headers=auditor).json()["items"]
+
+    told = [(line["who"], line["act"]) for line in found if not line["act"].startswith("login.")]
+    assert told == [(clinician, "report.read")]
+
+
+def test_an_erased_recording_is_asked_for_by_its_id(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    clinician, auditor = dict(house.log_in("clinician")), dict(house.log_in("auditor"))
+    erased = caller.delete(f"/api/v1/recordings/{job.recording_id}?purge=true", headers=clinician)
+    assert erased.status_code == 200
+
+    found = caller.get("/api/v1/trail", params={"recording": job.recording_id}, headers=auditor).json()
+    acts = [line["act"] for line in found["items"]]
+
+    assert acts[:3] == ["recording.purged", "recording.purging", "recording.trashed"]
+
+
+def test_the_lines_are_exported_as_a_table_and_as_json_lines(house: House, caller: TestClient) -> None:
+    auditor = dict(house.log_in("auditor"))
+    table = caller.get("/api/v1/trail/trail.csv", headers=auditor)
+    lines = caller.get("/api/v1/trail/trail.jsonl", headers=auditor)
+
+    rows = list(csv.DictReader(io.StringIO(table.content.decode("utf-8-sig"))))
+    assert rows[-1]["act"] == "person.added"
+    assert json.loads(lines.text.splitlines()[-1])["act"] == "person.added"
+    assert len(_find_by(house, "auditor", "trail.exported")) == 2
+
+
+@pytest.mark.parametrize(("language", "title"), [("en", "Audit log"), ("fr", "Journal d’audit")])
+def test_the_page_shows_names_and_no_values(
+    house: House, caller: TestClient, language: str, title: str
+) -> None:
+    job = _store_job(house, "CANARY-7")
+    caller.get(f"/analyses/{job.id}", headers=dict(house.log_in("clinician")))
+
+    page = caller.get(f"/trail?lang={language}", headers=dict(house.log_in("auditor"))).text
+
+    assert f"<h1>{title}</h1>" in page
+    assert "Clinician" in page
+    assert "CANARY" not in page
+
+
+# Who asked, concluded, released.
+
+
+def test_a_version_names_who_asked_for_it(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    asked = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+
+    shown = caller.get(f"/api/v1/analyses/{asked['id']}", headers=clinician).json()
+
+    write_side_files(house.services)
+    side = house.services.storage.read_small(f"recordings/{asked['recording_id']}.json")
+    assert shown["asked_by"] == house.people["clinician"]
+    assert house.people["clinician"].encode() in (side or b"")
+
+
+def test_at_the_machine_the_machine_asked(client: TestClient) -> None:
+    assert client.post("/api/v1/analyze", content=b"bytes").json()["asked_by"] == "machine"
+
+
+def test_with_accounts_a_conclusion_bears_the_person_s_name(house: House, caller: TestClient) -> None:
+    job = _store_job(house)
+    form = {"text": "Fine.", "name": "Somebody Else", "date": "2026-11-24"}
+    clinician = dict(house.log_in("clinician"))
+
+    answer = caller.post(f"/analyses/{job.id}/conclude", data=form, headers=clinician)
+
+    again = house.services.store.get(answer.headers["location"].rpartition("/")[2])
+    assert again.request.conclusion is not None
+    assert again.request.conclusion.name == "Clinician"
+
+
+def test_at_the_machine_the_name_of_a_conclusion_is_typed(client: TestClient, store: JobStore) -> None:
+    job = client.post("/api/v1/analyze", content=b"bytes").json()
+    form = {"text": "Fine.", "name": "Dr Typed", "date": "2026-11-24"}
+
+    answer = client.post(f"/analyses/{job['id']}/conclude", data=form)
+
+    again = store.get(answer.headers["location"].rpartition("/")[2])
+    assert again.request.conclusion is not None
+    assert again.request.conclusion.name == "Dr Typed"
+
+
+def test_who_acts_is_who_asked(store: JobStore, add_job: AddJob) -> None:
+    with acting("machine"):
+        job = add_job()
+
+    assert store.get(job.id).asked_by == "machine"
+
+
+def _break_off(store: JobStore) -> None:
+    """Do an act whose transaction fails."""
+    with store.engine.begin() as connection:
+        record(connection, "webhook.added")
+        connection.execute(insert(facts).values(name="x", value="1"))
+        connection.execute(insert(facts).values(name="x", value="2"))
+
+
+def _store_job(house: House, subject: str = "", content: bytes = b"recording") -> Job:
+    upload = house.services.storage.open_upload(1_000_000)
+    upload.write(content)
+    return house.services.store.add(upload.keep(), ReportRequest("shift.gt3x", subject))
+
+
+def _finish_job(house: House) -> Job:
+    """Store a recording whose report is made, by a stand-in for the science."""
+    job = _store_job(house)
+    bench = open_bench(house.services.settings, stand_ins.write_report)
+    assert run_next(bench)
+    bench.store.close()
+    return job
+
+
+def _find_by(house: House, name: str, act: str) -> list[AuditLine]:
+    return read(house.services.store, AuditQuestion(who=house.people[name], act=act))
+
+
+def _find_read(house: House, name: str) -> list[tuple[str, str, str]]:
+    """Return what somebody read or took, without the log-ins, which come into the log when they may."""
+    lines = read(house.services.store, AuditQuestion(who=house.people[name]))
+    told = [(line.act, line.recording_id, line.analysis_id) for line in lines]
+    return [one for one in told if not one[0].startswith("login.")]
+
+
+def test_a_number_that_no_line_can_have_is_refused(house: House, caller: TestClient) -> None:
+    auditor = dict(house.log_in("auditor"))
+
+    answer = caller.get("/api/v1/trail", params={"before": 1 << 63}, headers=auditor)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")

@@ -1,0 +1,302 @@
+"""A person logs in by a password and a second factor; nothing less lets anybody in."""
+
+import re
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import pyotp
+import pytest
+from argon2 import PasswordHasher
+
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.access.passwords import hash_password, needs_rehash
+from app.errors import LoginRefused
+from app.settings import Settings
+from tests.app.accounts.conftest import (
+    PASSWORD,
+    SECRET,
+    AddPerson,
+    Clock,
+    Visit,
+    Visitor,
+    make_code,
+    read_ticket,
+)
+from tests.app.conftest import on_both_set_ups
+
+Enter = Callable[..., Visitor]
+HERE = Caller("192.0.2.1", "")
+
+
+def test_password_and_code_let_a_person_in(add_person: AddPerson, enter: Enter) -> None:
+    add_person()
+
+    visitor = enter()
+
+    assert "Clara" in visitor.get("/account").text
+
+
+def test_the_password_alone_begins_no_session(add_person: AddPerson, visit: Visit) -> None:
+    add_person()
+    visitor = visit()
+
+    visitor.give_password("clara")
+
+    assert visitor.client.cookies.get("acromion_session") is None
+    assert visitor.client.get("/api/v1/version").status_code == 401
+
+
+def test_a_wrong_password_and_an_unknown_name_are_refused_alike(add_person: AddPerson, visit: Visit) -> None:
+    add_person()
+
+    answers = [visit().give_password("clara", "nine blue bicycles"), visit().give_password("nobody")]
+
+    assert [answer.status_code for answer in answers] == [401, 401]
+    assert answers[0].text == answers[1].text
+
+
+def test_an_ended_account_is_refused_like_a_wrong_password(
+    add_person: AddPerson, accounts: AccountStore, visit: Visit
+) -> None:
+    accounts.end_person(add_person().id)
+
+    answer = visit().give_password("clara")
+
+    assert answer.status_code == 401
+    assert answer.text == visit().give_password("nobody").text
+
+
+def test_a_password_is_taken_as_it_is_typed(logins: Logins, add_person: AddPerson) -> None:
+    add_person()
+
+    with pytest.raises(LoginRefused):
+        logins.give_password("clara", f" {PASSWORD}", HERE)
+
+
+def test_a_login_name_is_taken_in_any_case(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+
+    assert logins.give_password(" Clara ", PASSWORD, HERE).person_id == person.id
+
+
+def test_a_code_counts_once(add_person: AddPerson, enter: Enter, visit: Visit, clock: Clock) -> None:
+    add_person()
+    enter()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    again = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    assert again.status_code == 401
+
+
+@pytest.mark.parametrize(("step", "status"), [(-2, 401), (-1, 303), (1, 303), (2, 401)])
+def test_a_clock_may_be_one_step_off(
+    add_person: AddPerson, visit: Visit, clock: Clock, step: int, status: int
+) -> None:
+    add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock, step), next="/")
+
+    assert answer.status_code == status
+
+
+def test_a_recovery_code_lets_in_once(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    logins.credentials.set_second_factor(person.id, SECRET, 0, ["abcd-efgh-2345-abcd-efgh-2345"])
+
+    first = logins.give_password("clara", PASSWORD, HERE)
+    logins.give_code(first.ticket, "ABCD EFGH 2345 ABCD EFGH 2345", HERE)
+    second = logins.give_password("clara", PASSWORD, HERE)
+
+    with pytest.raises(LoginRefused):
+        logins.give_code(second.ticket, "abcd-efgh-2345-abcd-efgh-2345", HERE)
+
+
+def test_the_second_step_is_forgotten_after_ten_minutes(
+    add_person: AddPerson, visit: Visit, clock: Clock
+) -> None:
+    add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+    clock.wait(601)
+
+    answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    assert answer.status_code == 410
+    assert visitor.client.cookies.get("acromion_session") is None
+
+
+def test_the_first_login_sets_up_an_authenticator_and_shows_ten_codes(
+    add_person: AddPerson, visit: Visit, clock: Clock
+) -> None:
+    add_person(has_second_factor=False)
+    visitor = visit()
+
+    shown = visitor.give_password("clara")
+    secret = re.search(r'class="secret">([A-Z2-7]+)<', shown.text)
+    assert secret is not None
+    code = pyotp.TOTP(secret[1]).at(int(clock()))
+    codes = visitor.post("/login/enrol", ticket=read_ticket(shown), code=code, next="/account")
+
+    assert len(set(re.findall(r"<li><code>((?:[a-z2-7]{4}-){5}[a-z2-7]{4})</code>", codes.text))) == 10
+    assert visitor.get("/account").status_code == 200
+
+
+def test_an_authenticator_is_not_on_before_its_first_code(add_person: AddPerson, visit: Visit) -> None:
+    add_person(has_second_factor=False)
+    visitor = visit()
+
+    shown = visitor.give_password("clara")
+    refused = visitor.post("/login/enrol", ticket=read_ticket(shown), code="000000", next="/")
+
+    assert refused.status_code == 401
+    assert "data:image/svg+xml" in refused.text
+    assert "data:image/svg+xml" in visit().give_password("clara").text
+
+
+def test_a_password_is_enough_where_the_second_factor_is_only_offered(
+    settings: Settings, accounts: AccountStore, add_person: AddPerson
+) -> None:
+    person = add_person(has_second_factor=False)
+    logins = Logins(accounts, settings.model_copy(update={"second_factor": "offered"}))
+
+    assert logins.give_password("clara", PASSWORD, HERE).next == "in"
+    assert accounts.get_person(person.id).has_second_factor is False
+
+
+def test_a_hash_of_other_parameters_is_made_anew_at_login(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    old = PasswordHasher(time_cost=1, memory_cost=8192, parallelism=1).hash(PASSWORD)
+    logins.credentials.set_password(person.id, old)
+
+    logins.give_password("clara", PASSWORD, HERE)
+
+    found = logins.credentials.find("clara")
+    assert found is not None
+    assert found.password_hash is not None
+    assert found.password_hash != old
+    assert not needs_rehash(found.password_hash)
+
+
+def test_a_link_sets_a_password_once(logins: Logins, add_person: AddPerson, visit: Visit) -> None:
+    link = logins.make_link(add_person().id, 3600)
+    visitor = visit()
+
+    looked = visitor.get(f"/login/link/{link}")
+    done = visitor.post(f"/login/link/{link}", password="five yellow umbrellas")
+    again = visitor.post(f"/login/link/{link}", password="four yellow umbrellas")
+
+    assert (looked.status_code, done.status_code, again.status_code) == (200, 303, 410)
+    assert visitor.give_password("clara", "five yellow umbrellas").status_code == 200
+
+
+def test_a_link_does_not_pass_by_the_second_factor(
+    logins: Logins, add_person: AddPerson, visit: Visit
+) -> None:
+    link = logins.make_link(add_person().id, 3600)
+    visitor = visit()
+
+    visitor.post(f"/login/link/{link}", password="five yellow umbrellas")
+
+    assert visitor.client.cookies.get("acromion_session") is None
+    assert 'name="code"' in visitor.give_password("clara", "five yellow umbrellas").text
+
+
+def test_a_link_ends_after_its_time(
+    logins: Logins, add_person: AddPerson, visit: Visit, clock: Clock
+) -> None:
+    link = logins.make_link(add_person().id, 3600)
+    clock.wait(3601)
+
+    assert visit().get(f"/login/link/{link}").status_code == 410
+
+
+def test_a_new_link_ends_the_one_before(logins: Logins, add_person: AddPerson, visit: Visit) -> None:
+    person = add_person()
+    first = logins.make_link(person.id, 3600)
+
+    logins.make_link(person.id, 3600)
+
+    assert visit().get(f"/login/link/{first}").status_code == 410
+
+
+def test_a_weak_password_leaves_the_link_as_it_was(
+    logins: Logins, add_person: AddPerson, visit: Visit
+) -> None:
+    link = logins.make_link(add_person().id, 3600)
+    visitor = visit()
+
+    weak = visitor.post(f"/login/link/{link}", password="short")
+
+    assert weak.status_code == 422
+    assert "shorter than 12" in weak.text
+    assert visitor.get(f"/login/link/{link}").status_code == 200
+
+
+def test_no_secret_of_a_login_stands_in_the_database(
+    logins: Logins, add_person: AddPerson, enter: Enter, settings: Settings
+) -> None:
+    person = add_person()
+    visitor = enter()
+    told = [PASSWORD, logins.make_link(person.id, 3600), logins.enter(person.id, HERE).session]
+    told += [visitor.client.cookies["acromion_session"], visitor.client.cookies["acromion_browser"]]
+    told.append(logins.accounts.add_token(person.id, "script", ["read"], 1e12))
+
+    rows = dump(settings.data_dir / "acromion.sqlite3")
+
+    assert [secret for secret in told if secret in rows] == []
+
+
+@on_both_set_ups
+def test_accounts_are_kept_in_every_set_up(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+
+    step = logins.give_password("clara", PASSWORD, HERE)
+    entered = logins.give_code(step.ticket, make_code(Clock()), HERE)
+    subject = logins.accounts.find_by_session(entered.session)
+
+    assert subject is not None
+    assert subject.id == person.id
+    assert logins.accounts.exist()
+
+
+def dump(database: Path) -> str:
+    with sqlite3.connect(database) as connection:
+        return "\n".join(connection.iterdump())
+
+
+def test_the_page_goes_on_only_to_a_place_of_ours(add_person: AddPerson, visit: Visit, clock: Clock) -> None:
+    add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="//evil.example/")
+
+    assert answer.headers["location"] == "/"
+
+
+def test_without_an_account_the_secret_is_asked_for(visit: Visit) -> None:
+    page = visit().get("/login").text
+
+    assert 'name="secret"' in page
+    assert 'name="password"' not in page
+
+
+def test_from_the_first_account_on_the_secret_opens_nothing(
+    settings: Settings, add_person: AddPerson, visit: Visit
+) -> None:
+    add_person()
+    secret = (settings.data_dir / "secret").read_text()
+
+    answer = visit().client.get("/api/v1/version", headers={"authorization": f"Bearer {secret}"})
+
+    assert answer.status_code == 401
+
+
+def test_hashes_are_of_argon2id() -> None:
+    assert hash_password(PASSWORD).startswith("$argon2id$")

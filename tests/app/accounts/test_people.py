@@ -1,0 +1,171 @@
+"""Who manages people lets them in and ends them; he sees no health data."""
+
+import json
+import re
+from collections.abc import Callable
+
+import pytest
+from httpx2 import Response
+
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.jobs.audit_log import AuditQuestion, find_lines
+from app.jobs.store import JobStore
+from app.settings import Settings
+from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+
+Enter = Callable[..., Visitor]
+NEW_PASSWORD = "five yellow umbrellas"
+
+
+@pytest.fixture
+def boss(add_person: AddPerson, enter: Enter) -> Visitor:
+    add_person("boss", "manager")
+    return enter("boss")
+
+
+def test_an_invited_person_chooses_a_password_and_logs_in(boss: Visitor, visit: Visit) -> None:
+    page = boss.post("/people", login="Dora@Clinic.example", name="Dora", role=["clinician"])
+    link = re.search(r"http://localhost:8080(/login/link/[\w-]+)", page.text)
+    assert link is not None
+
+    visitor = visit()
+    visitor.post(link[1], password="five yellow umbrellas")
+
+    assert visitor.give_password("dora@clinic.example", "five yellow umbrellas").status_code == 200
+
+
+@pytest.mark.parametrize("act", ["roles", "link", "end", "resume"])
+def test_nobody_manages_himself(boss: Visitor, accounts: AccountStore, act: str) -> None:
+    own = accounts.find_person("boss")
+    assert own is not None
+
+    assert boss.post(f"/people/{own.id}/{act}", role="clinician").status_code == 403
+
+
+def test_a_manager_ends_a_person_and_lets_him_in_again(
+    boss: Visitor, add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    person = add_person("dora")
+    dora = enter("dora")
+
+    boss.post(f"/people/{person.id}/end")
+    assert dora.client.get("/api/v1/version").status_code == 401
+    boss.post(f"/people/{person.id}/resume")
+    assert dora.client.get("/api/v1/version").status_code == 401
+    clock.wait(60)
+
+    assert enter("dora").client.get("/api/v1/version").status_code == 200
+
+
+def test_a_manager_gives_roles(boss: Visitor, add_person: AddPerson, accounts: AccountStore) -> None:
+    person = add_person("dora")
+
+    boss.post(f"/people/{person.id}/roles", role=["researcher", "auditor"])
+
+    assert accounts.get_person(person.id).roles == {"researcher", "auditor"}
+
+
+def test_there_is_no_person_without_a_role(boss: Visitor, add_person: AddPerson) -> None:
+    person = add_person("dora")
+
+    assert boss.post(f"/people/{person.id}/roles").status_code == 422
+    assert boss.post(f"/people/{person.id}/roles", role="king").status_code == 422
+
+
+def test_a_name_that_somebody_has_is_refused_on_the_page(boss: Visitor, add_person: AddPerson) -> None:
+    add_person("dora")
+
+    page = boss.post("/people", login="DORA", name="Another", role="clinician")
+
+    assert page.status_code == 422
+    assert 'role="alert"' in page.text
+
+
+# A link that a manager makes for somebody who has a password already.
+
+
+@pytest.fixture
+def reset(boss: Visitor, add_person: AddPerson, visit: Visit) -> Visitor:
+    """A browser in which the password of Dora was set by a link of the manager."""
+    dora = add_person("dora")
+    page = boss.post(f"/people/{dora.id}/link")
+    link = re.search(r"http://localhost:8080(/login/link/[\w-]+)", page.text)
+    assert link is not None
+    visitor = visit()
+    visitor.post(link[1], password=NEW_PASSWORD)
+    return visitor
+
+
+def log_in(visitor: Visitor, clock: Clock, wanted: str = "/trash") -> Response:
+    clock.wait(60)
+    asked = visitor.post("/login", login="dora", password=NEW_PASSWORD, next=wanted)
+    return visitor.post("/login/code", ticket=read_ticket(asked), code=make_code(clock), next=wanted)
+
+
+def test_the_link_of_a_manager_does_not_let_him_in_as_a_clinician(reset: Visitor) -> None:
+    asked = reset.give_password("dora", NEW_PASSWORD)
+    guessed = reset.post("/login/code", ticket=read_ticket(asked), code="000000", next="/")
+
+    assert guessed.status_code == 401
+    assert reset.client.get("/api/v1/recordings").status_code == 401
+
+
+@pytest.mark.parametrize(
+    ("language", "sentence"),
+    [("en", "your password was set by a link that Boss made"), ("fr", "un lien que Boss a créé")],
+)
+def test_a_person_is_told_at_the_next_login_who_made_the_link(
+    reset: Visitor, clock: Clock, language: str, sentence: str
+) -> None:
+    reset.client.cookies.set("acromion_lang", language)
+
+    led = log_in(reset, clock)
+    page = reset.get(led.headers["location"]).text
+
+    assert led.headers["location"] == "/account?next=%2Ftrash"
+    assert sentence in page
+    assert "192.0.2.1" in page
+
+
+def test_a_person_is_told_until_he_says_that_he_knows(reset: Visitor, clock: Clock) -> None:
+    log_in(reset, clock)
+    again = log_in(reset, clock)
+    known = reset.post("/account/told", next="/trash")
+    after = log_in(reset, clock)
+
+    assert again.headers["location"] == "/account?next=%2Ftrash"
+    assert known.headers["location"] == "/trash"
+    assert after.headers["location"] == "/trash"
+    assert "Boss" in reset.get("/account").text
+
+
+def test_the_audit_log_holds_who_made_the_link_and_from_where_it_was_used(
+    reset: Visitor, accounts: AccountStore, settings: Settings
+) -> None:
+    boss, dora = accounts.find_person("boss"), accounts.find_person("dora")
+    assert boss is not None
+    assert dora is not None
+    store = JobStore(settings)
+
+    lines = [
+        (line.who, line.act, json.loads(line.other))
+        for line in find_lines(store.reader, AuditQuestion())
+        if line.act == "link.made" or (line.act == "password.changed" and "link" in line.other)
+    ]
+    store.close()
+
+    used = {"by": "link", "made_by": boss.id, "address": "192.0.2.1", "person": dora.id}
+    assert lines == [("nobody", "password.changed", used), (boss.id, "link.made", {"person": dora.id})]
+
+
+def test_who_was_invited_is_told_nothing(boss: Visitor, visit: Visit, logins: Logins) -> None:
+    page = boss.post("/people", login="dora", name="Dora", role=["clinician"])
+    link = re.search(r"http://localhost:8080(/login/link/[\w-]+)", page.text)
+    assert link is not None
+    visit().post(link[1], password=NEW_PASSWORD)
+
+    dora = logins.accounts.find_person("dora")
+
+    assert dora is not None
+    assert not logins.enter(dora.id, Caller("192.0.2.1", "")).is_to_be_told

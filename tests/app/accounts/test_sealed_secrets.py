@@ -1,0 +1,121 @@
+"""Secrets of authenticators: a dump of the accounts shows none, and they open with server.key alone."""
+
+import json
+
+import pytest
+from sqlalchemy import select, update
+
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.errors import SecondFactorLost
+from app.jobs.database.tables import people, tickets
+from app.settings import Settings
+from app.storage.server_secret import ServerSecret
+from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
+
+HERE = Caller("192.0.2.1", "")
+
+
+def dump(accounts: AccountStore) -> str:
+    """Give every row of every table of the accounts, as bytes are."""
+    found = []
+    for table in (people, tickets):
+        found += [
+            bytes(value).decode() if isinstance(value, bytes | memoryview) else str(value)
+            for row in accounts.database.read_all(table.select())
+            for value in row
+        ]
+    return "\n".join(found)
+
+
+def log_in(logins: Logins, clock: Clock) -> str:
+    step = logins.give_password("clara", PASSWORD, HERE)
+    return logins.give_code(step.ticket, make_code(clock), HERE).session
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_no_secret_of_an_authenticator_stands_open_in_the_accounts(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+
+    assert SECRET not in dump(accounts)
+    assert log_in(logins, clock)
+
+
+def test_a_secret_that_is_being_set_up_does_not_either(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson
+) -> None:
+    ticket = logins.begin_enrolment(add_person().id)
+
+    shown, _ = logins.show_enrolment(ticket)
+
+    assert len(shown) == 32
+    assert shown not in dump(accounts)
+    assert json.loads(accounts.database.read_value(select(tickets.c.told)))["secret"].startswith("gAAAA")
+
+
+def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
+    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock, caplog: pytest.LogCaptureFixture
+) -> None:
+    person = add_person()
+    ServerSecret(settings.data_dir).file.unlink()
+
+    with pytest.raises(SecondFactorLost):
+        log_in(logins, clock)
+
+    assert f"the second factor of {person.id} cannot be read" in caplog.text
+    assert "--second-factor" in caplog.text
+
+
+@pytest.mark.parametrize(("language", "cure"), [("en", "server.key"), ("fr", "server.key")])
+def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
+    settings: Settings, add_person: AddPerson, visit: Visit, language: str, cure: str
+) -> None:
+    add_person()
+    visitor = visit()
+    visitor.client.cookies.set("acromion_lang", language)
+    ticket = read_ticket(visitor.give_password("clara"))
+    ServerSecret(settings.data_dir).file.unlink()
+
+    page = visitor.post("/login/code", ticket=ticket, code="123456", next="/")
+
+    assert page.status_code == 503
+    assert "E-SECOND-FACTOR" in page.text
+    assert cure in page.text
+
+
+def test_a_code_that_cannot_be_compared_is_no_guess(
+    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
+    ServerSecret(settings.data_dir).file.unlink()
+    step = logins.give_password("clara", PASSWORD, HERE)
+    for _ in range(20):
+        with pytest.raises(SecondFactorLost):
+            logins.give_code(step.ticket, make_code(clock), HERE)
+
+    assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
+
+
+def test_without_the_key_a_recovery_code_lets_in(
+    settings: Settings, logins: Logins, add_person: AddPerson
+) -> None:
+    logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
+    ServerSecret(settings.data_dir).file.unlink()
+
+    step = logins.give_password("clara", PASSWORD, HERE)
+
+    assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
+
+
+def test_a_secret_does_not_open_as_another_persons(
+    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    clara, dora = add_person("clara"), add_person("dora")
+    hers = select(people.c.totp_secret).where(people.c.id == dora.id).scalar_subquery()
+    with accounts.database.write() as connection:
+        connection.execute(update(people).where(people.c.id == clara.id).values(totp_secret=hers))
+
+    with pytest.raises(SecondFactorLost):
+        log_in(logins, clock)

@@ -1,0 +1,364 @@
+"""A session is new at login, ends by itself, and ends at once when it is told to."""
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from app.access.accounts import AccountStore
+from app.access.logins import Logins
+from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+
+Enter = Callable[..., Visitor]
+MINUTE_S, HOUR_S = 60.0, 3600.0
+
+
+def is_in(visitor: Visitor) -> bool:
+    return visitor.client.get("/api/v1/version").status_code == 200
+
+
+def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
+    add_person: AddPerson, visit: Visit, clock: Clock
+) -> None:
+    add_person()
+    victim, attacker = visit(), visit()
+    planted = "A" * 43
+    victim.client.cookies.set("acromion_session", planted)
+    attacker.client.cookies.set("acromion_session", planted)
+
+    ticket = read_ticket(victim.give_password("clara"))
+    victim.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    assert not is_in(attacker)
+
+
+def test_a_login_ends_the_session_that_the_browser_had(
+    add_person: AddPerson, enter: Enter, clock: Clock, visit: Visit
+) -> None:
+    add_person()
+    visitor, thief = enter(), visit()
+    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+    clock.wait(60)
+
+    ticket = read_ticket(visitor.give_password("clara"))
+    visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    assert is_in(visitor)
+    assert not is_in(thief)
+
+
+def test_logging_out_ends_the_session_at_the_server(
+    add_person: AddPerson, enter: Enter, visit: Visit
+) -> None:
+    add_person()
+    visitor, thief = enter(), visit()
+    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+
+    answer = visitor.post("/logout")
+
+    assert answer.headers["location"] == "/login"
+    assert answer.headers["clear-site-data"] == '"cache", "storage"'
+    assert not is_in(thief)
+
+
+def test_a_session_ends_after_thirty_minutes_without_use(
+    add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    add_person()
+    visitor = enter()
+
+    clock.wait(29 * MINUTE_S)
+    assert is_in(visitor)
+    clock.wait(31 * MINUTE_S)
+
+    assert not is_in(visitor)
+
+
+def test_what_a_page_asks_by_itself_keeps_no_session(
+    add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    add_person()
+    visitor = enter()
+
+    for _ in range(31):
+        clock.wait(MINUTE_S)
+        visitor.client.get("/rows", headers={"x-unattended": "1"})
+
+    assert not is_in(visitor)
+
+
+def test_a_session_ends_after_twelve_hours_of_use(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    visitor = enter()
+
+    for _ in range(35):
+        clock.wait(20 * MINUTE_S)
+        assert is_in(visitor)
+    clock.wait(20 * MINUTE_S)
+
+    assert not is_in(visitor)
+
+
+def test_an_ended_person_is_out_at_the_next_request(
+    add_person: AddPerson, enter: Enter, accounts: AccountStore
+) -> None:
+    person = add_person()
+    visitor = enter()
+
+    accounts.end_person(person.id)
+
+    assert not is_in(visitor)
+
+
+def test_roles_hold_from_the_next_request_on(
+    add_person: AddPerson, enter: Enter, accounts: AccountStore
+) -> None:
+    person = add_person()
+    visitor = enter()
+
+    accounts.set_roles(person.id, ["auditor"])
+
+    assert visitor.client.get("/api/v1/recordings").status_code == 403
+
+
+def test_the_other_sessions_end_with_a_new_password(
+    add_person: AddPerson, enter: Enter, logins: Logins, clock: Clock
+) -> None:
+    add_person()
+    first = enter()
+    clock.wait(60)
+    second = enter()
+
+    second.post("/account/password", proof=PASSWORD, password="five yellow umbrellas")
+
+    assert is_in(second)
+    assert not is_in(first)
+
+
+def test_a_person_ends_the_other_sessions(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    first = enter()
+    clock.wait(60)
+    second = enter()
+
+    second.post("/account/sessions/end")
+
+    assert (is_in(first), is_in(second)) == (False, True)
+
+
+def test_a_cookie_is_read_by_no_script_and_by_no_other_site(add_person: AddPerson, enter: Enter) -> None:
+    add_person()
+    visitor = enter()
+
+    cookie = next(cookie for cookie in visitor.client.cookies.jar if cookie.name == "acromion_session")
+    assert (cookie.path, cookie.secure, cookie.domain_specified) == ("/", False, False)
+    assert cookie.has_nonstandard_attr("HttpOnly")
+    assert cookie.get_nonstandard_attr("SameSite") == "lax"
+
+
+def test_behind_tls_a_cookie_is_bound_to_this_very_host(
+    add_person: AddPerson, visit_behind_proxy: Visit, clock: Clock
+) -> None:
+    add_person()
+    visitor = visit_behind_proxy()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    set_cookies = answer.headers.get_list("set-cookie")
+    assert sorted(cookie.partition("=")[0] for cookie in set_cookies) == [
+        "__Host-acromion_browser",
+        "__Host-acromion_session",
+    ]
+    assert all("Secure" in cookie and "Path=/" in cookie for cookie in set_cookies)
+
+
+def test_behind_tls_a_cookie_without_the_prefix_opens_nothing(
+    add_person: AddPerson, visit_behind_proxy: Visit, accounts: AccountStore
+) -> None:
+    session = accounts.begin_session(add_person().id)
+    visitor = visit_behind_proxy()
+    visitor.client.cookies.set("acromion_session", session)
+
+    assert not is_in(visitor)
+
+
+def test_a_person_ends_one_session(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    first = enter()
+    clock.wait(60)
+    second = enter()
+    shown = re.search(r'name="session" value="([0-9a-f]{64})"', second.get("/account").text)
+    assert shown is not None
+
+    second.post("/account/sessions/end", session=shown[1])
+
+    assert (is_in(first), is_in(second)) == (False, True)
+
+
+def test_nobody_ends_the_session_of_another(
+    add_person: AddPerson, enter: Enter, accounts: AccountStore
+) -> None:
+    add_person()
+    add_person("dora")
+    clara, dora = enter(), enter("dora")
+    subject = accounts.find_by_session(clara.client.cookies["acromion_session"])
+    assert subject is not None
+
+    dora.post("/account/sessions/end", session=subject.session)
+
+    assert is_in(clara)
+
+
+def test_a_session_is_new_when_the_password_was_given_again(
+    add_person: AddPerson, enter: Enter, visit: Visit
+) -> None:
+    add_person()
+    visitor, thief = enter(), visit()
+    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+
+    visitor.post("/confirm", proof=PASSWORD, next="/")
+
+    assert (is_in(visitor), is_in(thief)) == (True, False)
+
+
+def test_a_session_that_was_confirmed_lasts_no_longer(
+    add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    add_person()
+    visitor = enter()
+    for _ in range(35):
+        clock.wait(20 * MINUTE_S)
+        visitor.post("/confirm", proof=PASSWORD, next="/")
+
+    assert is_in(visitor)
+    clock.wait(20 * MINUTE_S)
+
+    assert not is_in(visitor)
+
+
+# Asked again for what cannot be undone.
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("GET", "/people"),
+        ("POST", "/people"),
+        ("POST", "/recordings/rec_x/purge"),
+        ("GET", "/library/reports.zip"),
+        ("GET", "/library/recordings.zip"),
+        ("GET", "/library/summary.csv"),
+        ("POST", "/library/acts/reports.zip"),
+        ("GET", "/api/v1/batches/ba_x/summary.csv"),
+        ("GET", "/api/v1/batches/ba_x/problems.csv"),
+        ("GET", "/days/profile.csv?analysis=an_x"),
+        ("GET", "/api/v1/profile/profile.json?analysis=an_x"),
+        ("GET", "/api/v1/profile/profile.csv?analysis=an_x"),
+        ("POST", "/api/v1/webhooks"),
+        ("POST", "/api/v1/tokens"),
+        ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
+    ],
+)
+def test_the_password_is_asked_for_again_after_ten_minutes(
+    add_person: AddPerson, enter: Enter, clock: Clock, method: str, path: str
+) -> None:
+    add_person("clara", "clinician", "manager")
+    visitor = enter()
+    body = {"name": "x", "permissions": ["read"]} if "tokens" in path else None
+
+    clock.wait(9 * MINUTE_S)
+    soon = visitor.client.request(method, path, json=body).headers.get("content-type", "")
+    early = visitor.client.request(method, path, json=body).text
+    clock.wait(2 * MINUTE_S)
+    late = visitor.client.request(method, path, json=body)
+
+    assert "E-CONFIRM" not in early, soon
+    assert late.status_code == 403
+    assert "E-CONFIRM" in late.text
+
+
+@pytest.mark.parametrize("name", ["bundle.zip", "report.pdf", "summary.csv", "fhir.json"])
+def test_a_file_of_one_recording_is_downloaded_without_the_password(
+    add_person: AddPerson, enter: Enter, clock: Clock, name: str
+) -> None:
+    add_person()
+    visitor = enter()
+    clock.wait(11 * MINUTE_S)
+
+    assert visitor.client.get(f"/api/v1/analyses/an_x/{name}").status_code == 404
+
+
+def test_an_original_is_downloaded_without_the_password(
+    add_person: AddPerson, enter: Enter, clock: Clock
+) -> None:
+    add_person()
+    visitor = enter()
+    clock.wait(11 * MINUTE_S)
+
+    assert visitor.client.get("/api/v1/recordings/rec_x/file").status_code == 404
+
+
+def test_a_browser_is_led_to_the_question_and_back(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person("clara", "clinician", "manager")
+    visitor = enter()
+    clock.wait(11 * MINUTE_S)
+
+    led = visitor.get("/people")
+    wrong = visitor.post("/confirm", proof="wrong wrong wrong", next="/people")
+    right = visitor.post("/confirm", proof=PASSWORD, next="/people")
+
+    assert led.headers["location"] == "/confirm?next=%2Fpeople"
+    assert wrong.status_code == 401
+    assert right.headers["location"] == "/people"
+    assert visitor.get("/people").status_code == 200
+
+
+def test_a_form_leads_back_to_the_page_it_stood_on(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    visitor = enter()
+    clock.wait(11 * MINUTE_S)
+
+    led = visitor.client.post(
+        "/recordings/rec_x/purge",
+        headers={"accept": "text/html", "referer": "http://localhost:8080/trash?a=b"},
+    )
+
+    assert led.headers["location"] == "/confirm?next=%2Ftrash%3Fa%3Db"
+
+
+def test_a_code_of_the_authenticator_confirms_once(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    visitor = enter()
+    clock.wait(60)
+
+    answers = [visitor.post("/confirm", proof=make_code(clock), next="/").status_code for _ in range(2)]
+
+    assert answers == [303, 401]
+
+
+# Where somebody is led.
+
+
+@pytest.mark.parametrize(
+    ("role", "place"), [("manager", "/people"), ("auditor", "/trail"), ("employer", "/aggregate")]
+)
+def test_whoever_may_not_read_is_led_to_what_he_may_use(
+    add_person: AddPerson, enter: Enter, role: str, place: str
+) -> None:
+    add_person("clara", role)
+
+    assert enter().get("/").headers["location"] == place
+
+
+def test_the_head_of_each_page_says_who_is_logged_in(add_person: AddPerson, enter: Enter) -> None:
+    add_person()
+
+    page = enter().get("/").text
+
+    assert '<a href="/account">Clara</a>' in page
+    assert 'action="/logout"' in page
+
+
+def test_nobody_logged_in_has_no_way_out(visit: Visit) -> None:
+    assert "/logout" not in visit().get("/login").text

@@ -1,0 +1,411 @@
+"""Guessing is slow, and nobody's guesses lock anybody else out."""
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+from sqlalchemy import select
+
+from app.access import passwords
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
+from app.errors import LoginRefused, TooManyTries
+from app.jobs.audit_log import NOBODY, acting
+from app.jobs.database.tables import audit_log, tries
+from app.settings import Settings
+from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+
+on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+
+STRANGER = Caller("203.0.113.9", "")
+
+
+@pytest.fixture
+def hashes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Every password that was hashed for a comparison, in order; the real function does it."""
+    seen: list[str] = []
+    real = passwords.verify_password
+
+    def verify(kept: str | None, password: str) -> bool:
+        seen.append(password)
+        return real(kept, password)
+
+    monkeypatch.setattr(passwords, "verify_password", verify)
+    return seen
+
+
+def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = STRANGER) -> str:
+    """Try once; gives the code of the refusal."""
+    try:
+        logins.give_password(login, password, caller)
+    except (LoginRefused, TooManyTries) as refusal:
+        return refusal.code
+    return "in"
+
+
+def test_a_thousand_guesses_from_one_address_cost_at_most_twenty_hashes(
+    logins: Logins, add_person: AddPerson, hashes: list[str], clock: Clock
+) -> None:
+    add_person()
+
+    for number in range(1000):
+        guess(logins, f"person{number}", f"guess {number}")
+        clock.wait(0.5)
+
+    assert len(hashes) <= 20
+
+
+def test_a_thousand_guesses_of_one_name_from_many_addresses_cost_at_most_twenty_hashes(
+    logins: Logins, add_person: AddPerson, hashes: list[str], clock: Clock
+) -> None:
+    add_person()
+
+    for number in range(1000):
+        guess(logins, "clara", f"guess {number}", Caller(f"198.51.{number // 250}.{number % 250}", ""))
+        clock.wait(0.5)
+
+    assert len(hashes) <= 20
+
+
+def test_a_known_browser_gets_in_while_strangers_guess(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    known = Caller("192.0.2.1", logins.enter(person.id, Caller("192.0.2.1", "")).browser)
+    for _ in range(50):
+        guess(logins, "clara")
+
+    assert guess(logins, "clara", PASSWORD, Caller("192.0.2.2", "")) == "E-TRIES"
+    assert guess(logins, "clara", PASSWORD, known) == "in"
+
+
+def test_a_known_browser_gets_in_from_an_address_that_guesses(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    browser = logins.enter(person.id, STRANGER).browser
+    for number in range(50):
+        guess(logins, f"person{number}")
+
+    assert guess(logins, "clara", PASSWORD, Caller(STRANGER.address, browser)) == "in"
+
+
+def test_a_known_browser_has_no_budget_for_other_people(logins: Logins, add_person: AddPerson) -> None:
+    browser = logins.enter(add_person().id, STRANGER).browser
+    add_person("dora")
+
+    tried = [guess(logins, "dora", caller=Caller(STRANGER.address, browser)) for _ in range(6)]
+
+    assert tried == ["E-LOGIN"] * 5 + ["E-TRIES"]
+
+
+def test_a_known_browser_may_not_guess_without_end(
+    logins: Logins, add_person: AddPerson, hashes: list[str]
+) -> None:
+    browser = logins.enter(add_person().id, STRANGER).browser
+
+    for _ in range(100):
+        guess(logins, "clara", caller=Caller(STRANGER.address, browser))
+
+    assert len(hashes) <= 20
+
+
+def test_the_name_of_a_known_browser_changes_with_each_login(logins: Logins, add_person: AddPerson) -> None:
+    person = add_person()
+    first = logins.enter(person.id, STRANGER).browser
+
+    second = logins.enter(person.id, Caller(STRANGER.address, first)).browser
+
+    assert logins.credentials.knows_browser(second, person.id)
+    assert not logins.credentials.knows_browser(first, person.id)
+
+
+def test_people_who_share_a_browser_are_each_known_in_it(logins: Logins, add_person: AddPerson) -> None:
+    clara, dora = add_person(), add_person("dora")
+    first = logins.enter(clara.id, STRANGER).browser
+
+    shared = logins.enter(dora.id, Caller(STRANGER.address, first)).browser
+
+    assert logins.credentials.knows_browser(shared, clara.id)
+    assert logins.credentials.knows_browser(shared, dora.id)
+
+
+def test_an_account_of_ones_own_does_not_clear_the_address(
+    logins: Logins, add_person: AddPerson, hashes: list[str]
+) -> None:
+    add_person("mallory", has_second_factor=False)
+    for number in range(200):
+        guess(logins, f"person{number}")
+        if number % 5 == 0:
+            guess(logins, "mallory", PASSWORD)
+
+    assert len(hashes) <= 20
+
+
+def test_the_right_password_does_not_clear_wrong_codes(
+    logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+    refused = []
+    for number in range(7):
+        caller = Caller(f"198.51.100.{number}", "")
+        step = logins.give_password("clara", PASSWORD, caller)
+        try:
+            logins.give_code(step.ticket, "000000", caller)
+        except (LoginRefused, TooManyTries) as refusal:
+            refused.append(refusal.code)
+
+    assert refused == ["E-LOGIN"] * 5 + ["E-TRIES"] * 2
+
+
+def test_delays_double_up_to_the_longest() -> None:
+    budget = Budget("address:x", 10, 900.0)
+
+    assert [budget.find_delay_s(failures) for failures in (9, 10, 11, 12, 19, 20, 40)] == [
+        0.0,
+        1.0,
+        2.0,
+        4.0,
+        512.0,
+        900.0,
+        900.0,
+    ]
+
+
+def test_many_tries_at_once_are_counted_one_by_one(logins: Logins) -> None:
+    budget = limit_address("203.0.113.1")
+
+    taken = 0
+    for _ in range(30):  # none of them has been looked at yet
+        try:
+            logins.throttle.take([budget])
+            taken += 1
+        except TooManyTries:
+            pass
+
+    assert taken == 10
+
+
+def test_an_hour_of_silence_is_forgiven(logins: Logins, clock: Clock) -> None:
+    budget = limit_address("203.0.113.1")
+    for _ in range(10):
+        logins.throttle.take([budget])
+
+    clock.wait(3700)
+
+    for _ in range(10):
+        logins.throttle.take([budget])
+
+
+def test_addresses_of_one_network_of_ipv6_share_a_budget() -> None:
+    assert limit_address("2001:db8::1").key == limit_address("2001:db8::ffff:2").key
+    assert limit_address("2001:db8::1").key != limit_address("2001:db8:0:1::1").key
+
+
+def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -> None:
+    guess(logins, "my password by mistake")
+
+    kept = (settings.data_dir / "acromion.sqlite3").read_bytes()
+    kept += (settings.data_dir / "acromion.sqlite3-wal").read_bytes()
+    assert b"my password" not in kept
+
+
+@on_both_databases
+def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
+    logins: Logins, accounts: AccountStore, add_person: AddPerson
+) -> None:
+    add_person()
+
+    for _ in range(7):
+        guess(logins, "hunter2")
+
+    keys = find_keys(accounts)
+    assert sum(key.startswith(("account:", "told:account:")) for key in keys) == 2
+    assert [key for key in keys if hashlib.sha256(b"hunter2").hexdigest() in key] == []
+
+
+def find_keys(accounts: AccountStore) -> list[str]:
+    """Give what tries are counted by."""
+    return [row.key for row in accounts.database.read_all(select(tries.c.key))]
+
+
+COUNT_IN_A_PROCESS = """
+import sys
+from app.access.accounts import AccountStore
+from app.access.logins import Caller, Logins
+from app.errors import LoginRefused, TooManyTries
+from app.settings import Settings
+settings = Settings(data_dir=sys.argv[1], database_url=sys.argv[2])
+logins = Logins(AccountStore(settings, lambda: float(sys.argv[3])), settings)
+for number in range(3):
+    try:
+        logins.give_password("clara", "wrong", Caller(f"{sys.argv[4]}.{number}", ""))
+    except (LoginRefused, TooManyTries) as refusal:
+        print(refusal.code)
+"""
+
+
+@on_both_databases
+def test_two_processes_count_the_tries_of_a_name_together(
+    settings: Settings, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+
+    codes: list[str] = []
+    for network in ("198.51.100", "203.0.113"):
+        told = (str(settings.data_dir), settings.database_url, str(clock()), network)
+        done = subprocess.run(
+            [sys.executable, "-c", COUNT_IN_A_PROCESS, *told], capture_output=True, text=True, check=True
+        )
+        codes += done.stdout.split()
+
+    assert codes == ["E-LOGIN"] * 5 + ["E-TRIES"]
+
+
+def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
+    add_person()
+    visitor = visit()
+    for _ in range(5):
+        visitor.give_password("clara", "wrong wrong wrong")
+
+    answer = visitor.give_password("clara", "wrong wrong wrong")
+
+    assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
+
+
+def test_the_last_address_of_a_named_proxy_counts(
+    settings: Settings, add_person: AddPerson, visit_behind_proxy: Visit
+) -> None:
+    add_person()
+    visitor = visit_behind_proxy()
+
+    answers = [send_forwarded(visitor, f"10.0.0.{number}, 203.0.113.9", number) for number in range(11)]
+
+    assert [answer for answer in answers if answer != 401] == [429]
+
+
+def test_what_a_stranger_says_of_its_address_is_not_believed(add_person: AddPerson, visit: Visit) -> None:
+    add_person()
+    visitor = visit()
+
+    answers = [send_forwarded(visitor, f"203.0.113.{number}", number) for number in range(11)]
+
+    assert [answer for answer in answers if answer != 401] == [429]
+
+
+def send_forwarded(visitor: Visitor, forwarded: str, number: int) -> int:
+    form = {"login": f"person{number}", "password": "wrong wrong wrong"}
+    answer = visitor.client.post("/login", data=form, headers={"x-forwarded-for": forwarded})
+    return answer.status_code
+
+
+def test_confirming_is_throttled_too(
+    add_person: AddPerson, enter: Callable[..., Visitor], hashes: list[str]
+) -> None:
+    add_person()
+    visitor = enter()
+
+    for _ in range(100):
+        visitor.post("/confirm", proof="wrong wrong wrong", next="/")
+
+    assert len(hashes) <= 21
+
+
+def test_codes_from_one_ticket_are_throttled(add_person: AddPerson, visit: Visit, clock: Clock) -> None:
+    add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    answers = [
+        visitor.post("/login/code", ticket=ticket, code="000000", next="/").status_code for _ in range(6)
+    ]
+    late = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+    assert answers == [401] * 5 + [429]
+    assert late.status_code == 429
+
+
+def test_throttling_starts_without_rows(logins: Logins) -> None:
+    throttle: Throttle = logins.throttle
+
+    throttle.give_back([limit_address("203.0.113.1")])
+    throttle.take([limit_address("203.0.113.1")])
+
+
+# What of it is in the audit log.
+
+
+def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
+    """Return what the audit log says of tries that had to wait: who, codes."""
+    query = select(audit_log).where(audit_log.c.act == "login.throttled")
+    return [(row.who, json.loads(row.other)) for row in logins.accounts.database.read_all(query)]
+
+
+def test_tries_of_an_account_that_have_to_wait_are_one_line_with_the_person(
+    logins: Logins, add_person: AddPerson
+) -> None:
+    clara = add_person()
+
+    with acting(NOBODY):
+        for number in range(20):
+            guess(logins, "clara", caller=Caller(f"198.51.100.{number}", ""))
+
+    told = {"by": "account", "person": clara.id}
+    assert find_notes(logins) == [(NOBODY, told)]
+
+
+def test_tries_of_an_address_that_have_to_wait_are_one_line_with_nobody(
+    logins: Logins, add_person: AddPerson
+) -> None:
+    add_person()
+
+    for number in range(30):
+        guess(logins, f"person{number}")
+
+    assert [told for _, told in find_notes(logins)] == [{"by": "address"}]
+
+
+def test_a_name_that_nobody_has_is_in_no_line(logins: Logins, add_person: AddPerson) -> None:
+    add_person()
+
+    for number in range(20):
+        guess(logins, "canary", caller=Caller(f"198.51.100.{number}", ""))
+
+    assert [told for *_, told in find_notes(logins)] == [{"by": "account"}]
+
+
+def test_a_quarter_of_an_hour_later_it_is_a_line_again(
+    logins: Logins, add_person: AddPerson, clock: Clock
+) -> None:
+    add_person()
+    for _ in range(2):
+        for _ in range(30):
+            guess(logins, "clara")
+        clock.wait(TOLD_S)
+
+    assert len(find_notes(logins)) == 2
+
+
+def test_a_second_server_does_not_tell_it_again(
+    logins: Logins, add_person: AddPerson, settings: Settings, clock: Clock
+) -> None:
+    add_person()
+    other = Logins(AccountStore(settings, clock), settings)
+
+    for server in (logins, other):
+        for _ in range(20):
+            guess(server, "clara")
+    other.accounts.database.close()
+
+    assert len(find_notes(logins)) == 1
+
+
+def test_codes_that_have_to_wait_are_a_line(add_person: AddPerson, visit: Visit, logins: Logins) -> None:
+    clara = add_person()
+    visitor = visit()
+    ticket = read_ticket(visitor.give_password("clara"))
+
+    for _ in range(7):
+        visitor.post("/login/code", ticket=ticket, code="000000", next="/")
+
+    assert [told for *_, told in find_notes(logins)] == [{"by": "code", "person": clara.id}]

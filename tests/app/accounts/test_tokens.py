@@ -1,0 +1,256 @@
+"""A token asks in the name of its person: never more than he may, never for ever, never in an address."""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+from starlette.requests import Request
+
+from app.access.accounts import AccountStore
+from app.access.subjects import AT_THE_MACHINE, Permission, Subject
+from app.services import find_way_in
+from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor
+
+Enter = Callable[..., Visitor]
+DAY_S = 86400.0
+
+
+def make(visitor: Visitor, *permissions: str, **more: Any) -> str:
+    wish = {"name": "nightly", "permissions": permissions or ("read",)} | more
+    answer = visitor.client.post("/api/v1/tokens", json=wish)
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["token"])
+
+
+def ask(visit: Visit, token: str, method: str = "GET", path: str = "/api/v1/recordings") -> int:
+    headers = {"authorization": f"Bearer {token}"}
+    return visit().client.request(method, path, headers=headers).status_code
+
+
+def test_a_token_has_a_prefix_that_scanners_know(add_person: AddPerson, enter: Enter) -> None:
+    add_person()
+
+    assert re.fullmatch(r"acr_[\w-]{43}", make(enter()))
+
+
+def test_a_token_is_shown_once(add_person: AddPerson, enter: Enter) -> None:
+    add_person()
+    visitor = enter()
+    token = make(visitor)
+
+    assert token not in visitor.client.get("/api/v1/tokens").text
+    assert token not in visitor.get("/account").text
+
+
+def test_a_token_may_what_it_was_given_and_no_more(add_person: AddPerson, enter: Enter, visit: Visit) -> None:
+    add_person()
+    token = make(enter(), "read")
+
+    assert ask(visit, token) == 200
+    assert ask(visit, token, "DELETE", "/api/v1/recordings/rec_x") == 403
+
+
+def test_nobody_gives_a_token_what_he_may_not(add_person: AddPerson, enter: Enter) -> None:
+    add_person("clara", "assistant")
+
+    answer = enter().client.post("/api/v1/tokens", json={"name": "x", "permissions": ["erase"]})
+
+    assert (answer.status_code, answer.json()["code"]) == (403, "E-PERMISSION")
+
+
+def test_a_token_loses_what_its_person_loses(
+    add_person: AddPerson, enter: Enter, visit: Visit, accounts: AccountStore
+) -> None:
+    person = add_person()
+    token = make(enter(), "read")
+
+    accounts.set_roles(person.id, ["auditor"])
+
+    assert ask(visit, token) == 403
+
+
+@pytest.mark.parametrize(("days", "status"), [(0, 422), (1, 201), (365, 201), (366, 422)])
+def test_a_token_lasts_a_year_at_most(add_person: AddPerson, enter: Enter, days: int, status: int) -> None:
+    add_person()
+    wish = {"name": "x", "permissions": ["read"], "days": days}
+
+    assert enter().client.post("/api/v1/tokens", json=wish).status_code == status
+
+
+def test_a_token_lasts_ninety_days_where_nothing_is_said(
+    add_person: AddPerson, enter: Enter, visit: Visit, clock: Clock
+) -> None:
+    add_person()
+    token = make(enter())
+
+    clock.wait(90 * DAY_S - 1)
+    assert ask(visit, token) == 200
+    clock.wait(1)
+
+    assert ask(visit, token) == 401
+
+
+def test_a_revoked_token_is_nobodys(add_person: AddPerson, enter: Enter, visit: Visit) -> None:
+    add_person()
+    visitor = enter()
+    token = make(visitor)
+    (row,) = visitor.client.get("/api/v1/tokens").json()["items"]
+
+    assert visitor.client.delete(f"/api/v1/tokens/{row['id']}").status_code == 204
+
+    assert ask(visit, token) == 401
+    assert visitor.client.get("/api/v1/tokens").json() == {"items": []}
+
+
+def test_the_token_of_an_ended_person_is_nobodys(
+    add_person: AddPerson, enter: Enter, visit: Visit, accounts: AccountStore
+) -> None:
+    person = add_person()
+    token = make(enter())
+
+    accounts.end_person(person.id)
+    accounts.resume_person(person.id)
+
+    assert ask(visit, token) == 401
+
+
+def test_somebody_elses_token_is_not_there(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+    add_person()
+    add_person("dora")
+    clara = enter()
+    make(clara)
+    (row,) = clara.client.get("/api/v1/tokens").json()["items"]
+
+    dora = enter("dora")
+
+    assert dora.client.delete(f"/api/v1/tokens/{row['id']}").status_code == 404
+    assert dora.client.get("/api/v1/tokens").json() == {"items": []}
+
+
+def test_a_token_makes_no_token(add_person: AddPerson, enter: Enter, visit: Visit) -> None:
+    add_person()
+    token = make(enter())
+
+    assert ask(visit, token, "POST", "/api/v1/tokens") == 403
+    assert ask(visit, token, "GET", "/account") == 403
+
+
+def test_the_last_use_is_told(add_person: AddPerson, enter: Enter, visit: Visit) -> None:
+    add_person()
+    visitor = enter()
+    token = make(visitor)
+
+    ask(visit, token)
+
+    (row,) = visitor.client.get("/api/v1/tokens").json()["items"]
+    assert row["used_at"] == "2026-09-21T14:13:20+00:00"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/api/v1/recordings?access_token={}",
+        "/api/v1/recordings?x={}",
+        "/analyses/{}",
+        "/login?next=/%3Ftoken={}",
+    ],
+)
+def test_a_token_in_an_address_is_refused(
+    add_person: AddPerson, enter: Enter, visit: Visit, path: str
+) -> None:
+    add_person()
+    token = make(enter())
+
+    answer = visit().client.get(path.format(token))
+
+    assert (answer.status_code, "E-TOKEN-ADDRESS" in answer.text) == (400, True)
+
+
+@pytest.mark.parametrize("accept", ["application/json", "text/html"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/api/v1/recordings?access_token={}",
+        "/api/v1/recordings?lang=fr&x=y{}",
+        "/api/v1/analyses/{}",
+        "/api/v1/analyses/%61cr_{}",
+        "/analyses/{}",
+        "/trash?x={}",
+        "/trash?{}=1",
+    ],
+)
+def test_a_refused_token_is_never_said_back(
+    add_person: AddPerson, enter: Enter, visit: Visit, path: str, accept: str
+) -> None:
+    add_person()
+    token = make(enter())
+    written = path.replace("%61cr_{}", f"%61{token[1:]}").format(token)
+
+    answer = visit().client.get(written, headers={"accept": accept})
+
+    said = f"{answer.text} {answer.headers}"
+    assert "E-TOKEN-ADDRESS" in said
+    assert token[4:] not in said
+
+
+def test_a_refused_token_stands_in_no_log(
+    add_person: AddPerson, enter: Enter, visit: Visit, caplog: pytest.LogCaptureFixture
+) -> None:
+    add_person()
+    token = make(enter())
+
+    visit().client.get(f"/api/v1/recordings?x={token}")
+
+    own = [record.getMessage() for record in caplog.records if not record.name.startswith("httpx")]
+    assert token not in str(own)
+
+
+def test_a_token_at_a_foreign_name_is_not_said_back(
+    add_person: AddPerson, enter: Enter, visit: Visit
+) -> None:
+    add_person()
+    token = make(enter())
+
+    answer = visit().client.get(f"/api/v1/analyses/{token}", headers={"host": "evil.example"})
+
+    assert (answer.status_code, token in answer.text) == (421, False)
+
+
+def test_a_token_is_made_and_revoked_on_the_page(add_person: AddPerson, enter: Enter, visit: Visit) -> None:
+    add_person()
+    visitor = enter()
+
+    page = visitor.post("/account/tokens", name="nightly", permission=["read", "upload"], days="30")
+    shown = re.search(r"acr_[\w-]{43}", page.text)
+    assert shown is not None
+    assert ask(visit, shown[0]) == 200
+    revoke = re.search(r'action="(/account/tokens/tok_\w+/revoke)"', page.text)
+    assert revoke is not None
+    visitor.post(revoke[1])
+
+    assert ask(visit, shown[0]) == 401
+
+
+# Whose turn it is.
+
+
+def find_way(subject: Subject, *headers: tuple[bytes, bytes]) -> str:
+    return find_way_in(Request({"type": "http", "headers": headers, "acromion.subject": subject}))
+
+
+def of_kind(kind: Any, permissions: Sequence[Permission] = ()) -> Subject:
+    return Subject(kind, "x", "x", frozenset(permissions))
+
+
+def test_what_a_token_sends_waits_its_turn_whatever_its_headers_say() -> None:
+    assert find_way(of_kind("token"), (b"origin", b"http://localhost")) == "api"
+
+
+def test_what_a_person_sends_goes_first() -> None:
+    assert find_way(of_kind("person")) == "web"
+
+
+def test_at_the_machine_the_page_goes_first() -> None:
+    assert find_way(AT_THE_MACHINE, (b"origin", b"http://localhost")) == "web"
+    assert find_way(AT_THE_MACHINE) == "api"

@@ -1,0 +1,504 @@
+"""Releases, holds, terms, group figures."""
+
+import json
+import re
+from collections.abc import Callable
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import insert, update
+
+from app.api.housekeeping import grow_older, write_side_files
+from app.jobs.audit_log import AuditQuestion, find_lines
+from app.jobs.database.tables import analyses, answers
+from app.jobs.governance.aggregate import AggregateStore
+from app.jobs.governance.releases import ReleaseStore
+from app.jobs.governance.retention import DAY_S, RetentionStore
+from app.jobs.job import Job
+from app.jobs.recordings import RecordingStore
+from app.jobs.store import JobStore
+from app.jobs.worker import Bench
+from app.request import ReportRequest
+from app.services import Services
+from app.storage.store import Storage
+from tests.app.accounts.conftest import House
+from tests.app.conftest import AddJob, do_next, find_study
+from tests.crash.program import write_digest
+
+both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+
+
+def find_acts(services: Services, act: str) -> list[tuple[str, str, str]]:
+    """Give who, recording and analysis of each line of an act, the oldest first."""
+    lines = list(find_lines(services.store.reader, AuditQuestion(act=act)))[::-1]
+    return [(line.who, line.recording_id, line.analysis_id) for line in lines]
+
+
+def finish(job: Job, bench: Callable[..., Bench]) -> None:
+    assert do_next(bench(write_digest)), job.id
+
+
+# Releases.
+
+
+@both
+def test_a_report_is_released_and_taken_back_by_further_rows(
+    store: JobStore, add_job: AddJob, bench: Callable[..., Bench]
+) -> None:
+    job = add_job()
+    finish(job, bench)
+    releases = ReleaseStore(store.engine, store.reader)
+
+    done = releases.release(store.get(job.id), "per_1")
+    again = releases.release(store.get(job.id), "per_2")
+    back = releases.take_back(store.get(job.id), "per_1")
+
+    assert done is not None
+    assert again is not None
+    assert (done.who, again.who, back) == ("per_1", "per_1", None)
+    assert done.report_id == next(
+        file.sha256 for file in store.find_files(job.id) if file.name == "results.json"
+    )
+
+
+def test_a_later_version_is_not_released_by_it(
+    house: House, caller: TestClient, bench: Callable[..., Bench]
+) -> None:
+    clinician = dict(house.log_in("clinician"))
+    first = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    do_next(bench(write_digest))
+    released = caller.post(f"/api/v1/analyses/{first['id']}/release", headers=clinician)
+    form = {"text": "Fine.", "name": "-", "date": "2026-11-24"}
+    later = caller.post(f"/analyses/{first['id']}/conclude", data=form, headers=clinician)
+    second = later.headers["location"].rpartition("/")[2]
+    do_next(bench(write_digest))
+
+    assert released.json()["released_by"] == house.people["clinician"]
+    shown = caller.get(f"/api/v1/analyses/{second}/release", headers=clinician).json()
+    assert shown["released_by"] is None
+
+
+def test_a_report_that_is_not_there_is_not_released(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+
+    assert caller.post(f"/api/v1/analyses/{job['id']}/release", headers=clinician).status_code == 404
+
+
+# Holds.
+
+
+@pytest.fixture
+def held(house: House, caller: TestClient) -> tuple[str, dict[str, str]]:
+    """A recording on hold, and the headers of the clinician who put it there."""
+    clinician = dict(house.log_in("clinician"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    address = f"/api/v1/recordings/{job['recording_id']}/hold"
+    assert caller.put(address, json={"reason": "legal"}, headers=clinician).status_code == 200
+    return job["recording_id"], clinician
+
+
+def test_a_person_does_not_purge_what_is_on_hold(
+    house: House, caller: TestClient, held: tuple[str, dict[str, str]]
+) -> None:
+    recording_id, clinician = held
+
+    by_api = caller.delete(f"/api/v1/recordings/{recording_id}?purge=true", headers=clinician)
+    by_page = caller.post(f"/recordings/{recording_id}/purge", headers=clinician)
+
+    assert (by_api.status_code, by_api.json()["code"], by_page.status_code) == (409, "E-HOLD", 409)
+    assert house.services.recordings.get(recording_id).state == "stored"
+
+
+def test_the_trash_does_not_purge_what_is_on_hold(
+    house: House, caller: TestClient, held: tuple[str, dict[str, str]]
+) -> None:
+    recording_id, clinician = held
+    caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
+
+    grow_older(house.services, 400 * DAY_S)
+
+    assert house.services.recordings.get(recording_id, trashed=True).state == "trashed"
+
+
+def test_retention_does_not_purge_what_is_on_hold(house: House, held: tuple[str, dict[str, str]]) -> None:
+    house.services.retention.put("recordings", 1)
+
+    grow_older(house.services, 400 * DAY_S)
+
+    assert house.services.recordings.get(held[0]).hold == "legal"
+
+
+def test_once_let_go_it_can_be_purged(
+    house: House, caller: TestClient, held: tuple[str, dict[str, str]]
+) -> None:
+    recording_id, clinician = held
+    caller.delete(f"/api/v1/recordings/{recording_id}/hold", headers=clinician)
+
+    purged = caller.delete(f"/api/v1/recordings/{recording_id}?purge=true", headers=clinician)
+
+    assert purged.status_code == 200
+    who = house.people["clinician"]
+    assert find_acts(house.services, "recording.held") == [(who, recording_id, "")]
+    assert find_acts(house.services, "recording.let_go") == [(who, recording_id, "")]
+
+
+def test_to_purge_by_a_script_asks_for_the_permission_to_erase(house: House, caller: TestClient) -> None:
+    clinician, assistant = dict(house.log_in("clinician")), dict(house.log_in("assistant"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    address = f"/api/v1/recordings/{job['recording_id']}"
+
+    assert caller.delete(f"{address}?purge=true", headers=assistant).status_code == 403
+    assert caller.delete(address, headers=assistant).status_code == 204
+
+
+@pytest.fixture
+def trash_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is deleted is gone at once, by the settings of the server."""
+    monkeypatch.setenv("ACROMION_TRASH_TERM_S", "0")
+
+
+def delete_by_every_way(caller: TestClient, recording_id: str, headers: dict[str, str]) -> list[int]:
+    """Delete a recording by the API, its page, and the list; gives the statuses."""
+    form = {"recording": recording_id}
+    return [
+        caller.post("/library/acts/delete", data=form, headers=headers).status_code,
+        caller.post(f"/recordings/{recording_id}/delete", headers=headers).status_code,
+        caller.delete(f"/api/v1/recordings/{recording_id}", headers=headers).status_code,
+    ]
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_without_a_trash_to_delete_asks_for_the_permission_to_erase(house: House, caller: TestClient) -> None:
+    clinician, assistant = dict(house.log_in("clinician")), dict(house.log_in("assistant"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+
+    told = delete_by_every_way(caller, job["recording_id"], assistant)
+
+    assert told == [403, 403, 403]
+    assert house.services.recordings.get(job["recording_id"]).state == "stored"
+    assert delete_by_every_way(caller, job["recording_id"], clinician) == [200, 303, 200]
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_without_a_trash_a_deletion_does_not_end_a_hold(
+    house: House, caller: TestClient, held: tuple[str, dict[str, str]]
+) -> None:
+    recording_id, clinician = held
+
+    deleted = caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
+
+    assert deleted.status_code == 409
+    assert house.services.recordings.get(recording_id).state == "stored"
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_without_a_trash_the_page_of_a_deletion_says_that_it_is_for_good(
+    house: House, caller: TestClient
+) -> None:
+    clinician = dict(house.log_in("clinician"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    address = f"/recordings/{job['recording_id']}"
+
+    led = caller.get(f"{address}/delete", headers=clinician)
+
+    assert led.headers["location"] == f"{address}/purge"
+
+
+@pytest.mark.usefixtures("trash_keeps_nothing")
+def test_a_term_makes_a_trash_where_the_server_has_none(house: House, caller: TestClient) -> None:
+    assistant = dict(house.log_in("assistant"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=assistant).json()
+    house.services.retention.put("trash", 10)
+
+    deleted = caller.delete(f"/api/v1/recordings/{job['recording_id']}", headers=assistant)
+
+    assert deleted.status_code == 204
+    assert house.services.recordings.get(job["recording_id"], trashed=True).state == "trashed"
+
+
+# Terms.
+
+
+def test_without_a_term_nothing_goes(house: House, caller: TestClient) -> None:
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=dict(house.log_in("clinician"))).json()
+
+    grow_older(house.services, 4000 * DAY_S)
+
+    assert house.services.recordings.get(job["recording_id"]).state == "stored"
+
+
+def test_a_recording_goes_when_the_server_has_run_for_its_term(house: House, caller: TestClient) -> None:
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=dict(house.log_in("clinician"))).json()
+    house.services.retention.put("recordings", 30)
+
+    grow_older(house.services, 29 * DAY_S)
+    is_there = house.services.store.may_hold(job["recording_id"])
+    grow_older(house.services, 1 * DAY_S)
+
+    assert is_there
+    assert not house.services.store.may_hold(job["recording_id"])
+    assert find_acts(house.services, "recording.purged") == [("system", job["recording_id"], "")]
+
+
+def test_a_recording_that_is_newer_stays(house: House, caller: TestClient) -> None:
+    house.services.retention.put("recordings", 30)
+    grow_older(house.services, 29 * DAY_S)
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=dict(house.log_in("clinician"))).json()
+
+    grow_older(house.services, 2 * DAY_S)
+
+    assert house.services.recordings.get(job["recording_id"]).state == "stored"
+
+
+def test_a_result_goes_by_its_term_and_the_recording_stays(
+    house: House, caller: TestClient, bench: Callable[..., Bench]
+) -> None:
+    clinician = dict(house.log_in("clinician"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    do_next(bench(write_digest))
+    house.services.retention.put("results", 10)
+
+    grow_older(house.services, 10 * DAY_S)
+
+    assert caller.get(f"/api/v1/analyses/{job['id']}", headers=clinician).status_code == 404
+    assert caller.get(f"/api/v1/recordings/{job['recording_id']}", headers=clinician).status_code == 200
+    assert not (house.services.settings.data_dir / "analyses" / job["id"]).exists()
+    assert find_acts(house.services, "analysis.purged") == [("system", job["recording_id"], job["id"])]
+
+
+def test_the_trash_has_a_term(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+    job = caller.post("/api/v1/analyze", content=b"bytes", headers=clinician).json()
+    caller.delete(f"/api/v1/recordings/{job['recording_id']}", headers=clinician)
+    house.services.retention.put("trash", 2)
+
+    grow_older(house.services, 2 * DAY_S)
+
+    assert not house.services.store.may_hold(job["recording_id"])
+
+
+@both
+def test_the_lines_that_have_reached_their_term_go_and_a_line_says_so(
+    store: JobStore, add_job: AddJob
+) -> None:
+    terms = RetentionStore(store.engine, store.reader)
+    terms.put("trail", 7)
+    add_job()
+    terms.add_running_time(3 * DAY_S)
+    add_job(b"another")
+    terms.add_running_time(4 * DAY_S)
+
+    gone = terms.shorten_audit_log()
+
+    acts = [line.act for line in find_lines(store.reader, AuditQuestion())]
+    assert gone == 3
+    assert acts == ["trail.shortened", "analysis.asked", "recording.stored"]
+
+
+@both
+def test_without_a_term_no_line_goes(store: JobStore, add_job: AddJob) -> None:
+    terms = RetentionStore(store.engine, store.reader)
+    add_job()
+    terms.add_running_time(400 * DAY_S)
+
+    assert terms.shorten_audit_log() == 0
+
+
+def test_the_terms_are_changed_on_their_page(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+
+    caller.post("/retention", data={"recordings": "90", "trail": ""}, headers=clinician)
+
+    page = caller.get("/retention", headers=clinician).text
+    assert dict(house.services.retention.find_all()) == {
+        "recordings": 90,
+        "results": None,
+        "trash": None,
+        "trail": None,
+    }
+    assert 'name="recordings"' in page
+    assert 'value="90"' in page
+
+
+# Group figures.
+
+
+def put_reports(store: JobStore, storage: Storage, study: str, people: dict[str, float]) -> None:
+    """Add a report to a study for each subject code, with its time above 60 deg in percent."""
+    for subject, above_percent in people.items():
+        upload = storage.open_upload(1_000_000)
+        upload.write(f"{study} {subject}".encode())
+        job = store.add(upload.keep(), ReportRequest("shift.gt3x", subject), study=study)
+        row = {"analysis_id": job.id, "verdict": "good", "recorded_s": 8 * 3600.0}
+        with store.engine.begin() as connection:
+            connection.execute(update(analyses).where(analyses.c.id == job.id).values(state="succeeded"))
+            connection.execute(insert(answers).values(row | {"above_60_percent": above_percent}))
+
+
+@pytest.fixture
+def groups(store: JobStore) -> AggregateStore:
+    return AggregateStore(store.engine, store.reader)
+
+
+FIVE = {"W-1": 10.0, "W-2": 12.0, "W-3": 14.0, "W-4": 16.0, "W-5": 20.0}
+
+
+@both
+def test_four_people_have_no_group_figure(store: JobStore, storage: Storage, groups: AggregateStore) -> None:
+    put_reports(store, storage, "spring", dict(list(FIVE.items())[:4]))
+
+    group = groups.publish(find_study(store, "spring"))
+
+    assert (group.blocks, group.name) == ((), "")
+
+
+@both
+def test_five_people_have_a_rounded_mean(store: JobStore, storage: Storage, groups: AggregateStore) -> None:
+    put_reports(store, storage, "spring", FIVE)
+
+    (block,) = groups.publish(find_study(store, "spring")).blocks
+
+    assert (block.people, block.time_above_60_percent, block.recorded_h) == (5, 14.0, 8.0)
+
+
+def test_five_recordings_of_four_people_have_none(
+    store: JobStore, storage: Storage, groups: AggregateStore
+) -> None:
+    put_reports(store, storage, "spring", dict(list(FIVE.items())[:4]))
+    upload = storage.open_upload(1_000_000)
+    upload.write(b"second shift")
+    job = store.add(upload.keep(), ReportRequest("two.gt3x", "w-1"), study="spring")
+    row = {"analysis_id": job.id, "verdict": "good", "recorded_s": 1.0, "above_60_percent": 1.0}
+    with store.engine.begin() as connection:
+        connection.execute(update(analyses).where(analyses.c.id == job.id).values(state="succeeded"))
+        connection.execute(insert(answers).values(row))
+
+    assert groups.publish(find_study(store, "spring")).blocks == ()
+
+
+def test_a_sixth_person_does_not_show_by_the_difference(
+    store: JobStore, storage: Storage, groups: AggregateStore
+) -> None:
+    put_reports(store, storage, "spring", FIVE)
+    before = groups.publish(find_study(store, "spring"))
+    put_reports(store, storage, "spring", {"W-6": 90.0})
+
+    assert groups.publish(find_study(store, "spring")) == before
+
+
+def test_a_second_study_of_the_same_people_and_one_more_shows_nothing(
+    store: JobStore, storage: Storage, groups: AggregateStore
+) -> None:
+    put_reports(store, storage, "spring", FIVE)
+    groups.publish(find_study(store, "spring"))
+    put_reports(store, storage, "summer", FIVE | {"W-6": 90.0})
+
+    assert groups.publish(find_study(store, "summer")).blocks == ()
+
+
+def test_five_new_people_are_a_group_of_their_own(
+    store: JobStore, storage: Storage, groups: AggregateStore
+) -> None:
+    put_reports(store, storage, "spring", FIVE)
+    groups.publish(find_study(store, "spring"))
+    put_reports(store, storage, "spring", {f"X-{number}": 30.0 for number in range(5)})
+
+    blocks = groups.publish(find_study(store, "spring")).blocks
+
+    assert [block.time_above_60_percent for block in blocks] == [14.0, 30.0]
+
+
+def test_an_erasure_moves_no_published_figure(
+    store: JobStore, storage: Storage, groups: AggregateStore
+) -> None:
+    put_reports(store, storage, "spring", FIVE)
+    before = groups.publish(find_study(store, "spring"))
+    rows = RecordingStore(store.engine, store.reader)
+    (recording_id,) = rows.find_of_subject("W-1")
+    rows.begin_purge(recording_id)
+    rows.end_purge(recording_id)
+
+    assert groups.publish(find_study(store, "spring")) == before
+
+
+@pytest.mark.parametrize("nobody", ["", "NA", "?", "unknown"])
+def test_a_recording_without_a_subject_code_counts_nowhere(
+    store: JobStore, storage: Storage, groups: AggregateStore, nobody: str
+) -> None:
+    put_reports(store, storage, "spring", dict(list(FIVE.items())[:4]) | {nobody: 10.0})
+
+    assert groups.publish(find_study(store, "spring")).blocks == ()
+
+
+def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: TestClient) -> None:
+    put_reports(house.services.store, house.services.storage, "spring", FIVE)
+    employer = dict(house.log_in("employer"))
+    study = find_study(house.services.store, "spring")
+
+    shown = caller.get(f"/api/v1/studies/{study}/aggregate.json", headers=employer)
+    page = caller.get("/aggregate", headers=employer)
+
+    assert shown.json()["blocks"][0]["time_above_60_percent"] == 14.0
+    assert "14 %" in page.text
+    assert "W-1" not in page.text + shown.text
+    for address in ("/", "/batches", f"/batches/{study}", "/api/v1/recordings", "/trash", "/trail"):
+        assert caller.get(address, headers=employer).status_code == 403
+
+
+def test_a_hold_is_in_the_side_file(house: House, held: tuple[str, dict[str, str]]) -> None:
+    write_side_files(house.services)
+    side = house.services.storage.read_small(f"recordings/{held[0]}.json")
+
+    assert json.loads(side or b"")["rows"]["recordings"][0]["hold"] == "legal"
+
+
+# The menu.
+
+
+def list_menu(page: str) -> list[str]:
+    """Give the addresses of the bar of pages, its folded part included."""
+    bar = page.partition("<nav")[2].partition("</nav>")[0]
+    return re.findall(r'href="([^"]+)"', bar)
+
+
+@pytest.mark.parametrize(
+    ("role", "places"),
+    [
+        ("clinician", ["/", "/help", "/aggregate", "/retention"]),
+        ("assistant", ["/", "/help", "/retention"]),
+        ("employer", ["/aggregate", "/help"]),
+        ("auditor", ["/trail", "/help"]),
+        ("manager", ["/people", "/help"]),
+    ],
+)
+def test_the_menu_names_what_a_person_may_open(
+    house: House, caller: TestClient, role: str, places: list[str]
+) -> None:
+    page = caller.get("/help", headers=dict(house.log_in(role))).text
+
+    assert list_menu(page) == places
+
+
+def test_the_menu_at_the_machine_names_every_page(client: TestClient) -> None:
+    assert list_menu(client.get("/help").text) == ["/", "/help", "/aggregate", "/retention", "/trail"]
+
+
+def test_terms_can_be_changed_only_by_who_may_erase(house: House, caller: TestClient) -> None:
+    shown = {
+        role: caller.get("/retention", headers=dict(house.log_in(role))).text
+        for role in ("clinician", "assistant")
+    }
+
+    assert {role: 'type="submit" class="button"' in page for role, page in shown.items()} == {
+        "clinician": True,
+        "assistant": False,
+    }
+
+
+def test_a_term_is_a_number_of_days(house: House, caller: TestClient) -> None:
+    clinician = dict(house.log_in("clinician"))
+
+    answer = caller.put("/api/v1/retention/trash", json={"days": True}, headers=clinician)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")

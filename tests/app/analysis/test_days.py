@@ -1,0 +1,514 @@
+"""Several days of a person, of both arms, or of a group: what is refused, what is told, and the figures."""
+
+import csv
+import io
+import json
+import re
+from dataclasses import replace
+from math import sqrt
+from typing import Any
+
+import pytest
+
+from app.errors import CannotProfile
+from app.report.days.document import describe_profile, encode_day_table, encode_overlay_table
+from app.report.days.people import MeasuredDay, StudiedDays, group_days
+from app.report.days.report import build_days
+from app.report.model import Report
+from app.report.pairs import encode_document
+from app.report.render.html import render_html
+from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.words.wording import LANGUAGES, Language
+from fusion.days import ClockBand
+from fusion.exposure.types import Interval
+from tests.app.analysis.days_factory import MONDAY, change_findings, change_recording, make_day
+from tests.app.analysis_factory import make_quality
+
+FIVE = (4.0, 6.0, 6.0, 6.0, 8.0)
+BANDS = (
+    ClockBand(28_800.0, 5, {10: 5.0, 25: 12.0, 50: 25.0, 75: 40.0, 90: 61.0}),
+    ClockBand(29_700.0, 1, None),
+    ClockBand(31_500.0, 4, {10: 6.0, 25: 13.0, 50: 26.0, 75: 41.0, 90: 62.0}),
+)
+
+
+def week(*percents: float, **words: Any) -> list[MeasuredDay]:
+    return [make_day(day, percent, **words) for day, percent in enumerate(percents)]
+
+
+def plain(text: str) -> str:
+    return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
+
+
+def why(days: list[MeasuredDay]) -> object:
+    with pytest.raises(CannotProfile) as refused:
+        group_days(days)
+    return refused.value.facts["why"]
+
+
+# ------------------------------------------------------------------ what is refused
+
+
+def test_one_recording_is_no_profile() -> None:
+    assert why(week(7.6)) == "one"
+
+
+def test_one_recording_twice_is_refused_whoever_it_is_said_to_be_of() -> None:
+    day = make_day(0)
+    again = replace(day, kept=replace(day.kept, subject=replace(day.kept.subject, subject="S999")))
+
+    assert why([day, again]) == "same"
+
+
+def test_the_same_hours_of_one_arm_are_refused() -> None:
+    other = change_recording(make_day(1), start=MONDAY.replace(hour=15))  # the first lasts 7 h 59 min
+
+    assert why([make_day(0), other]) == "hours"
+
+
+def test_the_same_hours_before_and_after_a_change_are_refused() -> None:
+    after = change_recording(make_day(1, stage="after"), start=MONDAY)
+
+    assert why([make_day(0, stage="before"), after]) == "hours"
+
+
+def test_both_arms_of_one_shift_are_welcome() -> None:
+    studied = group_days([make_day(0), make_day(0, side="left")])
+
+    assert [arm.side for arm in studied.arms] == ["left", "right"]
+
+
+def test_several_people_without_all_their_codes_are_refused() -> None:
+    assert why([make_day(0), make_day(1, subject="S013"), make_day(2, subject="")]) == "codes"
+
+
+def test_several_methods_are_refused_unless_they_are_asked_for() -> None:
+    day = make_day(1)
+    assert day.kept.findings.method is not None
+    older = change_findings(day, method=replace(day.kept.findings.method, version="0.9"))
+
+    assert why([make_day(0), older]) == "methods"
+    assert group_days([make_day(0), older], mixed_methods=True).differences == ("method",)
+
+
+# ------------------------------------------------------------------ what is told
+
+
+@pytest.mark.parametrize("codes", [("S012", ""), ("", ""), ("NA", "NA"), ("-", "-"), ("unknown", "unknown")])
+def test_recordings_without_a_code_are_not_taken_for_one_person(codes: tuple[str, str]) -> None:
+    with pytest.raises(CannotProfile) as refused:
+        group_days([make_day(day, subject=code) for day, code in enumerate(codes)])
+
+    assert refused.value.facts["why"] == "person"
+
+
+def test_somebody_may_say_that_a_recording_without_a_code_is_of_the_one_person() -> None:
+    studied = group_days([make_day(0), make_day(1, subject="")], same_subject=True)
+
+    assert (studied.one_person, studied.people) == ("person", ("S012",))
+
+
+def test_days_that_are_alike_differ_in_nothing() -> None:
+    assert group_days(week(*FIVE)).differences == ()
+
+
+def test_another_sensor_pose_and_quality_are_named_the_gravest_first() -> None:
+    other = change_recording(make_day(1), device="axivity")
+    calibration = replace(other.kept.findings.calibration, pose="side-lean")  # type: ignore[type-var]
+    other = change_findings(other, calibration=calibration, quality=make_quality("poor"))
+
+    assert group_days([make_day(0), other]).differences == ("pose", "sensor", "poor")
+
+
+def test_a_day_without_an_arm_beside_days_with_one_is_named() -> None:
+    assert group_days([make_day(0), make_day(1, side=None)]).differences == ("side",)
+
+
+def test_two_shifts_of_one_date_are_named() -> None:
+    second = change_recording(make_day(1), start=MONDAY.replace(hour=16))
+
+    assert group_days([make_day(0), second]).differences == ("date",)
+
+
+def test_a_day_without_a_clock_is_named() -> None:
+    assert group_days([make_day(0), change_recording(make_day(1), start=None)]).differences == ("clock",)
+
+
+def test_a_day_after_the_change_that_is_earlier_is_named() -> None:
+    studied = group_days([make_day(0, stage="after"), make_day(1, stage="before")])
+
+    assert studied.differences == ("order",)
+
+
+def short(day: MeasuredDay) -> MeasuredDay:
+    return change_findings(day, exposure=replace(day.kept.findings.exposure, analysed_s=14_399.0))
+
+
+def test_a_day_of_less_than_four_hours_does_not_count() -> None:
+    studied = group_days([*week(4.0, 8.0), short(make_day(2, 90.0))])
+
+    assert studied.differences == ("short",)
+    assert studied.arms[0].list_values("time_above_60_percent") == [4.0, 8.0]
+
+
+def test_a_recording_of_more_than_a_day_does_not_count() -> None:
+    long = change_recording(make_day(2), duration_us=86_401_000_000)
+
+    assert [day.left_out for day in group_days([*week(4.0, 8.0), long]).days] == [None, None, "long"]
+
+
+# ------------------------------------------------------------------ figures
+
+
+def figures_of(studied: StudiedDays) -> dict[str, Any]:
+    figures: dict[str, Any] = describe_profile(studied)["arms"][0]["figures"]["time_above_60_percent"]
+    return figures
+
+
+def test_the_document_holds_mean_and_spread_of_the_days() -> None:
+    figures = figures_of(group_days(week(*FIVE)))
+
+    # squares 4 and 4 over 4 degrees of freedom; t(4; 0.975) = 2.7764 x sqrt(2) / sqrt(5)
+    assert (figures["days"], figures["mean"]) == (5, 6.0)
+    assert figures["sd"] == pytest.approx(sqrt(2), abs=1e-6)
+    assert figures["mean_range"] == pytest.approx([6 - 1.75597, 6 + 1.75597], abs=1e-4)
+
+
+def with_pose(day: MeasuredDay, high_pose: float) -> MeasuredDay:
+    exposure = day.kept.findings.exposure
+    above = tuple(
+        replace(item, interval=Interval(5.0, 9.0, 4.0, high_pose)) if item.threshold_deg == 60 else item
+        for item in exposure.time_above
+    )
+    return change_findings(day, exposure=replace(exposure, time_above=above))
+
+
+def test_the_error_of_the_pose_is_the_mean_of_the_days_and_not_made_smaller() -> None:
+    figures = figures_of(group_days([with_pose(make_day(0), 12.0), with_pose(make_day(1), 14.0)]))
+
+    assert (figures["low_pose"], figures["high_pose"]) == (4.0, 13.0)
+
+
+def test_a_day_in_another_pose_leaves_the_error_of_the_pose_unknown() -> None:
+    figures = figures_of(group_days([with_pose(make_day(0), 12.0), make_day(1)]))
+
+    assert (figures["low_pose"], figures["high_pose"]) == (None, None)
+
+
+def test_the_answer_states_how_far_the_pose_may_raise_the_mean() -> None:
+    mean = plain(report_of([with_pose(make_day(0), 12.0), with_pose(make_day(1), 14.0)]).sentences[0])
+
+    assert "up to 13.0 % with the N-pose's error" in mean
+
+
+def test_five_days_are_judged_by_the_persons_own_deviation() -> None:
+    telling = describe_profile(group_days(week(*FIVE)))["arms"][0]["telling"]
+
+    # 1.96 sqrt(2/k) sqrt(2): 3.92, 2.77 with 2 days, less than half of 6
+    assert (telling["sd_from"], telling["days"], telling["more_days"]) == ("person", 2, 0)
+
+
+def test_two_days_are_judged_by_the_published_one() -> None:
+    telling = describe_profile(group_days(week(10.0, 14.0)))["arms"][0]["telling"]
+
+    # mean 12, half of it 6: 5.54 points with one day on each side
+    assert (telling["sd_from"], telling["days"], telling["more_days"]) == ("published", 1, 0)
+    assert telling["detectable"] == pytest.approx(1.96 * 2.0, abs=1e-6)
+
+
+def trend_of(*percents: float) -> dict[str, Any]:
+    trend: dict[str, Any] = describe_profile(group_days(week(*percents)))["arms"][0]["trend"]
+    return trend
+
+
+def test_the_last_day_is_set_against_the_first_by_what_two_single_days_differ() -> None:
+    trend = trend_of(10.0, 16.0, 5.0, 14.0)
+
+    # 1.96 sqrt(2) 2.0 = 5.54: the second day lies 6 above the first, the third 5 below
+    assert (trend["first"], trend["last"], trend["change"]) == (10.0, 14.0, 4.0)
+    assert trend["detectable"] == pytest.approx(1.96 * sqrt(2) * 2.0, abs=1e-6)
+    assert (trend["sd_from"], trend["outside"]) == ("published", 1)
+
+
+def test_from_five_days_on_the_trend_is_judged_by_the_persons_own_deviation() -> None:
+    trend = trend_of(*FIVE)  # deviation sqrt(2): 1.96 sqrt(2) sqrt(2) = 3.92, and 8 is 4 above the first
+
+    assert (trend["sd_from"], trend["outside"]) == ("person", 1)
+    assert trend["detectable"] == pytest.approx(3.92, abs=1e-6)
+
+
+def test_days_given_as_before_and_after_have_no_trend_of_their_own() -> None:
+    days = [make_day(0, stage="before"), make_day(1, stage="before"), make_day(2, stage="after")]
+
+    assert [arm["trend"] for arm in describe_profile(group_days(days))["arms"]] == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("language", "told", "judged", "outside"),
+    [
+        (
+            "en",
+            "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points.",
+            (
+                "That is larger than the usual variation between two single days (5.5 points, by the "
+                "published deviation)."
+            ),
+            "Of the 2 later days 1 differs from the first by more.",
+        ),
+        (
+            "fr",
+            "Du 2 mars 2026 (10,0 %) au 4 mars 2026 (16,0 %) : +6,0 points.",
+            "C'est plus que l'écart habituel entre deux jours (5,5 points, d'après l'écart publié).",
+            "Sur les 2 jours suivants, 1 s'écarte davantage du premier.",
+        ),
+    ],
+)
+def test_the_answer_tells_the_way_from_the_first_day_to_the_last(
+    language: Language, told: str, judged: str, outside: str
+) -> None:
+    sentences = build_days(group_days(week(10.0, 12.0, 16.0)), language).sentences
+
+    assert plain(sentences[2]) == f"{told} {judged} {outside}"
+
+
+def test_every_day_is_drawn_by_its_date_with_what_days_differ_by() -> None:
+    report = report_of(week(10.0, 12.0))
+
+    (drawing,) = (figure for section in report.sections for figure in section.figures)
+    assert drawing.title == "Day after day: time above 60°"
+    told = [(date, plain(percent)) for _, date, percent in drawing.table.rows]
+    assert told == [("2026-03-02", "10.0 %"), ("2026-03-03", "12.0 %")]
+    assert drawing.wide.count("<circle") == 2
+    assert "minimal detectable change between two single days (95 %): Right arm 5.5 points" in plain(
+        drawing.note
+    )
+
+
+def test_days_without_a_clock_are_not_drawn_by_their_dates() -> None:
+    days = [change_recording(day, start=None) for day in week(10.0, 12.0)]
+
+    assert not any(section.figures for section in report_of(days).sections)
+
+
+def group_of(people: int, *, both_sides: int | None = None) -> list[MeasuredDay]:
+    """Days of several people: 4 and 6 % or 10 and 12 %; with a change one day before and one after it."""
+    days = []
+    for person in range(people):
+        first, second = (4.0, 6.0) if person % 2 == 0 else (10.0, 12.0)
+        subject = f"S{person:02d}"
+        if both_sides is None:
+            days += week(first, second, subject=subject)
+        else:
+            days += [
+                make_day(0, first, subject=subject, stage="before"),
+                make_day(
+                    30,
+                    second + person / 2,
+                    subject=subject,
+                    stage="after" if person < both_sides else "before",
+                ),
+            ]
+    return days
+
+
+def test_a_group_has_its_spread_between_and_within_people() -> None:
+    (group,) = describe_profile(group_days(group_of(5)))["group"]
+
+    above = group["figures"]["time_above_60_percent"]
+    assert (above["people"], above["days"], above["mean"]) == (5, 10, 7.4)
+    assert above["within_sd"] == pytest.approx(sqrt(2), abs=1e-6)
+    assert above["between_sd"] == pytest.approx(sqrt(9.8), abs=1e-6)
+
+
+def test_four_people_are_no_group() -> None:
+    with pytest.raises(CannotProfile) as refused:
+        group_days(group_of(4))
+
+    assert refused.value.facts["why"] == "few"
+
+
+def test_a_fifth_person_whose_days_do_not_count_makes_no_group() -> None:
+    with pytest.raises(CannotProfile) as refused:
+        group_days([*group_of(4), short(make_day(0, subject="S99"))])
+
+    assert refused.value.facts["why"] == "few"
+
+
+def test_a_group_names_nobody() -> None:
+    days = group_of(5)
+    report = report_of(days)
+
+    told = json.dumps(describe_profile(group_days(days))) + str(report)
+    assert describe_profile(group_days(days))["arms"] == []
+    assert re.search(r"S0\d\b|\.gt3x", told) is None
+    assert report.figures == ()
+
+
+def test_a_change_of_four_people_of_five_is_not_given() -> None:
+    days = group_of(5, both_sides=4)
+
+    assert describe_profile(group_days(days))["change"] == []
+    assert report_of(days).sentences[0].startswith("Fewer than five people")
+
+
+def test_one_person_is_no_group() -> None:
+    assert describe_profile(group_days(week(*FIVE)))["group"] == []
+
+
+def changed(before: list[float], after: list[float]) -> dict[str, Any]:
+    first = [make_day(day, value, stage="before") for day, value in enumerate(before)]
+    second = [make_day(30 + day, value, stage="after") for day, value in enumerate(after)]
+    (change,) = describe_profile(group_days([*first, *second]))["change"]
+    figures: dict[str, Any] = change["figures"]["time_above_60_percent"]
+    return figures
+
+
+def test_one_persons_change_is_judged_by_the_published_deviation() -> None:
+    change = changed([10.0, 12.0], [5.0])
+
+    # 1.96 x 2.0 x sqrt(1/2 + 1) = 4.80
+    assert (change["change"], change["verdict"]) == (-6.0, "larger")
+    assert change["detectable"] == pytest.approx(1.96 * 2.0 * sqrt(1.5), abs=1e-6)
+
+
+def test_from_four_degrees_of_freedom_on_by_their_own() -> None:
+    change = changed([9.0, 10.0, 11.0], [7.0, 8.0, 9.0])
+
+    # pooled SD 1: 1.96 x sqrt(2/3) = 1.60
+    assert change["detectable"] == pytest.approx(1.96 * sqrt(2 / 3), abs=1e-6)
+    assert (change["change"], change["verdict"]) == (-2.0, "larger")
+
+
+def test_a_groups_change_is_judged_by_its_own_range() -> None:
+    (change,) = describe_profile(group_days(group_of(5, both_sides=5)))["change"]
+
+    above = change["figures"]["time_above_60_percent"]
+    assert (above["people"], above["change"], above["verdict"]) == (5, 3.0, "larger")
+    # changes of 2.0, 2.5, 3.0, 3.5 and 4.0: 2.776 x 0.7906 / sqrt(5)
+    assert above["change_range"] == pytest.approx([2.018, 3.982], abs=1e-3)
+
+
+# ------------------------------------------------------------------ tables
+
+
+def read(table: bytes) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(table.decode())))
+
+
+def test_the_table_has_a_row_for_each_day() -> None:
+    rows = read(encode_day_table(group_days(week(*FIVE))))
+
+    assert [row["time_above_60_percent"] for row in rows] == ["4.0", "6.0", "6.0", "6.0", "8.0"]
+    assert rows[0]["start"] == "2026-03-02T08:00:00"
+
+
+def test_a_code_that_a_spreadsheet_would_run_is_only_text() -> None:
+    rows = read(encode_day_table(group_days(week(4.0, 6.0, subject="=1+1"))))
+
+    assert rows[0]["subject"] == "'=1+1"
+
+
+def test_the_overlay_is_empty_where_too_few_days_are() -> None:
+    studied = overlaid(group_days(week(*FIVE)))
+
+    rows = read(encode_overlay_table(studied))
+
+    assert [(row["clock"], row["days"], row["p50_deg"]) for row in rows] == [
+        ("08:00", "5", "25.0"),
+        ("08:15", "1", ""),
+        ("08:45", "4", "26.0"),
+    ]
+
+
+# ------------------------------------------------------------------ the report
+
+
+def overlaid(studied: StudiedDays) -> StudiedDays:
+    return replace(studied, arms=tuple(replace(arm, bands=BANDS) for arm in studied.arms))
+
+
+def report_of(days: list[MeasuredDay], language: Language = "en") -> Report:
+    return build_days(overlaid(group_days(days)), language)
+
+
+def test_the_answer_states_mean_range_and_spread() -> None:
+    mean, spread, _ = map(plain, report_of(week(*FIVE)).sentences)
+
+    assert mean == (
+        "Right arm, 5 days: time above 60° was 6.0 % of the analysed time on average (4.2–7.8 %), "
+        "on single days 4.0 % to 8.0 %."
+    )
+    assert spread == (
+        "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days tell a change of "
+        "1.8 points (1.1–5.0) from as many later ones, by this person's own deviation."
+    )
+
+
+def test_the_answer_says_how_many_days_are_still_needed() -> None:
+    spread = plain(report_of(week(4.0, 8.0), "fr").sentences[1])
+
+    assert spread.endswith(
+        "Encore 3 jours : 5 jours décèlent un changement de 2,5 points par rapport à "
+        "autant de jours ultérieurs, d'après l'écart publié."
+    )
+
+
+def test_a_change_is_the_whole_answer() -> None:
+    days = [*week(10.0, 12.0, stage="before"), make_day(30, 5.0, stage="after")]
+
+    (told,) = map(plain, report_of(days).sentences)
+
+    assert told == (
+        "Right arm: mean time above 60° went from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The change "
+        "is larger than the usual variation between these numbers of days (minimal detectable change: "
+        "4.8 points)."
+    )
+
+
+def test_without_a_day_on_both_sides_no_change_is_given() -> None:
+    days = [make_day(0, stage="before"), make_day(30, side="left", stage="after")]
+
+    assert report_of(days).sentences == (
+        "Nobody has days that count both before and after, so that no change is given.",
+    )
+
+
+def test_one_day_that_counts_has_no_spread() -> None:
+    report = report_of([make_day(0), short(make_day(1))])
+
+    assert (report.verdict.level, report.verdict.label) == ("poor", "One day has no spread.")
+
+
+def test_both_arms_stand_beside_one_another_on_one_clock() -> None:
+    report = report_of([*week(4.0, 8.0), *week(5.0, 6.0, side="left")])
+
+    assert [figure.title for figure in report.figures] == ["The days by the clock", "Day by day"]
+    drawn = plain(report.figures[0].wide)
+    assert [name in drawn for name in ("Left arm, 5 days", "Right arm, 5 days")] == [True] * 2
+
+
+def test_time_with_too_few_days_is_left_white() -> None:
+    drawing = report_of(week(*FIVE)).figures[0].wide
+
+    assert drawing.count('class="median"') == 3  # two runs, and the key of the legend
+
+
+def test_the_overlay_tells_how_many_days_each_time_rests_upon() -> None:
+    rows = report_of(week(*FIVE)).figures[0].table.rows
+
+    assert [row[1:3] for row in rows] == [("08:00", "5"), ("08:15", "1"), ("08:45", "4")]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Language) -> None:
+    report = report_of([*week(*FIVE), *week(5.0, 6.0, side="left")], language)
+
+    assert 'id="answer"' in render_html(report).decode()
+    assert render_pdf(report, {"profile.json": b"{}\n"}).startswith(b"%PDF-")
+    assert "[U+" not in spell_uncovered(str(report))
+
+
+def test_the_same_days_give_the_same_bytes_in_whatever_order() -> None:
+    there, back = (describe_profile(group_days(days)) for days in (week(*FIVE), week(*FIVE)[::-1]))
+
+    assert encode_document(there) == encode_document(back)

@@ -1,0 +1,249 @@
+"""The list of participants: whose arm is in which file."""
+
+from pathlib import Path
+
+import pytest
+
+from app.batch.inputs import assign_participants, read_participants
+from app.batch.plan import Task
+from app.errors import UnusableParticipants
+from app.report.words.messages import describe_problem
+from app.request import ReportRequest
+from fusion.errors import UnusableDiary
+from tests.app.report.report_reading import plain
+
+
+def read_one(text: str, folder: Path = Path()) -> dict[str, object]:
+    (row,), refusals = read_participants(text.encode(), folder)
+    assert not refusals
+    return dict(row.stated)
+
+
+def refusal(text: str, *paths: str) -> UnusableParticipants:
+    with pytest.raises(UnusableParticipants) as caught:
+        assign_participants([make_task(path) for path in paths], text.encode(), Path())
+    return caught.value
+
+
+def assign(text: str, *paths: str) -> list[str]:
+    """Return the subject of each recording."""
+    tasks, _ = assign_participants([make_task(path) for path in paths], text.encode(), Path())
+    return [task.request.subject for task in tasks]
+
+
+def make_task(path: str) -> Task:
+    return Task(Path(path), ReportRequest(Path(path).name, subject="default"), Path("out"))
+
+
+def test_a_row_fills_subject_side_pose_and_window() -> None:
+    said = read_one("file,subject,side,pose,calibration\na.gt3x,S01,left,side-lean,5-15\n")
+
+    assert said == {
+        "subject": "S01",
+        "side": "left",
+        "pose": "side-lean",
+        "calibration_windows_s": ((5.0, 15.0),),
+    }
+
+
+def test_two_windows_are_read_in_their_order() -> None:
+    assert read_one("file,calibration\na,5-15 20.5-30\n") == {
+        "calibration_windows_s": ((5.0, 15.0), (20.5, 30.0))
+    }
+
+
+def test_an_axis_and_the_moments_of_slips_are_read() -> None:
+    assert read_one("file,axis,slip_at,no_slip_at\na,-y,3600 7200.5,60\n") == {
+        "arm_axis": "-y",
+        "slip_times_s": (3600.0, 7200.5),
+        "no_slip_times_s": (60.0,),
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "held"),
+    [
+        ("file,pose_held\na,start\n", "start"),
+        ("fichier;pose tenue\na;début\n", "start"),
+        ("file,pose_held\na,no\n", "no"),
+        ("fichier;pose tenue\na;non\n", "no"),
+    ],
+)
+def test_a_row_says_whether_the_pose_was_held_at_the_start(text: str, held: str) -> None:
+    assert read_one(text) == {"pose_held": held}
+
+
+def test_an_empty_cell_says_nothing() -> None:
+    assert read_one("file,subject,side\na.gt3x,,\n") == {}
+
+
+@pytest.mark.parametrize(
+    "nobody", ["NA", "N/A", "NaN", "null", "None", "unknown", "Inconnu", "-", "?", "\u200b"]
+)
+def test_a_word_for_a_missing_value_is_no_code(nobody: str) -> None:
+    assert read_one(f"file,subject\na.gt3x,{nobody}\n") == {"subject": ""}
+
+
+@pytest.mark.parametrize("code", ["na", "N1", "0", "unknown-3", "É"])
+def test_a_code_that_only_resembles_such_a_word_is_one(code: str) -> None:
+    assert read_one(f"file,subject\na.gt3x,{code}\n") == {"subject": code}
+
+
+def test_french_headers_semicolons_and_a_spreadsheet_encoding_are_read() -> None:
+    text = "fichier;sujet;côté\né.gt3x;S01;gauche\n"
+
+    (row,), _ = read_participants(text.encode("cp1252"), Path())
+
+    assert (row.file, row.stated) == ("é.gt3x", {"subject": "S01", "side": "left"})
+
+
+def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
+    (tmp_path / "d.csv").write_text("start,end,kind\n10:00,10:15,break\n")
+
+    said = read_one("file,diary\na.gt3x,d.csv\n", tmp_path)
+
+    assert [entry.kind for entry in said["diary"]] == ["break"]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "why"),
+    [
+        ("", 1, "participant columns"),
+        ("subject,side\nS01,left\n", 1, "participant columns"),
+        ("file,colour\na,red\n", 1, "participant columns"),
+        ("file,subject\n,S01\n", 2, "no file named"),
+        ("file,side\na,up\n", 2, "value"),
+        ("file,pose\na,sitting\n", 2, "value"),
+        ("file,calibration\na,15-5\n", 2, "value"),
+        ("file,calibration\na,early\n", 2, "value"),
+        ("file,axis\na,up\n", 2, "value"),
+        ("file,slip_at\na,noon\n", 2, "value"),
+        ("file,subject\na,S01\na,S02\n", 3, "file twice"),
+        ("subject,file\nS01\n", 2, "no file named"),
+        ("file,calibration\na,5,5-15\n", 2, "more fields"),
+        ("file,no_slip_at\na,noon\n", 2, "value"),
+        ("file,pose_held\na,end\n", 2, "value"),
+    ],
+)
+def test_a_slip_is_named_with_its_line(text: str, line: int, why: str) -> None:
+    facts = refusal(text).facts
+
+    assert (facts["line"], facts["why"]) == (line, why)
+
+
+def test_a_row_goes_before_the_settings_of_the_run() -> None:
+    assert assign("file,subject\nA.gt3x,S01\n", "in/a.gt3x", "in/b.gt3x") == ["S01", "default"]
+
+
+def test_a_path_tells_files_of_one_name_apart() -> None:
+    list_ = "file,subject\np1/arm.csv,S01\np2\\arm.csv,S02\n"
+
+    assert assign(list_, "in/p2/arm.csv", "in/p1/arm.csv") == ["S02", "S01"]
+
+
+def test_a_row_that_fits_two_files_is_refused_with_both_as_they_can_be_written() -> None:
+    refused = refusal("file,subject\narm.csv,S01\n", "in/p1/arm.csv", "in/p2/ARM.csv", "in/p2/arm.csv")
+
+    assert refused.facts == {
+        "line": 2,
+        "why": "several recordings",
+        "value": "arm.csv",
+        "first": "p1/arm.csv",
+        "second": "p2/arm.csv",
+        "cure": "path",
+    }
+
+
+def test_every_name_that_a_refusal_shows_fits_one_file_alone() -> None:
+    paths = ("in/arm.csv", "in/p2/in/arm.csv", "in/x/p2/in/arm.csv")
+    facts = refusal("file,subject\narm.csv,S01\n", *paths).facts
+    shown = [str(facts["first"]), str(facts["second"])]
+
+    assert [assign(f"file,subject\n{name},S01\n", *paths).count("S01") for name in shown] == [1, 1]
+
+
+def test_a_name_in_its_own_case_goes_before_one_that_differs_in_case() -> None:
+    assert assign("file,subject\na.csv,S01\nA.csv,S02\n", "in/A.csv", "in/a.csv") == ["S02", "S01"]
+
+
+def test_one_recording_that_was_named_twice_is_one() -> None:
+    assert assign("file,subject\na.csv,S01\n", "in/a.csv", "in/p1/../a.csv") == ["S01", "S01"]
+
+
+def test_two_rows_that_fit_one_file_are_refused() -> None:
+    refused = refusal("file,subject\narm.csv,S01\np1/arm.csv,S02\n", "in/p1/arm.csv")
+
+    assert refused.facts == {"line": 3, "why": "file twice", "value": "p1/arm.csv", "other": 2}
+
+
+def test_a_row_that_fits_two_files_takes_neither_from_another_row() -> None:
+    refused = refusal("file\narm.csv\np1/arm.csv\n", "p1/arm.csv", "p2/arm.csv")
+
+    assert refused.facts["line"] == 2
+    assert "line_2" not in refused.facts
+
+
+def test_windows_of_the_list_that_do_not_fit_its_pose_are_refused() -> None:
+    refused = refusal("file,pose,calibration\na.csv,two-point,5-15\n", "a.csv")
+
+    assert (refused.facts["line"], refused.facts["why"]) == (2, "window count")
+
+
+def test_all_faults_of_a_list_are_told_at_once_in_both_languages() -> None:
+    list_ = "file,side\narm.csv,left\nb.csv,up\nc.csv,left\nc.csv,right\n"
+    refused = refusal(list_, "p1/arm.csv", "p2/arm.csv", "b.csv", "c.csv")
+
+    english, french = (describe_problem(refused.code, refused.facts, language) for language in ("en", "fr"))
+
+    assert english.detail == (
+        'Line 2: the row fits several recordings ("arm.csv"): p1/arm.csv and p2/arm.csv. '
+        "Write the file with as much of its path as fits one recording alone, as named here. "
+        'Line 3: a value that cannot be ("up"). Allowed: left|right. '
+        'Line 5: two rows fit the same recording ("c.csv"); the other row is line 4.'
+    )
+    assert english.fix == "Correct the list and send it again; nothing was analysed."
+    assert plain(french.detail) == (
+        "Ligne 2 : la ligne correspond à plusieurs enregistrements (« arm.csv ») : "
+        "p1/arm.csv et p2/arm.csv. Écrivez le fichier avec assez de son chemin pour ne correspondre "
+        "qu'à un seul enregistrement, comme indiqué ici. "
+        "Ligne 3 : une valeur impossible (« up »). Valeurs admises : left|right. "
+        "Ligne 5 : deux lignes correspondent au même enregistrement (« c.csv ») ; "
+        "l'autre ligne est la ligne 4."
+    )
+
+
+def test_beyond_twenty_faults_the_others_are_counted() -> None:
+    refused = refusal("file,side\n" + "a,up\n" * 23)
+
+    assert describe_problem(refused.code, refused.facts, "en").detail.endswith("And 25 more.")
+
+
+def test_a_row_for_no_recording_is_given_back() -> None:
+    _, unmatched = assign_participants([make_task("a.gt3x")], b"file,subject\nlost.gt3x,S01\n", Path())
+
+    assert [row.line for row in unmatched] == [2]
+
+
+def test_accents_may_be_written_in_one_sign_or_in_two() -> None:
+    assert assign("file,subject\nZoé.gt3x,S01\n", "in/Zoe\u0301.gt3x") == ["S01"]
+
+
+def test_a_link_is_known_by_where_it_was_named(tmp_path: Path) -> None:
+    (tmp_path / "S01.gt3x").symlink_to(tmp_path / "archive.gt3x")
+
+    assert assign("file,subject\nS01.gt3x,S01\n", str(tmp_path / "S01.gt3x")) == ["S01"]
+
+
+def test_a_diary_that_is_not_there_is_named_with_its_line() -> None:
+    facts = refusal("file,diary\na.gt3x,lost.csv\n").facts
+
+    assert (facts["line"], facts["why"], facts["value"]) == (2, "no such file", "lost.csv")
+
+
+def test_a_slip_in_a_diary_names_the_diary(tmp_path: Path) -> None:
+    (tmp_path / "d.csv").write_text("start,end,kind\nten,10:15,break\n")
+
+    with pytest.raises(UnusableDiary) as caught:
+        assign_participants([], b"file,diary\na.gt3x,d.csv\n", tmp_path)
+
+    assert caught.value.facts["diary"] == "d.csv"

@@ -1,0 +1,310 @@
+"""The pages: what they say, in both languages, and that a person's text is only ever text."""
+
+import re
+import tomllib
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+import app.report.words.wording
+import app.web
+from app.jobs.store import JobStore
+from app.jobs.worker import run_next
+from app.web.views import format_size
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench
+from tests.app.library.test_report_versions import fail_next, finish_next
+
+HOSTILE = (
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(1)>',
+    "{{7*7}}",
+    "'; DROP TABLE analyses; --",
+    "javascript:alert(1)",
+    "&lt;b&gt;",
+    "=cmd|'/c calc'!A1",
+)
+
+
+class Elements(HTMLParser):
+    """Collects the elements and attributes of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+    def count(self, tag: str) -> int:
+        return sum(found == tag for found, _ in self.found)
+
+
+def test_an_empty_list_says_what_to_do(client: TestClient) -> None:
+    page = client.get("/?lang=en").text
+
+    assert "Nothing here yet" in page
+    assert "Add a recording above" in page
+
+
+def test_the_file_field_takes_many_files_and_can_be_reached_by_keyboard(client: TestClient) -> None:
+    fields = [attributes for tag, attributes in Elements(client.get("/").text).found if tag == "input"]
+
+    files, folder = [field for field in fields if field["type"] == "file"]
+    assert "multiple" in files
+    assert "webkitdirectory" in folder
+    assert "hidden" not in files | folder
+
+
+def test_a_choice_of_language_is_remembered(client: TestClient) -> None:
+    client.get("/?lang=fr")
+
+    assert 'lang="fr"' in client.get("/", headers={"accept-language": "en"}).text
+
+
+@pytest.mark.parametrize(
+    ("asked", "given"),
+    [
+        ("fr-CA,fr;q=0.9,en;q=0.8", "fr-CA"),
+        ("fr-BE", "fr"),
+        ("fr;q=0.9,fr-CA;q=0.5", "fr"),
+        ("en-CA,fr-CA;q=0.5", "en"),
+        ("de", "en"),
+    ],
+)
+def test_without_a_choice_the_browsers_language_is_taken(client: TestClient, asked: str, given: str) -> None:
+    assert f'<html lang="{given}"' in client.get("/", headers={"accept-language": asked}).text
+
+
+def test_the_french_of_quebec_can_be_asked_for_by_name(client: TestClient) -> None:
+    page = client.get("/?lang=fr-CA").text
+
+    assert '<html lang="fr-CA"' in page
+    assert 'href="?lang=en"' in page
+
+
+@pytest.mark.parametrize(("address", "bars"), [("/analyses/{id}", 2), ("/rows", 1)])
+def test_a_waiting_recording_shows_how_far_it_is_and_can_be_cancelled(
+    client: TestClient, add_job: AddJob, address: str, bars: int
+) -> None:
+    job = add_job(file_name="shift.gt3x")
+
+    page = client.get(address.format(id=job.id), params={"lang": "en"}).text
+
+    assert Elements(page).count("progress") == bars
+    assert "You can close this page" in page
+    assert "Cancel shift.gt3x" in page
+
+
+@pytest.mark.parametrize(
+    "address", ["/api/v1/analyses/{id}/report.html", "/beside/compare?first={id}&second=an_0"]
+)
+def test_a_person_who_opens_a_report_in_the_trash_is_offered_to_take_it_back(
+    client: TestClient, add_job: AddJob, address: str
+) -> None:
+    job = add_job()
+    client.post(f"/recordings/{job.recording_id}/delete")
+
+    page = client.get(address.format(id=job.id), headers={"Accept": "text/html", "Accept-Language": "en"})
+
+    assert page.status_code == 404
+    assert f"/recordings/{job.recording_id}/restore" in page.text
+
+
+def test_a_program_that_asks_for_a_report_in_the_trash_gets_a_problem_document(
+    client: TestClient, add_job: AddJob
+) -> None:
+    job = add_job()
+    client.post(f"/recordings/{job.recording_id}/delete")
+
+    assert client.get(f"/api/v1/analyses/{job.id}/report.html").json()["code"] == "E-NOT-FOUND"
+
+
+@pytest.mark.parametrize(("language", "said"), [("en", "is in the trash"), ("fr", "est dans la corbeille")])
+def test_the_address_of_a_recording_in_the_trash_offers_to_take_it_back(
+    client: TestClient, add_job: AddJob, language: str, said: str
+) -> None:
+    job = add_job(file_name="shift.gt3x")
+    client.post(f"/recordings/{job.recording_id}/delete")
+
+    answer = client.get(f"/analyses/{job.id}?lang={language}")
+
+    assert answer.status_code == 404
+    assert said in answer.text
+    assert f"/recordings/{job.recording_id}/restore" in answer.text
+    assert "shift.gt3x" in answer.text
+
+
+def test_the_address_of_an_analysis_that_was_never_there_is_not_found(client: TestClient) -> None:
+    answer = client.get("/analyses/an_0000000000000000")
+
+    assert answer.status_code == 404
+    assert "trash" not in answer.text
+
+
+def test_a_plain_form_cancels_without_a_script(client: TestClient, add_job: AddJob) -> None:
+    job = add_job()
+
+    answer = client.post(f"/analyses/{job.id}/cancel")
+
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    assert "Cancelled" in client.get("/rows?lang=en").text
+
+
+def test_a_finished_recording_links_to_its_report_in_the_pages_language(
+    client: TestClient, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.write_report))
+
+    page = client.get("/rows?lang=fr").text
+
+    assert f"/analyses/{job.id}/report.html?lang=fr" in page
+    assert "Rapport prêt" in page
+
+
+def test_the_analysis_page_shows_the_figures_as_the_report_writes_them(
+    client: TestClient, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.write_report))
+
+    page = client.get(f"/analyses/{job.id}?lang=fr").text
+
+    assert "12,3\u00a0%" in page
+    assert "7\u202fh\u00a042\u202fmin" in page
+
+
+@pytest.mark.parametrize("name", ["results.json", "summary.csv", "elevation.parquet", "report.pdf?lang=en"])
+def test_the_analysis_page_gives_every_file(
+    client: TestClient, add_job: AddJob, bench: OpenBench, name: str
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.write_report))
+
+    assert f"/api/v1/analyses/{job.id}/{name}" in client.get(f"/analyses/{job.id}").text
+
+
+@pytest.mark.parametrize(("language", "title"), [("en", "What to do"), ("fr", "Que faire")])
+def test_a_failed_recording_says_what_happened_and_what_to_do(
+    client: TestClient, add_job: AddJob, bench: OpenBench, language: str, title: str
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.refuse))
+
+    for path in ("/rows", f"/analyses/{job.id}"):
+        page = client.get(path, params={"lang": language}).text
+        assert title in page
+        assert "E-SHORT" in page
+
+
+def test_an_attempt_that_failed_is_withdrawn_by_a_click_and_its_report_stays(
+    client: TestClient, store: JobStore, add_job: AddJob
+) -> None:
+    report = add_job()
+    finish_next(store)
+    failed = store.add_analysis((report.recording_id, report.sha256), replace(report.request, side="left"))
+    fail_next(store)
+
+    answer = client.post(f"/analyses/{failed.id}/withdraw")
+
+    assert (answer.status_code, answer.headers["location"]) == (303, f"/analyses/{report.id}")
+    assert "Correct and try again" not in client.get("/").text
+
+
+def test_a_page_that_is_not_there_says_so_and_leads_back(client: TestClient) -> None:
+    answer = client.get("/analyses/an_none?lang=en")
+
+    assert answer.status_code == 404
+    assert "E-NOT-FOUND" in answer.text
+    assert 'href="/"' in answer.text
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_a_persons_text_is_only_ever_text(client: TestClient, text: str) -> None:
+    tame = leave_neighbours(Elements(send(client, "tame")).found)
+    hostile = leave_neighbours(Elements(send(client, text)).found)[: len(tame)]
+
+    assert [tag for tag, _ in hostile] == [tag for tag, _ in tame]
+    assert [set(attributes) for _, attributes in hostile] == [set(attributes) for _, attributes in tame]
+
+
+def leave_neighbours(
+    found: list[tuple[str, dict[str, str | None]]],
+) -> list[tuple[str, dict[str, str | None]]]:
+    """Leave out the links to the recordings before and after."""
+    return [(tag, attributes) for tag, attributes in found if attributes.get("rel") not in ("prev", "next")]
+
+
+def send(client: TestClient, text: str) -> str:
+    """Send a recording with a hostile name and subject, and give its page."""
+    wishes = {"file_name": text.replace("/", "_"), "subject": text}
+    job = client.post("/api/v1/analyze", content=b"x", params=wishes).json()
+    return client.get(f"/analyses/{job['id']}").text
+
+
+def test_a_template_in_a_name_is_not_filled_in(client: TestClient) -> None:
+    page = send(client, "{{7*7}}{n}[x]")
+
+    assert "{{7*7}}{n}[x]" in page
+
+
+@pytest.mark.parametrize("path", ["/", "/rows"])
+def test_no_page_holds_a_script_or_a_style_of_its_own(client: TestClient, add_job: AddJob, path: str) -> None:
+    add_job()
+
+    for tag, attributes in Elements(client.get(path).text).found:
+        assert tag != "style"
+        assert "style" not in attributes
+        assert not [name for name in attributes if name.startswith("on")]
+        assert tag != "script" or attributes["src"]
+
+
+def test_no_page_names_another_host(client: TestClient) -> None:
+    static = Path(app.web.__path__[0]) / "static"
+    texts = [client.get("/").text, *(path.read_text() for path in static.rglob("*.js"))]
+
+    addresses = {found for text in texts for found in re.findall(r"https?://[^\s\"'<)]+", text)}
+
+    assert all(address.startswith("http://localhost:8080") for address in addresses)
+
+
+def test_every_word_of_the_page_is_used() -> None:
+    folder = Path(app.web.__path__[0])
+    sources = [*folder.rglob("*.py"), *(folder.parents[1] / "templates" / "web").glob("*.html")]
+    code = "".join(path.read_text() for path in sources)
+    wording = Path(app.report.words.wording.__file__).parent / "en.toml"
+    built = (
+        "state",
+        "stage",
+        "verdict",
+        "verdict_short",
+        "group",
+        "figure",
+        "definition",
+        "method_name",
+        "pose_name",
+    )
+
+    for table, words in tomllib.loads(wording.read_text())["page"].items():
+        if table not in built and isinstance(words, dict):
+            unused = [key for key in words if key not in code and key not in built]
+            assert unused in ([], ["open_en", "open_fr", "pdf_en", "pdf_fr"], ["side_left", "side_right"])
+
+
+@pytest.mark.parametrize(
+    ("size_bytes", "english", "french"),
+    [
+        (0, "0\u00a0bytes", "0\u00a0octets"),
+        (999, "999\u00a0bytes", "999\u00a0octets"),
+        (479_263, "479\u00a0kB", "479\u00a0ko"),
+        (349_000_000, "349.0\u00a0MB", "349,0\u00a0Mo"),
+        (4 << 30, "4.3\u00a0GB", "4,3\u00a0Go"),
+    ],
+)
+def test_a_size_is_written_as_people_read_it(size_bytes: int, english: str, french: str) -> None:
+    assert (format_size(size_bytes, "en"), format_size(size_bytes, "fr")) == (english, french)

@@ -1,0 +1,273 @@
+"""The container files name only settings and commands that exist."""
+
+import configparser
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+import yaml
+
+from app.cli import app
+from app.errors import ExamplePassword, ForeignAddress
+from app.settings import Settings
+from app.start_checks import check_exposure, check_passwords
+from tests import ROOT
+
+DOCKER = ROOT / "docker"
+FILES = sorted(path for path in DOCKER.iterdir() if path.is_file())
+COMPOSE = sorted(DOCKER.glob("*.yaml"))
+MANY = DOCKER / "compose.many.yaml"
+
+
+def read(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load(path.read_text())
+    return content
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_every_variable_of_ours_is_a_setting(path: Path) -> None:
+    named = {name.lower() for name in re.findall(r"\bACROMION_(\w+)", path.read_text())}
+
+    assert named <= set(Settings.model_fields)
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_command_of_a_service_is_one_of_ours(path: Path) -> None:
+    ours = [service for service in read(path)["services"].values() if service["image"] == "acromion"]
+
+    group = typer.main.get_command(app)
+    for service in ours:
+        if "command" in service:
+            name, *arguments = service["command"]
+            command = group.commands[name]  # type: ignore[attr-defined]
+            command.make_context(name, arguments, resilient_parsing=False)
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_service_of_ours_is_locked_down(path: Path) -> None:
+    ours = [service for service in read(path)["services"].values() if service["image"] == "acromion"]
+
+    assert ours
+    for service in ours:
+        assert service["read_only"] is True
+        assert service["user"] == "1000:1000"
+        assert service["cap_drop"] == ["ALL"]
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_volume_of_a_service_is_declared(path: Path) -> None:
+    compose = read(path)
+
+    used = {
+        volume.partition(":")[0]
+        for service in compose["services"].values()
+        for volume in service.get("volumes", ())
+        if not volume.startswith("./")
+    }
+    files = {name for name in used if name.startswith("./")}
+
+    assert used - files == set(compose["volumes"])
+    assert files == set()
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_file_that_a_service_is_given_is_there_or_said_to_be_made(path: Path) -> None:
+    compose, text = read(path), path.read_text()
+
+    given = [name for service in compose["services"].values() for name in list_files(service)]
+
+    assert [name for name in given if not (DOCKER / name).exists() and f"docker/{name}" not in text] == []
+
+
+def list_files(service: dict[str, Any]) -> list[str]:
+    mounted = (volume.partition(":")[0] for volume in service.get("volumes", ()))
+    return [name.removeprefix("./") for name in mounted if name.startswith("./")] + list(
+        service.get("env_file", ())
+    )
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_service_has_limits_and_a_log_that_does_not_grow(path: Path) -> None:
+    for service in read(path)["services"].values():
+        assert service["mem_limit"]
+        assert service["pids_limit"]
+        assert set(service["logging"]["options"]) == {"max-size", "max-file"}
+        assert service["security_opt"] == ["no-new-privileges:true"]
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_no_image_is_whatever_is_newest(path: Path) -> None:
+    images = {service["image"] for service in read(path)["services"].values()} - {"acromion"}
+
+    assert [image for image in images if not re.search(r":[\w.]*\d+[.-]\d+[\w.-]*$", image)] == []
+
+
+def test_the_base_of_the_image_is_pinned_by_its_digest() -> None:
+    bases = re.findall(r"^FROM (\S+)", (DOCKER / "Dockerfile").read_text(), re.MULTILINE)
+
+    assert len(bases) == 2
+    assert len(set(bases)) == 1
+    assert re.fullmatch(r"python:3\.\d+\.\d+-\S+@sha256:[0-9a-f]{64}", bases[0])
+
+
+def read_names(path: Path) -> set[str]:
+    return set(re.findall(r"^(\w+)=", path.read_text(), re.MULTILINE))
+
+
+def test_acromion_is_given_no_key_of_the_stores_owners() -> None:
+    services = read(DOCKER / "compose.many.yaml")["services"]
+    ours = {
+        name
+        for service in services.values()
+        if service["image"] == "acromion"
+        for name in service["env_file"]
+    }
+
+    assert ours == {".env"}
+    assert not {name for name in read_names(DOCKER / "env.example") if "ROOT" in name or "POSTGRES" in name}
+
+
+def test_the_key_of_acromion_opens_its_bucket_and_no_other() -> None:
+    policy = json.loads((DOCKER / "bucket-policy.json").read_text())
+
+    places = {place for statement in policy["Statement"] for place in statement["Resource"]}
+    acts = {act for statement in policy["Statement"] for act in statement["Action"]}
+    assert places == {"arn:aws:s3:::acromion", "arn:aws:s3:::acromion/*"}
+    assert not any("*" in act for act in acts)
+
+
+def test_the_passwords_of_the_examples_fit_together() -> None:
+    ours, theirs = (
+        dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / name).read_text(), re.MULTILINE))
+        for name in ("env.example", "stores.env.example")
+    )
+
+    assert f"acromion:{theirs['DATABASE_PASSWORD']}@" in ours["ACROMION_DATABASE_URL"]
+    assert (ours["AWS_ACCESS_KEY_ID"], ours["AWS_SECRET_ACCESS_KEY"]) == (
+        theirs["BUCKET_USER"],
+        theirs["BUCKET_PASSWORD"],
+    )
+
+
+def read_serve(arguments: list[str]) -> Settings:
+    """Read the settings that a command line of the server gives."""
+    command = typer.main.get_command(app).commands["serve"]  # type: ignore[attr-defined]
+    given = command.make_context("serve", list(arguments)).params
+    return Settings(
+        host=given["host"], tls_cert=given["tls_cert"], proxy=given["proxy"], hosts="clinic.example"
+    )
+
+
+def test_the_clinics_container_may_be_reached_by_others_once_there_are_accounts() -> None:
+    service = read(DOCKER / "compose.clinic.yaml")["services"]["acromion"]
+
+    settings = read_serve(service["command"][1:])
+
+    assert settings.host == "0.0.0.0"
+    check_exposure(settings, has_accounts=True)
+    with pytest.raises(ForeignAddress):
+        check_exposure(settings, has_accounts=False)
+    assert "ACROMION_HOSTS" in read_names(DOCKER / "clinic.env.example")
+
+
+def read_unit() -> configparser.RawConfigParser:
+    unit = configparser.RawConfigParser(strict=False)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(DOCKER / "acromion.service")
+    return unit
+
+
+def test_the_units_server_is_reached_by_the_proxys_socket_alone() -> None:
+    program, *arguments = shlex.split(read_unit()["Service"]["ExecStart"])
+
+    settings = read_serve(arguments[1:])
+
+    assert (program, arguments[0]) == ("/opt/acromion/bin/acromion", "serve")
+    assert settings.host == "unix:/run/acromion/acromion.sock"
+    assert settings.host in (DOCKER / "nginx.conf").read_text()
+    check_exposure(settings, has_accounts=True)
+    with pytest.raises(ForeignAddress):
+        check_exposure(settings, has_accounts=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("User", "acromion"),
+        ("UMask", "0077"),
+        ("NoNewPrivileges", "yes"),
+        ("CapabilityBoundingSet", ""),
+        ("ProtectSystem", "strict"),
+        ("ProtectHome", "yes"),
+        ("PrivateTmp", "yes"),
+        ("SystemCallFilter", "@system-service"),
+        ("StateDirectoryMode", "0700"),
+        ("OOMPolicy", "continue"),
+    ],
+)
+def test_the_unit_is_locked_down(name: str, value: str) -> None:
+    assert read_unit()["Service"][name] == value
+
+
+@pytest.mark.parametrize("name", ["MemoryMax", "TasksMax", "LogRateLimitBurst", "TimeoutStopSec"])
+def test_the_unit_has_limits(name: str) -> None:
+    assert read_unit()["Service"][name]
+
+
+def test_the_proxy_overwrites_what_a_caller_says_of_its_address() -> None:
+    assert "proxy_set_header X-Forwarded-For $remote_addr;" in (DOCKER / "nginx.conf").read_text()
+
+
+def test_the_proxy_logs_no_query_and_no_address_that_logs_somebody_in() -> None:
+    text = (DOCKER / "nginx.conf").read_text()
+
+    (line,) = re.findall(r"log_format acromion '([^']*)'", text)
+    assert not {"$request", "$request_uri", "$args", "$uri"} & set(re.findall(r"\$\w+", line))
+    (ways,) = re.findall(r"~\^/login/\(\?<acromion_way>(\S+)\)/", text)
+    assert ways == "link|once"
+
+
+def test_without_tls_the_proxy_leads_pages_on_and_refuses_scripts() -> None:
+    text = (DOCKER / "nginx.conf").read_text()
+    (plain,) = re.findall(r"server \{\n    listen 80;\n(.*?)\n\}", text, re.DOTALL)
+
+    answers = dict(re.findall(r"location (\S+) \{ return (\d+)", plain))
+
+    assert answers == {"/": "301", "/api/": "403", "/metrics": "403"}
+
+
+@pytest.mark.parametrize("name", ["ACROMION_DATABASE_URL", "AWS_SECRET_ACCESS_KEY"])
+def test_no_server_starts_with_a_password_of_the_examples(name: str) -> None:
+    example = dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / "env.example").read_text(), re.MULTILINE))
+    own = {"ACROMION_DATABASE_URL": "sqlite://", "AWS_SECRET_ACCESS_KEY": "x"} | {name: example[name]}
+
+    with pytest.raises(ExamplePassword) as refused:
+        check_passwords(Settings(database_url=own["ACROMION_DATABASE_URL"]), own)
+
+    assert refused.value.facts["name"] == name
+
+
+def test_the_image_installs_the_versions_that_are_tested() -> None:
+    def list_pins(lock: Path) -> set[str]:
+        return set(re.findall(r"^([\w.-]+==[\w.]+)", lock.read_text(), re.MULTILINE))
+
+    installed = list_pins(DOCKER / "requirements.lock")
+
+    assert installed
+    assert installed <= list_pins(DOCKER.parent / "requirements.lock")
+
+
+def test_a_worker_s_memory_folder_holds_the_largest_recording_and_what_it_keeps_besides() -> None:
+    worker = read(DOCKER / "compose.many.yaml")["services"]["worker"]
+    example = dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / "env.example").read_text(), re.MULTILINE))
+    (room,) = (re.search(r"^/work:size=(\d+)g", place) for place in worker["tmpfs"] if "/work" in place)
+
+    largest = int(example["ACROMION_MAX_UPLOAD_BYTES"])
+    kept = int(worker["environment"]["ACROMION_MAX_CACHE_BYTES"])
+
+    assert room is not None
+    assert int(room[1]) << 30 >= largest + kept + (1 << 30)

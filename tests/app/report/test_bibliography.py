@@ -1,0 +1,74 @@
+"""Whatever the report cites stands in its bibliography, with an identifier that leads there."""
+
+import re
+from typing import get_args
+
+import pytest
+
+from app.report.bibliography import BIBLIOGRAPHY, format_bibliography
+from app.report.export.methods_text import write_methods
+from app.report.export.results import build_results
+from app.report.render.html import render_html
+from app.report.words.wording import LANGUAGES, Language, Part, load_wording
+from fusion.comparison import REFERENCES, SOURCE, STATEMENTS
+from tests import ROOT
+from tests.app.analysis_factory import make_analysis, make_subject
+from tests.app.report.report_reading import report_of, section_of
+from tests.app.report.test_wording import walk_texts
+
+CITED = {publication.cited for publication in BIBLIOGRAPHY}
+AUTHORS = r"[A-ZÆØÅ]\w+ et al\. \d{4}|Bioengineering \d{4};\d+:\d+"
+
+
+def find_citations(text: str) -> set[str]:
+    return {
+        found.replace("Dalboge", "Dalbøge").replace("Waersted", "Wærsted")
+        for found in re.findall(AUTHORS, text)
+    }
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_work_cited_in_the_words_is_in_the_bibliography(language: Language) -> None:
+    texts = " ".join(text for part in get_args(Part) for _, text in walk_texts(load_wording(language, part)))
+
+    assert find_citations(texts.replace("\u00a0", " ")) - CITED == set()
+
+
+def test_every_published_value_and_finding_is_in_the_bibliography() -> None:
+    sources = [*(reference.source for reference in REFERENCES), *STATEMENTS.values(), SOURCE]
+
+    assert [s for s in sources if not find_citations(s) & CITED] == ["WISHA, Washington State, repealed 2003"]
+
+
+def test_every_work_that_the_profile_s_definitions_cite_is_in_the_bibliography() -> None:
+    assert find_citations((ROOT / "docs" / "profile.md").read_text()) - CITED == set()
+
+
+def test_an_identifier_is_a_doi_and_stands_once() -> None:
+    given = [publication.doi for publication in BIBLIOGRAPHY if publication.doi]
+
+    assert [doi for doi in given if not re.fullmatch(r"10\.\d{4,5}/[\w.;()/-]+", doi)] == []
+    assert len(given) == len(set(given))
+
+
+def test_the_works_stand_in_the_order_of_their_first_authors() -> None:
+    order = [publication.cited.replace("Wæ", "Wz").lower() for publication in BIBLIOGRAPHY]
+
+    assert order == sorted(order)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_bibliography_is_the_last_chapter_of_the_report(language: Language) -> None:
+    report = report_of(language=language)
+
+    assert report.sections[-1].key == "bibliography"
+    assert section_of(report, "bibliography").sources == format_bibliography()
+    assert "doi:10.1136/oem.2003.010637" in render_html(report).decode()
+
+
+@pytest.mark.parametrize(("language", "title"), [("en", "## Bibliography"), ("fr", "## Bibliographie")])
+def test_the_methods_text_ends_with_the_bibliography(language: Language, title: str) -> None:
+    text = write_methods([build_results(make_analysis(), make_subject())], 0, language).decode()
+
+    told = text.split(title)[1]
+    assert [line for line in format_bibliography() if f"- {line}" not in told] == []

@@ -1,0 +1,217 @@
+"""Each number printed on page 1 is a field of results.json, a published value, or a mark of a scale."""
+
+import io
+import json
+import re
+from dataclasses import replace
+from datetime import datetime, timedelta
+from math import sqrt
+from typing import Any
+
+import pytest
+from pypdf import PdfReader
+
+from app.report.analysis.report import build_report
+from app.report.export.results import encode_results
+from app.report.render.pdf import render_pdf
+from app.report.words.wording import Language
+from fusion.exposure import Exposure, Interval
+from tests.app.analysis_factory import make_analysis, make_exposure, make_subject, with_diary
+from tests.app.report.report_reading import plain
+
+SCALES = {"0°", "30°", "60°", "90°", "120°", "180°", "0 100 %", "0 40 %", "0 20 %", "0 120"}
+PUBLISHED = {
+    *("50 %", "Proposal: at most 50 %", "10 %", "Proposal: at most 10 %", "(Arvidsson 2021)"),
+    *("1.0–2.8 %", "(Lewis 2026)", "(Wahlström 2010)."),
+}
+"""Arvidsson et al. 2021: 50 % above 30°, 10 % above 60°; Lewis et al. 2026: 1.0 to 2.8 % above 90°."""
+NAMES = {
+    "Angle between the upper arm and the vertical: 0° hanging, 90° level, 180° overhead",
+    *("Time above 30°", "Time above 60°", "Time above 90°", "Rises above 60° an hour"),
+    *(
+        "P10–P90 of each minute median not analysed (break, docked) no data",
+        "Time Above 60° Note what was done then",
+    ),
+    *("Task Above 60° Of its time", "Tasks with the most time above 60°"),
+    *("Quarter hours with the most time above 60°", "How sure is the time above 60°?"),
+    "95 % ranges; day to day: hairdressers",
+    *(
+        "2. Next time, calibrate leaning to the side: the N-",
+        "pose reads up to 15° low.",
+        "pose up to 15° low",
+    ),
+    *("ActiGraph GT9X Link", "4. Measure the left arm too."),
+}
+BETWEEN_DAYS = 1.96 * 2.0
+"""Wahlström et al. 2010: 2.0 points between the days of one hairdresser."""
+
+
+def make_day(*, diary: bool = False, is_pose_off: bool = False) -> Exposure:
+    """Make a day; with ``is_pose_off`` the known error of the pose reaches beyond the sampling range."""
+    exposure = make_exposure()
+    pose = {30: (20.0, 48.6), 60: (5.2, 14.7), 90: (1.4, 6.4)} if is_pose_off else {}
+    sampled = {30: (20.0, 41.3), 60: (5.2, 9.9), 90: (1.4, 3.0)}
+    ranges = {deg: Interval(*ends, *pose.get(deg, ())) for deg, ends in sampled.items()}
+    above = tuple(replace(item, interval=ranges[int(item.threshold_deg)]) for item in exposure.time_above)
+    rises = Interval(24.4, 37.2, 24.4, 55.8) if is_pose_off else Interval(24.4, 37.2)
+    told = replace(exposure, time_above=above, intervals={"entries_above_60_per_h": rises})
+    return with_diary(told) if diary else told
+
+
+def read_page_1(exposure: Exposure, language: Language = "en") -> list[str]:
+    report = build_report(make_analysis(exposure=exposure), make_subject(), language)
+    page = PdfReader(io.BytesIO(render_pdf(report, {}))).pages[0]
+    return [line.strip() for line in plain(page.extract_text()).splitlines()]
+
+
+def tell_time(seconds: float) -> str:
+    """Hours and minutes; minutes and seconds below ten minutes; seconds below one."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    if seconds < 600:
+        minutes, rest = divmod(round(seconds), 60)
+        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min"
+
+
+class Tracer:
+    """Writes what page 1 should say from the fields of results.json alone."""
+
+    def __init__(self, results: Any) -> None:
+        self.results, self.exposure = results, results["exposure"]
+
+    def clock(self, elapsed_s: float) -> str:
+        start = datetime.fromisoformat(self.results["recording"]["start"])
+        return f"{start + timedelta(seconds=elapsed_s):%H:%M}"
+
+    def find(self, group: str, **where: float) -> Any:
+        return next(row for row in self.exposure[group] if where.items() <= row.items())
+
+    def head(self) -> set[str]:
+        time, recording = self.results["time"], self.results["recording"]
+        start = datetime.fromisoformat(recording["start"])
+        hole = next(w for w in self.results["quality"]["warnings"] if w["code"] == "W-GAP")
+        pose = self.results["calibration"]
+        held = start + timedelta(seconds=pose["start_s"])
+        return {
+            recording["subject"],
+            f"{start.day} {start:%B %Y}, {self.clock(0)} to {self.clock(time['recorded_s'])}",
+            f"{tell_time(time['analysed_s'])} of {tell_time(time['recorded_s'])} recorded",
+            (
+                f"▲  Data quality: use with care. Holes in the recording ({tell_time(hole['seconds'])}). "
+                "Calibration pose: held at the start, as stated"
+            ),
+            f"({held:%H:%M:%S}, {pose['duration_s']:.1f} s).",
+        }
+
+    def tiles(self) -> set[str]:
+        told = set()
+        for row in self.exposure["time_above"]:
+            share = f"95 % range {row['low']:.1f}–{row['high']:.1f} %"
+            told |= {f"{row['percent']:.1f} %", tell_time(row["duration_s"]), share}
+        rises = self.find("entries", threshold_deg=60)
+        low, high = self.exposure["intervals"]["entries_above_60_per_h"]
+        return told | {
+            f"{rises['per_hour']:.0f}",
+            f"{rises['count']} in all",
+            f"95 % range {low:.0f}–{high:.0f}",
+        }
+
+    def pose(self) -> set[str]:
+        """How far the known error of the pose reaches, where results.json holds it."""
+        tops = {row["threshold_deg"]: row["high_pose"] for row in self.exposure["time_above"]}
+        if None in tops.values():
+            return set()
+        rises = self.exposure["intervals_pose"]["entries_above_60_per_h"][1]
+        tiles = {f"pose: up to {top:.1f} %" for top in tops.values()}
+        return {*tiles, f"pose: up to {rises:.0f}", f"pose up to {tops[60]:.1f} %"}
+
+    def strip(self) -> set[str]:
+        worst, longest = self.find("peak_windows", length_s=900), self.find("episodes", threshold_deg=60)
+        hours = " ".join(f"{hour:02d}:00" for hour in range(8, 16))
+        marks = f"15 min with the most time above 60°: {worst['percent_above_60']:.1f} %"
+        return {
+            hours,
+            f"{marks} longest continuous time above 60°: {tell_time(longest['longest_s'])}",
+            "12 3",
+        }
+
+    def quarter_hours(self) -> set[str]:
+        hours = self.exposure["peak"]["quarter_hours"]
+        rows = {
+            f"{k}  {self.clock(q['start_s'])}–{self.clock(q['start_s'] + 900)} {q['percent_above_60']:.1f} %"
+            for k, q in enumerate(hours, start=1)
+        }
+        return {*rows, f"1. Find out what was done at {self.clock(hours[0]['start_s'])}."}
+
+    def tasks(self) -> set[str]:
+        above = {
+            task["label"]: task["time_above_60_percent"] / 100 * task["analysed_s"]
+            for task in self.exposure["by_task"]
+        }
+        order = sorted(self.exposure["by_task"], key=lambda task: -above[task["label"]])
+        ranks = {task["label"]: k for k, task in enumerate(order, start=1)}
+        periods = sorted(self.exposure["by_period"], key=lambda period: period["start_s"])
+        worst = self.find("peak_windows", length_s=900)
+        there = next(p for p in periods if p["start_s"] <= worst["start_s"] < p["end_s"])
+        return {
+            " ".join(f"{ranks[period['label']]} {period['label']}" for period in periods),
+            f"1. Look at {there['label']} at {self.clock(worst['start_s'])} (most in 15 min).",
+            *(self.row(k, task, above[task["label"]]) for k, task in enumerate(order, start=1)),
+        }
+
+    def row(self, rank: int, task: Any, above_s: float) -> str:
+        return f"{rank}  {task['label']} {tell_time(above_s)} {task['time_above_60_percent']:.1f} %"
+
+    def sureness(self) -> set[str]:
+        row = self.find("time_above", threshold_deg=60)
+        low, high = row["percent"] - BETWEEN_DAYS, row["percent"] + BETWEEN_DAYS
+        return {f"sensor {row['low']:.1f}–{row['high']:.1f} %", f"day to day {low:.1f}–{high:.1f} %"}
+
+    def days(self) -> set[str]:
+        """The fewest days on each side that tell a change of half the time above 60°."""
+        half = self.find("time_above", threshold_deg=60)["percent"] / 2
+        days, points = next((k, told) for k in (1, 2, 3, 5) if (told := 1.96 * sqrt(2 / k) * 2.0) <= half)
+        return {
+            f"3. Measure {days - 1} more days now and {days} after a",
+            f"change: this tells {points:.1f} points of time above 60°.",
+        }
+
+    def foot(self, line: str) -> bool:
+        return bool(re.fullmatch(r"Acromion [\d.]+ · report [0-9a-f]{16} Page 1 of \d", line))
+
+
+def list_numbers(lines: list[str]) -> list[float]:
+    """List the numbers in order of size; without zeros, which the full hours of one language alone have."""
+    text = re.sub(r"(\d),(\d)", r"\1.\2", "\n".join(lines))
+    return sorted(filter(None, map(float, re.findall(r"\d+(?:\.\d+)?", text))))
+
+
+@pytest.mark.parametrize(
+    ("diary", "is_pose_off"), [(False, False), (True, False), (False, True)], ids=["clean", "diary", "pose"]
+)
+def test_each_line_with_a_number_is_told_by_the_results(diary: bool, is_pose_off: bool) -> None:
+    exposure = make_day(diary=diary, is_pose_off=is_pose_off)
+    results = json.loads(encode_results(make_analysis(exposure=exposure), make_subject()))
+    results["exposure"]["peak_windows"] = results["exposure"]["peak"]["windows"]
+    trace = Tracer(results)
+
+    told = {*trace.head(), *trace.tiles(), *trace.strip(), *trace.sureness(), *trace.days(), *trace.pose()}
+    told |= trace.tasks() if diary else trace.quarter_hours()
+    printed = [line for line in read_page_1(exposure) if re.search(r"\d", line) and not trace.foot(line)]
+
+    assert [line for line in printed if line not in told | SCALES | PUBLISHED | NAMES] == []
+    assert told - {"12 3"} - set(printed) == set()
+
+
+@pytest.mark.parametrize("language", ["fr", "fr-CA"])
+@pytest.mark.parametrize("diary", [False, True], ids=["clean", "diary"])
+def test_the_french_page_bears_the_same_numbers(language: Language, diary: bool) -> None:
+    exposure = make_day(diary=diary, is_pose_off=True)
+
+    english, french = (
+        [line for line in read_page_1(exposure, each) if "Acromion" not in line] for each in ("en", language)
+    )
+
+    assert list_numbers(french) == list_numbers(english)

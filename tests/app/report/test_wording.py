@@ -1,0 +1,269 @@
+"""Every code has words in both languages, and the languages hold the same keys."""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
+
+import pytest
+
+import app.errors
+from app.report.words.messages import describe_flag, describe_problem
+from app.report.words.wording import LANGUAGES, Language, Part, fill, find_nearest, load_wording, set_spaces
+from fusion.errors import FusionError
+from fusion.recording import QualityFlag
+from tests import ROOT
+
+UNFIT_WORDS = r"\b(risk|risky|safe|unsafe|abnormal|dangerous posture|risque|risqué|sûre?s?|anormale?)\b"
+
+
+def walk_texts(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from walk_texts(inner, f"{path}.{key}")
+    elif isinstance(value, list):
+        for rank, inner in enumerate(value):
+            yield from walk_texts(inner, f"{path}.{rank}")
+    else:
+        yield path, value
+
+
+def codes_in_source(letter: str) -> list[str]:
+    """Every code that stands between quotes anywhere in the program."""
+    files = (path for folder in ("fusion", "app") for path in (ROOT / folder).rglob("*.py"))
+    found = {
+        code for path in files for code in re.findall(rf'"({letter}-[A-Z0-9][A-Z0-9-]+)"', path.read_text())
+    }
+    return sorted(found)
+
+
+def descend(kind: type[Exception]) -> Iterator[type[Any]]:
+    for child in kind.__subclasses__():
+        yield child
+        yield from descend(child)
+
+
+def codes_of(root: type[Exception]) -> list[str]:
+    return [kind.code for kind in descend(root)]
+
+
+@pytest.mark.parametrize("part", [None, *get_args(Part)])
+def test_both_languages_hold_the_same_texts_with_the_same_placeholders(part: Part | None) -> None:
+    english, french = (
+        {
+            path: set(re.findall(r"\{\w+\}", text))
+            for path, text in walk_texts(load_wording(language, part) if part else load_wording(language))
+        }
+        for language in LANGUAGES
+    )
+
+    assert english == french
+
+
+def test_no_text_is_empty() -> None:
+    empty = [path for language in LANGUAGES for path, text in walk_texts(load_wording(language)) if not text]
+
+    assert empty == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("part", get_args(Part))
+def test_a_part_read_alone_is_what_it_is_in_the_whole_file(language: Language, part: Part) -> None:
+    whole = tomllib.loads((ROOT / "app" / "report" / "words" / f"{language}.toml").read_text("utf-8"))
+
+    texts = walk_texts(load_wording(language, part))
+
+    assert [path for path, _ in texts] == [path for path, _ in walk_texts(whole[part])]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(
+    "code",
+    sorted({*codes_of(FusionError), *codes_of(app.errors.AppError), *codes_in_source("E")}),
+)
+def test_every_refusal_has_title_detail_and_cure(code: str, language: Language) -> None:
+    entry = load_wording(language)["problem"].get(code, {})
+
+    told_of_rows = {"another", "more"} if code in {"E-DIARY", "E-PARTICIPANTS"} else set()
+    assert set(entry) - {"general"} == {"title", "detail", "fix"} | told_of_rows
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("code", codes_in_source("W"))
+def test_every_caveat_has_words(code: str, language: Language) -> None:
+    assert set(load_wording(language)["flag"].get(code, {})) - {"general"} == {"title", "detail"}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_refusal_without_facts_shows_no_brace_and_no_bracket(language: Language) -> None:
+    told = [describe_problem(code, {}, language) for code in load_wording(language)["problem"]]
+
+    texts = " ".join(f"{p.title} {p.detail} {p.fix}" for p in told)
+
+    assert not set(texts) & set("{}[]")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("kind", ["problem", "flag"])
+def test_a_sentence_about_a_code_in_general_names_no_case(language: Language, kind: str) -> None:
+    entries = [entry for entry in load_wording(language)[kind].values() if "general" in entry]
+
+    assert entries
+    assert [entry["general"] for entry in entries if "{" in entry["general"]] == []
+
+
+def test_a_code_without_a_case_is_told_in_general() -> None:
+    assert describe_problem("E-STUDY", {}, "en").detail == (
+        "The folder is not laid out as a study of agreement. The message says what is missing."
+    )
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_text_judges(language: Language) -> None:
+    judged = [
+        (path, text)
+        for path, text in walk_texts(load_wording(language))
+        if re.search(UNFIT_WORDS, text, re.IGNORECASE) and not path.startswith((".flag", ".problem"))
+    ]
+
+    assert judged == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("fact", ["why", "reason", "what", "evidence"])
+def test_every_fixed_term_that_the_science_gives_as_a_fact_has_words(fact: str, language: Language) -> None:
+    source = " ".join(path.read_text() for path in (ROOT / "fusion").rglob("*.py"))
+    terms = set(re.findall(rf'(?:\b{fact}=|"{fact}": )"([\w -]+)"', source))
+
+    assert terms - set(load_wording(language)["fact"][fact]) == set()
+
+
+def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
+    problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
+
+    assert (problem.detail, problem.where) == (
+        "1\u202f200\u00a0lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "line 37",
+    )
+
+
+def test_french_numbers_have_a_comma() -> None:
+    problem = describe_problem("E-SCALE", {"g": 9.81}, "fr")
+
+    assert "lit 9,81\u00a0g au lieu de 1\u00a0g" in problem.detail
+
+
+def test_a_part_of_a_sentence_whose_fact_is_unknown_is_left_out() -> None:
+    assert fill("Refused[: {reason}].", {}) == "Refused."
+
+
+def test_a_fixed_term_of_the_code_is_told_in_the_language() -> None:
+    problem = describe_problem("E-ZIP-UNSAFE", {"reason": "encrypted"}, "fr")
+
+    assert problem.detail == "L’archive n’est pas ouverte\u00a0: elle est chiffrée."
+
+
+def test_facts_from_a_file_are_only_text() -> None:
+    problem = describe_problem("E-COLS", {"list": "{x} [y] <b>\u202e"}, "en")
+
+    assert problem.detail == (
+        "The columns for acceleration (ax, ay, az) and angular rate (gx, gy, gz) are not all recognised. "
+        "The header line reads: {x} [y] <b>"
+    )
+
+
+def test_an_unknown_refusal_is_told_as_an_error_of_the_software() -> None:
+    assert describe_problem("E-NEW", {}, "en").title == "An error of the software"
+
+
+def test_an_unknown_caveat_shows_its_code() -> None:
+    assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
+
+
+@pytest.mark.parametrize(
+    ("language", "told"),
+    [
+        ("en", "A (5\u202f%): 20\u00a0h; yes?"),
+        ("fr", "«\u00a0L’arc\u00a0»\u00a0: 5\u00a0%\u202f; oui\u202f? non\u202f!"),
+        ("fr-CA", "«\u00a0L’arc\u00a0»\u00a0: 5\u00a0%; oui? non!"),
+    ],
+)
+def test_each_language_has_its_own_spaces_before_punctuation(language: Language, told: str) -> None:
+    typed = "A (5 %): 20 h; yes?" if language == "en" else "« L'arc » : 5 % ; oui ? non !"
+
+    assert set_spaces(typed, language) == told
+
+
+def test_quebec_says_quart_where_france_says_poste() -> None:
+    assert set_spaces("Poste : la moitié du poste, deux postes à poste fixe", "fr-CA") == (
+        "Quart\u00a0: la moitié du quart, deux quarts à quart fixe"
+    )
+
+
+def walk_french(language: Language) -> Iterator[str]:
+    """Every text of people in a French: the meanings of columns are read by programs and stay as typed."""
+    for part in get_args(Part):
+        if part != "tables":
+            yield from (text for _, text in walk_texts(load_wording(language, part)))
+
+
+def test_no_french_text_of_france_has_a_plain_space_before_its_punctuation_or_a_quart() -> None:
+    wrong = r" [;:!?%»]|« |[^\s\u202f][;!?](?=\s)|\u202f[:%»]|\bquarts?\b(?! d)"
+
+    assert [text for text in walk_french("fr") if re.search(wrong, text)] == []
+
+
+def test_no_french_text_of_quebec_has_a_space_before_a_semicolon_or_a_poste() -> None:
+    wrong = r"\s[;!?]|« | [:%»]|\u202f[:%»]|\bpostes?\b"
+
+    assert [text for text in walk_french("fr-CA") if re.search(wrong, text, re.IGNORECASE)] == []
+
+
+def test_both_frenches_hold_the_same_texts() -> None:
+    keys = [
+        [path for part in get_args(Part) for path, _ in walk_texts(load_wording(language, part))]
+        for language in ("fr", "fr-CA")
+    ]
+
+    assert keys[0] == keys[1]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "made", "chosen"),
+    [
+        ("fr-CA", ("en", "fr-CA"), "fr-CA"),
+        ("fr-CA", ("en", "fr"), "fr"),
+        ("fr", ("en", "fr-CA"), "fr-CA"),
+        ("fr", ("en",), "en"),
+        ("en", ("fr", "en"), "en"),
+    ],
+)
+def test_a_language_that_was_not_made_is_served_by_the_nearest(
+    wanted: Language, made: tuple[Language, ...], chosen: Language
+) -> None:
+    assert find_nearest(wanted, made) == chosen
+
+
+@pytest.mark.parametrize(
+    ("language", "number", "form"),
+    [
+        ("en", "0", "times"),
+        ("en", "1", "time"),
+        ("en", "2", "times"),
+        ("en", "1\u202f000", "times"),
+        ("fr", "0", "time"),
+        ("fr", "1", "time"),
+        ("fr", "1,5", "time"),
+        ("fr", "2", "times"),
+    ],
+)
+def test_a_noun_follows_its_number(language: Language, number: str, form: str) -> None:
+    text = set_spaces("{n} {n|time|times}", language)
+
+    assert fill(text, {"n": number}) == f"{number}\u00a0{form}"
+
+
+def test_a_crash_is_told_in_the_singular() -> None:
+    detail = describe_problem("E-CRASHED", {"attempts": 1}, "en").detail
+
+    assert detail == "The analysis of this file stopped unexpectedly 1\u00a0time; no report was made."

@@ -1,0 +1,213 @@
+"""Tables of loggers: time, holes, and the form we publish for device makers."""
+
+import io
+from datetime import datetime, timedelta, timezone
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fusion.errors import (
+    FusionError,
+    UnknownColumns,
+)
+from fusion.readers import read_recording
+from tests.fusion.readers.tables.table_builder import HEADER, PREAMBLE, codes, line, read_text, table
+
+
+def test_the_canonical_form_is_read_with_clock_and_ranges() -> None:
+    recording = read_text(PREAMBLE + table(range(0, 20_000_000, 2000)))
+
+    assert recording.device == "lsm9ds1"
+    assert recording.start == datetime(2026, 3, 3, 7, 58, tzinfo=timezone(timedelta(hours=-5)))
+    assert recording.time_zone == "UTC-05:00"
+    assert (recording.acc_range_g, recording.gyr_range_dps) == (8.0, 2000.0)
+    assert recording.rate_hz == pytest.approx(500.0)
+    assert recording.duration_us == 20_000_000
+    assert recording.flags == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "held"),
+    [
+        ("start", "start"),
+        ("Start", "start"),
+        ("début", "start"),
+        ("DEBUT", "start"),
+        ("no", "no"),
+        ("non", "no"),
+    ],
+)
+def test_the_header_says_whether_the_pose_was_held_at_the_start(text: str, held: str) -> None:
+    recording = read_text(f"# pose_held: {text}\n" + table(range(0, 20_000_000, 2000)))
+
+    assert (recording.pose_held, recording.flags) == (held, ())
+
+
+def test_the_header_says_when_the_pose_was_held_and_which_axis_lay_along_the_arm() -> None:
+    recording = read_text("# pose_window_s: 5,10.5\n# arm_axis: -y\n" + table(range(0, 20_000_000, 2000)))
+
+    assert (recording.pose_windows_s, recording.arm_axis, recording.flags) == (((5.0, 10.5),), "-y", ())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "pose_held: yes",
+        "pose_window_s: 10-5",
+        "pose_window_s: 10,5",
+        "pose_window_s: -5,5",
+        "pose_window_s: 5,inf",
+        "pose_window_s: 5,10,15",
+        "arm_axis: q",
+    ],
+)
+def test_a_header_line_about_the_pose_that_cannot_be_read_is_told(line: str) -> None:
+    recording = read_text(f"# {line}\n" + table(range(0, 20_000_000, 2000)))
+
+    (flag,) = recording.flags
+    assert (flag.code, flag.count, flag.facts) == ("W-HEADER", 1, {"text": line})
+    assert (recording.pose_windows_s, recording.arm_axis, recording.pose_held) == ((), None, None)
+
+
+def test_all_header_lines_about_the_pose_that_cannot_be_read_are_one_caveat() -> None:
+    recording = read_text("# pose_held: yes\n# arm_axis: q\n" + table(range(0, 20_000_000, 2000)))
+
+    (flag,) = recording.flags
+    assert (flag.count, flag.facts) == (2, {"text": "arm_axis: q; pose_held: yes"})
+
+
+def test_every_number_arrives() -> None:
+    recording = read_text(table(range(0, 20_000_000, 2000)))
+
+    (segment,) = recording.segments
+    assert segment.acc_g[2] == pytest.approx([0.002, 0.0, 1.0])
+    assert segment.gyr_dps[1999].tolist() == [0.5, -0.25, 999.5]
+
+
+def test_a_32_bit_microsecond_counter_is_unwrapped() -> None:
+    stamps = [(2**32 - 5_000_000 + k * 2000) % 2**32 for k in range(5000)]
+
+    recording = read_text(table(stamps))
+
+    assert recording.duration_us == 10_000_000
+    assert codes(recording) == ["W-WRAP"]
+
+
+def test_a_short_hole_is_bridged_and_its_time_is_missing() -> None:
+    stamps = [k * 2000 for k in range(5000) if k not in (1000, 1001)]
+
+    recording = read_text(table(stamps))
+
+    (segment,) = recording.segments
+    assert len(segment) == 5000
+    assert segment.bridged == ((1000, 1002),)
+    assert segment.rate_hz == pytest.approx(500.0)
+    (gap,) = recording.flags
+    assert (gap.code, gap.count) == ("W-GAP", 1)
+    assert gap.seconds == pytest.approx(0.004)
+
+
+def test_a_longer_hole_ends_the_segment() -> None:
+    stamps = [k * 2000 for k in range(5000) if not 1000 <= k < 2000]
+
+    recording = read_text(table(stamps))
+
+    assert [(s.start_us, len(s)) for s in recording.segments] == [(0, 1000), (4_000_000, 3000)]
+    assert recording.duration_us == 10_000_000
+    (gap,) = recording.flags
+    assert gap.seconds == pytest.approx(2.0)
+
+
+def test_rows_stamped_late_are_not_a_hole() -> None:
+    stamps = [k * 2000 for k in range(5000)]
+    for k in range(1000, 1010):
+        stamps[k] = 1009 * 2000 + (k - 1009) * 20
+
+    recording = read_text(table(stamps))
+
+    assert [len(s) for s in recording.segments] == [5000]
+    assert recording.segments[0].bridged == ()
+
+
+def test_whole_milliseconds_at_952_hz_are_one_segment() -> None:
+    stamps_ms = [round(k * 1000 / 952) for k in range(9520)]
+    text = table([], HEADER.replace("time_us", "time_ms"))
+    text += "".join(f"{ms},{line(k)}\n" for k, ms in enumerate(stamps_ms))
+
+    recording = read_text(text)
+
+    assert [len(s) for s in recording.segments] == [9520]
+    assert recording.rate_hz == pytest.approx(952.0, rel=1e-4)
+
+
+def test_a_logger_that_started_again_gives_a_second_segment() -> None:
+    stamps = [*range(60_000_000, 70_000_000, 2000)]
+    text = table(stamps) + table(range(0, 10_000_000, 2000))
+
+    recording = read_text(text)
+
+    assert [(s.start_us, len(s)) for s in recording.segments] == [(0, 5000), (10_000_000, 5000)]
+    assert codes(recording) == ["W-HEADER-REPEAT", "W-CLOCK-BACK"]
+
+
+def test_one_wild_stamp_is_mended() -> None:
+    stamps = [k * 2000 for k in range(5000)]
+    stamps[2500] = 4_000_000_000
+
+    recording = read_text(table(stamps))
+
+    assert [len(s) for s in recording.segments] == [5000]
+    assert codes(recording) == ["W-CLOCK-FWD"]
+
+
+def test_the_rate_is_that_of_the_stamps_not_the_nominal_one() -> None:
+    recording = read_text(table(round(k * 1e6 / 464.5) for k in range(9000)))
+
+    assert recording.rate_hz == pytest.approx(464.5, rel=1e-6)
+
+
+@given(st.lists(st.integers(0, 4999), max_size=30, unique=True))
+@settings(max_examples=30, deadline=None)
+def test_present_and_missing_time_add_up_whatever_rows_are_lost(lost: list[int]) -> None:
+    gone = set(lost) - {0, 4999}
+    recording = read_text(table(k * 2000 for k in range(5000) if k not in gone))
+
+    present_us = sum(segment.duration_us for segment in recording.segments)
+    bridged = sum(stop - first for s in recording.segments for first, stop in s.bridged)
+    gap_us = sum(flag.seconds for flag in recording.flags if flag.code == "W-GAP") * 1e6
+    assert recording.duration_us == 10_000_000
+    assert present_us - bridged * 2000 + gap_us == pytest.approx(10_000_000, abs=1.0)
+
+
+def outcome(content: bytes) -> str:
+    """The refusal's code, or ok; any other exception is a bug and fails the test."""
+    try:
+        read_recording(io.BytesIO(content))
+    except FusionError as refusal:
+        return refusal.code
+    return "ok"
+
+
+@given(st.binary(max_size=400))
+@settings(max_examples=200, deadline=None)
+def test_any_bytes_are_read_or_refused_by_our_own_errors(content: bytes) -> None:
+    assert outcome(content).startswith(("E-", "ok"))
+
+
+@given(st.integers(0, 3000), st.binary(min_size=1, max_size=30))
+@settings(max_examples=50, deadline=None)
+def test_a_table_overwritten_anywhere_is_read_or_refused(at: int, junk: bytes) -> None:
+    content = table(range(0, 3_000_000, 10_000)).encode()
+
+    assert outcome(content[:at] + junk + content[at + len(junk) :]).startswith(("E-", "ok"))
+
+
+def test_a_header_of_unknown_names_is_shown_and_not_denied() -> None:
+    rows = "".join(f"{row / 100:.2f},0.1,0.2,0.9,1,2,{row % 7}\n" for row in range(200))
+
+    with pytest.raises(UnknownColumns) as refusal:
+        read_recording(io.BytesIO(f"when,p,q,r,s,u,v\n{rows}".encode()), file_name="strange.csv")
+
+    assert refusal.value.facts["list"] == "when,p,q,r,s,u,v"
+    assert refusal.value.facts["missing"] == "ax, ay, az, gx, gy, gz"

@@ -1,0 +1,196 @@
+"""Every way of writing the same table is read alike; units and columns are found."""
+
+import numpy as np
+import pytest
+
+from fusion.errors import FusionError
+from fusion.readers.tables.columns import choose_vector
+from fusion.readers.tables.layout import find_layout
+from tests.fusion.readers.tables.table_builder import CANON, HEADER, codes, line, read_text
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "t,ax,ay,az,gx,gy,gz",
+        "Time,aX,aY,aZ,gX,gY,gZ",
+        "timestamp,acc_x,acc_y,acc_z,gyro_x,gyro_y,gyro_z",
+        "millis,AccX,AccY,AccZ,GyroX,GyroY,GyroZ",
+        "Time [ms],Accelerometer X,Accelerometer Y,Accelerometer Z,Gyroscope X,Gyroscope Y,Gyroscope Z",
+        '"ts","accel.x","accel.y","accel.z","gyr.x","gyr.y","gyr.z"',
+        "time_ms,imu_acc_x_g,imu_acc_y_g,imu_acc_z_g,imu_gyr_x_dps,imu_gyr_y_dps,imu_gyr_z_dps",
+    ],
+)
+def test_column_names_of_the_wild_are_understood(header: str) -> None:
+    layout = find_layout(header + "\n" + "".join(f"{10 * k},{line(k)}\n" for k in range(900)))
+
+    assert layout is not None
+    assert layout.columns[0].channel == "time"
+    assert choose_vector(layout.columns, "acc") == (1, 2, 3)
+    assert choose_vector(layout.columns, "gyr") == (4, 5, 6)
+
+
+FRENCH = "Accéléromètre X (g);Accéléromètre Y (g);Accéléromètre Z (g)"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        f"Horodatage (ms);{FRENCH};Gyroscope X (°/s);Gyroscope Y (°/s);Gyroscope Z (°/s)",
+        f"Temps [millisecondes];{FRENCH};Gyromètre X (°/s);Gyromètre Y (°/s);Gyromètre Z (°/s)",
+        "Temps (ms);Accél. X (g);Accél. Y (g);Accél. Z (g);"
+        + ";".join(f"Vitesse angulaire axe {axis} (degrés/s)" for axis in "XYZ"),
+    ],
+)
+def test_french_names_with_accents_and_units_are_understood(header: str, encoding: str) -> None:
+    rows = "".join(f"{10 * k};{line(k).replace(',', ';').replace('.', ',')}\n" for k in range(900))
+
+    recording = read_text((header + "\n" + rows).encode(encoding))
+
+    units = (recording.understood["acceleration_unit"], recording.understood["angular_rate_unit"])
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
+    assert recording.duration_us == 9_000_000
+    assert units in {("g", "deg/s"), ("g", "degres/s")}
+
+
+def test_french_units_are_converted() -> None:
+    header = (
+        "Horodatage;Accélération X (m/s²);Accélération Y (m/s²);Accélération Z (m/s²);"
+        "Gyro X (°/s);Gyro Y (°/s);Gyro Z (°/s)"
+    )
+    rows = "".join(f"2026-03-02 08:00:{k / 100:05.2f};0;0;9.80665;0;{k % 2};1\n" for k in range(900))
+
+    recording = read_text(header + "\n" + rows)
+
+    assert recording.segments[0].acc_g[0] == pytest.approx([0.0, 0.0, 1.0])
+    assert recording.duration_us == 9_000_000
+
+
+def test_columns_in_another_order_with_strangers_between_are_found() -> None:
+    header = "temp_c,gyr_z_dps,gyr_y_dps,gyr_x_dps,mag_x,acc_z_g,acc_y_g,acc_x_g,time_ms"
+    text = header + "\n" + "".join(f"21.5,3,2,1,99,1,0.02,0.01,{10 * k}\n" for k in range(900))
+
+    recording = read_text(text)
+
+    assert recording.segments[0].acc_g[0] == pytest.approx([0.01, 0.02, 1.0])
+    assert recording.segments[0].gyr_dps[0].tolist() == [1.0, 2.0, 3.0]
+    assert recording.understood["ignored"] == "temp_c, mag_x"
+
+
+@pytest.mark.parametrize(
+    ("acc_unit", "gyr_unit", "acc_factor", "gyr_factor"),
+    [
+        ("m/s^2", "rad/s", 9.80665, np.pi / 180),
+        ("mg", "mdps", 1000.0, 1000.0),
+        ("cm/s^2", "dps", 980.665, 1.0),
+        ("m_per_s2", "deg_per_s", 9.80665, 1.0),
+    ],
+)
+def test_stated_units_are_converted(
+    acc_unit: str, gyr_unit: str, acc_factor: float, gyr_factor: float
+) -> None:
+    names = [f"acc {a} ({acc_unit})" for a in "xyz"] + [f"gyr {a} ({gyr_unit})" for a in "xyz"]
+    row = f"0,0,{acc_factor:.6f},{90 * gyr_factor:.6f},0,0"
+    text = ",".join(["time (s)", *names]) + "\n" + "".join(f"{k / 100:.2f},{row}\n" for k in range(900))
+
+    recording = read_text(text)
+
+    assert recording.segments[0].acc_g[0, 2] == pytest.approx(1.0, abs=1e-5)
+    assert recording.segments[0].gyr_dps[0, 0] == pytest.approx(90.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        CANON.replace("\n", "\r\n").encode(),
+        CANON.replace("\n", "\r").encode(),
+        b"\xef\xbb\xbf" + CANON.encode(),
+        CANON.replace("\n", "\n\n").encode(),
+        CANON.replace(",", "\t").encode(),
+        CANON.replace(",", ", ").encode(),
+        CANON.replace(",", " ").encode(),
+        CANON.replace("\n", ",,,\n").encode(),
+        "\n".join(",".join(f'"{f}"' for f in row.split(",")) for row in CANON.split("\n")[:-1]).encode()
+        + b"\n",
+        CANON.rstrip("\n").encode(),
+    ],
+    ids=[
+        "CRLF",
+        "CR",
+        "mark",
+        "blank lines",
+        "tab",
+        "padded",
+        "spaces",
+        "empty ends",
+        "quoted",
+        "no last newline",
+    ],
+)
+def test_every_dress_of_the_same_table_gives_the_same_samples(content: bytes) -> None:
+    expected = read_text(CANON).segments[0]
+
+    (segment,) = read_text(content).segments
+
+    assert np.array_equal(segment.acc_g, expected.acc_g)
+    assert np.array_equal(segment.gyr_dps, expected.gyr_dps)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_excels_unicode_text_is_read_and_said(encoding: str) -> None:
+    content = ("\ufeff" if encoding == "utf-16-be" else "") + CANON.replace(",", "\t")
+
+    recording = read_text(content.encode(encoding))
+
+    assert len(recording.segments[0]) == 2000
+    assert codes(recording) == ["W-ENCODING"]
+
+
+def test_semicolons_with_decimal_commas_are_read_and_said() -> None:
+    recording = read_text(CANON.replace(",", ";").replace(".", ","))
+
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
+    assert codes(recording) == ["W-LOCALE"]
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_words_in_columns_of_their_own_are_left_aside(mark: str) -> None:
+    header = "device,time_us,activity," + HEADER.split(",", 1)[1]
+    rows = [f"D4 22 CD,{10_000 * k},{'walking' if k % 2 else ''},{line(k)}" for k in range(900)]
+
+    recording = read_text("\n".join([header, *rows, ""]).replace(",", mark))
+
+    assert (recording.duration_us, recording.segments[0].gyr_dps[7].tolist()) == (
+        9_000_000,
+        [0.5, -0.25, 7.5],
+    )
+    assert recording.understood["ignored"] == "device, activity"
+
+
+def test_seconds_and_microseconds_in_two_columns_cost_no_time() -> None:
+    header = "sec,usec," + HEADER.split(",", 1)[1]
+    rows = [f"{183 + k // 100},{k % 100 * 10_000},{line(k)}" for k in range(900)]
+
+    recording = read_text("\n".join([header, *rows, ""]))
+
+    assert (recording.duration_us, len(recording.segments)) == (9_000_000, 1)
+
+
+def test_exponents_and_many_digits_are_read() -> None:
+    row = "5.35E-05,-1.2e+0,0.99999999999999999999999,0.00000000000000000000000125,1e2,-0"
+    text = HEADER + "\n" + "".join(f"{10_000 * k},{row if k == 5 else line(k)}\n" for k in range(900))
+
+    recording = read_text(text)
+
+    assert recording.segments[0].acc_g[5] == pytest.approx([5.35e-5, -1.2, 1.0])
+    assert recording.segments[0].gyr_dps[5] == pytest.approx([1.25e-24, 100.0, 0.0])
+
+
+def test_a_head_of_single_spaces_without_a_whole_row_is_not_understood() -> None:
+    """Found by the fuzz: the only row is none once its spaces are tabs."""
+    names = "PacketCounter SampleTimeFine Acc_X Acc_Y Acc_Z Gyr_X Gyr_Y Gyr_Z"
+    text = f"Update Rate: 100.0Hz\n{names}\n6\r500  0.1 0.9 0.1 0.9 -1.9 3.0\n"
+
+    with pytest.raises(FusionError):
+        read_text(text)

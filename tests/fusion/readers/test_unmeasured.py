@@ -1,0 +1,302 @@
+"""Rows in which nothing was measured are missing: zeros however short, repeats of half a second or more."""
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fusion.checks.unmeasured import leave_out_zeros
+from fusion.errors import DeadSensor, UnusableTime
+from fusion.pipeline import analyse
+from fusion.readers import read_recording
+from fusion.readers.preview import inspect_recording
+from fusion.readers.tables.registers import RECORD
+from fusion.recording import QualityFlag, Recording
+from tests.badfiles import signal_files as s
+from tests.badfiles.arm import Matrix, minute
+from tests.badfiles.table_files import changed, stamped, values
+from tests.factories import record
+from tests.fusion.readers.gt3x.gt3x_builder import pack, schema
+from tests.fusion.readers.gt3x.gt3x_builder import record as log_record
+from tests.fusion.readers.tables.table_builder import HEADER
+
+ZERO_ROW = "0,0,0,0,0,0"
+NAMES = HEADER.split(",")
+
+
+def write_table(columns: Matrix) -> bytes:
+    return changed(columns).encode()
+
+
+def write_actilife(columns: Matrix) -> bytes:
+    return s.write_actilife(columns).encode()
+
+
+def write_parquet(columns: Matrix) -> bytes:
+    file = io.BytesIO()
+    held = {"time_us": np.arange(len(columns)) * 10_000}
+    pq.write_table(pa.table(held | dict(zip(NAMES[1:], columns.T, strict=True))), file)
+    return file.getvalue()
+
+
+def write_counted(columns: Matrix) -> bytes:
+    """A table without time; its preamble tells the rate."""
+    rows = "".join(",".join(f"{value:.5f}" for value in row) + "\n" for row in columns.tolist())
+    return ("# rate_hz: 100\n" + ",".join(NAMES[1:]) + "\n" + rows).encode()
+
+
+def write_registers(columns: Matrix) -> bytes:
+    """26-byte records of the LSM9DS1 at 2 g and 245 deg/s, whose frame is left-handed."""
+    records = np.zeros(len(columns), RECORD)
+    time_us = 1_772_438_220_000_000 + 10_000 * np.arange(len(columns))
+    records["s"], records["us"] = np.divmod(time_us, 1_000_000)
+    mirror = [-1, 1, 1]
+    records["acc"] = np.round(columns[:, :3] / 0.000061) * mirror
+    records["gyr"] = np.round(columns[:, 3:] / 0.00875) * mirror
+    return records.tobytes()
+
+
+def write_gt3x(columns: Matrix) -> bytes:
+    rows = np.zeros(
+        len(columns),
+        [("acc", ">i2", 3), ("temp", ">i2"), ("gyr", ">i2", 3), ("mag", "<i2", 3), ("pad", "u1")],
+    )
+    rows["acc"], rows["gyr"] = np.round(columns[:, :3] * 2048), np.round(columns[:, 3:] * 16.384)
+    log = log_record(24, 1_772_438_220, schema())
+    for k in range(len(rows) // 100):
+        payload = b"\x01\0" + rows[100 * k : 100 * k + 100].tobytes()
+        log += log_record(25, 1_772_438_220 + k, payload)
+    return pack(log).getvalue()
+
+
+WRITERS: dict[str, Callable[[Matrix], bytes]] = {
+    "shift.csv": write_table,
+    "shift-IMU.csv": write_actilife,
+    "shift.parquet": write_parquet,
+    "counted.csv": write_counted,
+    "shift.dat": write_registers,
+    "shift.gt3x": write_gt3x,
+}
+
+
+def read(name: str, columns: Matrix) -> Recording:
+    return read_recording(io.BytesIO(WRITERS[name](columns)), file_name=name)
+
+
+def told(recording: Recording) -> dict[str, QualityFlag]:
+    return {flag.code: flag for flag in recording.flags}
+
+
+@pytest.mark.parametrize("rows", [1, 4, 5, 20, 49, 99, 300])
+@pytest.mark.parametrize("name", WRITERS)
+def test_zeros_are_missing_however_short(name: str, rows: int) -> None:
+    columns = s.readings().copy()
+    columns[2000 : 2000 + rows] = 0.0
+
+    recording = read(name, columns)
+
+    time = analyse(recording).time
+    lost_us = 10_000 * rows
+    flag = told(recording)["W-STUCK-PART"]
+    assert (time.recorded_us, time.analysed_us, time.missing_us) == (
+        60_000_000,
+        60_000_000 - lost_us,
+        lost_us,
+    )
+    assert (flag.count, flag.seconds, flag.first_s, flag.facts) == (
+        1,
+        lost_us / 1e6,
+        20.0,
+        {"filled": "zeros"},
+    )
+    assert told(recording)["W-GAP"].seconds == lost_us / 1e6
+
+
+def test_four_rows_at_100_hz_are_bridged_and_five_end_the_segment() -> None:
+    lengths = []
+    for rows in (4, 5):
+        columns = s.readings().copy()
+        columns[2000 : 2000 + rows] = 0.0
+        lengths.append([(len(one), one.bridged) for one in read("shift.csv", columns).segments])
+
+    assert lengths == [[(6000, ((2000, 2004),))], [(2000, ()), (3995, ())]]
+
+
+def test_zeros_at_both_ends_count_as_recorded_and_missing() -> None:
+    columns = s.readings().copy()
+    columns[:200] = columns[5900:] = 0.0
+
+    recording = read("shift.csv", columns)
+
+    (segment,) = recording.segments
+    assert (recording.duration_us, segment.start_us, len(segment)) == (60_000_000, 2_000_000, 5700)
+
+
+def test_inspect_and_report_tell_the_same_holes() -> None:
+    columns = s.readings().copy()
+    for first, rows in ((1500, 3), (2500, 40), (4000, 120)):
+        columns[first : first + rows] = 0.0
+
+    recording = read("shift.csv", columns)
+
+    seen, time = inspect_recording(recording), analyse(recording).time
+    flags = told(recording)
+    assert (seen["missing_s"], time.missing_us) == (1.63, 1_630_000)
+    assert (seen["gap_count"], flags["W-GAP"].count, flags["W-STUCK-PART"].count) == (3, 3, 3)
+    assert seen["samples"] == 6000 - 163
+
+
+@pytest.mark.parametrize("value", [-0.001, 0.0, 9.0, 999.0])
+@pytest.mark.parametrize("name", ["shift.csv", "shift-IMU.csv", "shift.parquet"])
+def test_one_value_on_all_axes_that_gravity_cannot_have_is_no_reading(name: str, value: float) -> None:
+    columns = s.readings().copy()
+    columns[2000:2010] = value
+
+    recording = read(name, columns)
+
+    assert (told(recording)["W-STUCK-PART"].seconds, analyse(recording).time.missing_us) == (0.1, 100_000)
+
+
+def test_registers_that_did_not_answer_are_no_reading() -> None:
+    """All bits set: -1 in each of the six."""
+    content = bytearray(write_registers(s.readings()))
+    records = np.frombuffer(content, RECORD)
+    records["acc"][2000:2010], records["gyr"][2000:2010] = -1, -1
+
+    recording = read_recording(io.BytesIO(content), file_name="shift.dat")
+
+    assert told(recording)["W-STUCK-PART"].seconds == 0.1
+
+
+def test_an_accelerometer_alone_at_zero_for_a_tenth_of_a_second_is_no_reading() -> None:
+    columns = s.readings().copy()
+    columns[2000:2010, :3] = 0.0
+
+    assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 0.1
+
+
+def test_a_gyroscope_alone_at_one_value_for_a_tenth_of_a_second_is_no_reading() -> None:
+    columns = s.readings().copy()
+    columns[2000:2300, 3:] = -999.0
+
+    assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 3.0
+
+
+def test_a_gyroscope_at_zero_while_the_arm_is_still_is_a_reading() -> None:
+    columns = s.readings().copy()
+    columns[2000:2040, 3:] = 0.0
+
+    assert told(read("shift.csv", columns)) == {}
+
+
+def test_a_gyroscope_of_whole_degrees_may_rest_at_one_of_them() -> None:
+    acc_g, gyr_dps = minute()
+    resting = record(acc_g, np.round(gyr_dps), 100.0)
+    resting.segments[0].gyr_dps[2000:2040] = 1.0
+
+    assert leave_out_zeros(resting) is resting
+
+
+def test_a_hole_next_to_zeros_is_bridged_with_them() -> None:
+    rows = list(values())
+    rows[2000:2002] = [ZERO_ROW] * 2
+    stamps = [10_000 * k for k in range(6000)]
+    del rows[2002], stamps[2002]
+
+    recording = read_recording(io.BytesIO(stamped(stamps, rows).encode()))
+
+    (segment,) = recording.segments
+    assert segment.bridged == ((2000, 2003),)
+    assert np.abs(np.linalg.norm(segment.acc_g[1999:2004], axis=1) - 1.0).max() < 0.05
+
+
+def test_rows_without_a_stamp_are_no_time() -> None:
+    """A block of the card was never written, and the file was cut to its length beforehand."""
+    rows, stamps = list(values()), [10_000 * k for k in range(6000)]
+    for first, stop in ((3000, 3200), (5900, 6000)):
+        rows[first:stop], stamps[first:stop] = [ZERO_ROW] * (stop - first), [0] * (stop - first)
+
+    recording = read_recording(io.BytesIO(stamped(stamps, rows).encode()))
+
+    flags = told(recording)
+    assert recording.duration_us == 59_000_000
+    assert (flags["W-ROWS-DROPPED"].count, flags["W-GAP"].seconds) == (300, 2.0)
+    assert "W-CLOCK-BACK" not in flags
+
+
+def test_a_logger_that_is_faster_than_its_sensor_is_read_at_the_sensors_rate() -> None:
+    pairs = [row for value in values() for row in (value, ZERO_ROW)]
+
+    recording = read_recording(io.BytesIO(stamped(range(0, 60_000_000, 5_000), pairs).encode()))
+
+    assert (recording.rate_hz, len(recording.segments)) == (100.0, 1)
+    assert told(recording)["W-ROWS-DROPPED"].count == 6000
+
+
+def test_zeros_between_all_rows_of_a_table_without_time_are_refused() -> None:
+    columns = np.repeat(s.readings(), 2, axis=0)
+    columns[::2] = 0.0
+
+    with pytest.raises(UnusableTime):
+        read("counted.csv", columns)
+
+
+def test_nothing_but_zeros_is_a_dead_sensor() -> None:
+    with pytest.raises(DeadSensor):
+        read("shift.csv", np.zeros((6000, 6)))
+
+
+def test_an_axis_that_is_dead_between_the_zeros_is_named() -> None:
+    columns = s.readings().copy()
+    columns[:, 4] = 0.25
+    columns[2000:2100] = 0.0
+
+    with pytest.raises(DeadSensor) as refusal:
+        read("shift.csv", columns)
+
+    assert refusal.value.facts == {"sensor": "gyroscope", "axis": "y"}
+
+
+@pytest.mark.parametrize("name", ["shift.csv", "shift-IMU.csv", "shift.gt3x"])
+def test_zeros_that_come_again_and_again_leave_axes_and_scale_alone(name: str) -> None:
+    columns = np.vstack([s.readings()] * 4)
+    for first in range(1500, 24_000, 1000):
+        columns[first : first + 140] = 0.0
+
+    recording = read(name, columns)
+
+    assert set(told(recording)) == {"W-GAP", "W-STUCK-PART"}
+    assert told(recording)["W-STUCK-PART"].count == 23
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_repeats_that_a_program_wrote_are_missing(name: str) -> None:
+    columns = s.readings().copy()
+    columns[2001:2300] = columns[2000]
+
+    recording = read(name, columns)
+
+    flag = told(recording)["W-STUCK-PART"]
+    assert [(one.start_us, len(one)) for one in recording.segments] == [(0, 2001), (23_000_000, 3700)]
+    assert (flag.count, flag.seconds, flag.facts) == (1, 2.99, {"filled": "held"})
+
+
+@given(st.lists(st.tuples(st.integers(0, 2990), st.integers(1, 60)), max_size=12))
+def test_every_row_is_kept_or_missing(zeros: list[tuple[int, int]]) -> None:
+    acc_g, gyr_dps = (values[:3000].copy() for values in minute())
+    is_zero = np.zeros(3000, np.bool_)
+    for first, rows in zeros:
+        is_zero[first : first + rows] = True
+    acc_g[is_zero], gyr_dps[is_zero] = 0.0, 0.0
+
+    left = leave_out_zeros(record(acc_g, gyr_dps, 100.0))
+
+    measured = sum(len(one) - sum(b - a for a, b in one.bridged) for one in left.segments)
+    assert measured == 3000 - is_zero.sum()
+    assert all(np.abs(np.linalg.norm(one.acc_g, axis=1) - 1.0).max() < 0.5 for one in left.segments)
+    assert left.duration_us == 30_000_000
