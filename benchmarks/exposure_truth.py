@@ -24,6 +24,7 @@ from fusion.recording import Recording, Segment
 from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
 from fusion.simulation.shift import simulate_shift
+from tests.simulated_shifts import play_shift
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 HOURS = 8.0
@@ -49,7 +50,7 @@ class Compared:
 def expose_shift(device: Device, seed: int, hours: float) -> tuple[Analysis, Exposure]:
     """Analyse a simulated shift, and count its exact angle over the same valid rows."""
     shift = simulate_shift(device, hours, seed, ASKED_HZ[device])
-    day = shift.in_arrays()
+    day = play_shift(shift)
     segment = Segment(0, day.rate_hz, day.acc_g, day.gyr_dps)
     recording = Recording(device, "0" * 64, day.start, None, segment.duration_us, (segment,))
     analysis = analyse(recording, AnalysisSettings(calibration_windows_s=(shift.calibration_s,)))

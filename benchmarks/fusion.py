@@ -28,6 +28,7 @@ from fusion.sensor.model import SensorRun, view_segment
 from fusion.sensor.stillness import find_quietest_rate
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
+from tests.simulated_shifts import play_shift
 from tests.validation.broad import (
     Estimator,
     Table,
@@ -128,7 +129,7 @@ def sweep_weight() -> None:
 
 
 def simulate(device: Device, hours: float, seed: int) -> tuple[CalibratedSamples, Table]:
-    arrays = simulate_shift(device, hours, seed).in_arrays()
+    arrays = play_shift(simulate_shift(device, hours, seed))
     recording = record(device, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps)
     return calibrate(recording), arrays.elevation_deg
 
@@ -167,7 +168,7 @@ def share_bins(elevation_deg: NDArray[np.floating]) -> Table:
 def measure_speed() -> None:
     print("eight hours, warm, best of three, seconds: calibrate (bias, still periods) and estimate_elevation")
     for device, rate_hz in zip(DEVICES, (100.0, 500.0), strict=True):
-        hour = simulate_shift(device, 0.25, 1, rate_hz).in_arrays()
+        hour = play_shift(simulate_shift(device, 0.25, 1, rate_hz))
         copies = round(8 * 3600 * rate_hz) // len(hour.acc_g) + 1
         recording = record(
             device, rate_hz, np.tile(hour.acc_g, (copies, 1)), np.tile(hour.gyr_dps, (copies, 1))
@@ -194,7 +195,7 @@ def measure_band(hours: float = 8.0, seeds: Sequence[int] = range(1, 11)) -> Non
 
 
 def print_band(device: Device, hours: float, seed: int) -> float:
-    arrays = simulate_shift(device, hours, seed, 100.0).in_arrays()
+    arrays = play_shift(simulate_shift(device, hours, seed, 100.0))
     samples = calibrate(record(device, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps))
     elevation = estimate_elevation(samples)
     segment = elevation.segments[0]

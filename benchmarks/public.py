@@ -133,7 +133,7 @@ def measure_recorded(data: Path, seeds: int) -> Part:
 def measure_tasks() -> Part:
     """Score the angle on the ten tasks of a published study, simulated."""
     from benchmarks.validation.tasks import play_sessions, summarise  # noqa: PLC0415
-    from fusion.source_paper import TITLES  # noqa: PLC0415
+    from tests.simulated_tasks import TITLES  # noqa: PLC0415
 
     results = summarise(play_sessions(seated=True))
     charts = []

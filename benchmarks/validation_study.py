@@ -17,9 +17,9 @@ import typer
 from app.cli import app
 from fusion.simulation import SimulatedShift, write_shift
 from fusion.simulation.sensor import Device
-from fusion.source_paper import TITLES
 from tests.simulated_mvnx import write_mvnx
-from tests.simulated_tasks import LOWERING_S, simulate_session
+from tests.simulated_shifts import play_shift
+from tests.simulated_tasks import LOWERING_S, TITLES, simulate_session
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 MVN_RATE_HZ = 60.0
@@ -59,7 +59,7 @@ def write_tasks(path: Path, shift: SimulatedShift) -> None:
 
 def write_reference(path: Path, shift: SimulatedShift, person: int) -> None:
     """Write the truth as MVN: begun 5 to 25 s earlier, its clock off by 10 to 50 ppm."""
-    arrays = shift.in_arrays()
+    arrays = play_shift(shift)
     offset_s, drift_ppm = 5.0 * person, 10.0 * person * (-1) ** person
     last_s = len(arrays.elevation_deg) / arrays.rate_hz - 0.5
     time_s = np.arange(int((offset_s + last_s) * MVN_RATE_HZ)) / MVN_RATE_HZ

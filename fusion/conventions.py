@@ -1,11 +1,8 @@
-"""How standards and methods cut elevation into classes (EXPOSURE.md A1), as data."""
+"""What a person may choose, as words; and how standards and methods cut elevation into classes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
-
-# What a person may choose. Kept apart from what it does, so that asking costs nothing.
-
 
 MethodName = Literal["smoothed", "published", "live"]
 METHOD_VERSION = "6"

@@ -174,11 +174,7 @@ KNOWN_DEVICES = (
         clock="local",
     ),
     KnownDevice(
-        "metawear",
-        "MbientLab MetaWear",
-        "zip",
-        header=r"^epoch? ?\(ms\),time",
-        clock="time since 1970",
+        "metawear", "MbientLab MetaWear", "zip", header=r"^epoch? ?\(ms\),time", clock="time since 1970"
     ),
     KnownDevice(
         "phyphox",

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from fusion.conventions import METHOD_VERSION, MethodName
 from fusion.numba_kernels import njit
-from fusion.orientation.angle_rows import AngleRows, lay_rows, read_rows
+from fusion.orientation.angle_rows import AngleRows, Vertical, VerticalOnDemand, lay_rows, read_rows
 from fusion.orientation.live import LiveParameters, LiveVertical
-from fusion.orientation.on_demand import Vertical, VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings, estimate_sigma, smooth_nodes
 from fusion.pose.axes import AxisPart, Reading
@@ -57,7 +56,7 @@ class ElevationSegment:
     vertical
         Shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor frame; None for
         a ready angle series. Worked out again when it is read, but kept where a row is made of several
-        samples (:mod:`fusion.orientation.on_demand`).
+        samples (:class:`fusion.orientation.angle_rows.VerticalOnDemand`).
     sigma_deg
         Shape (seconds,), float32: standard deviation of the angle in each second of the segment, the pose
         left out (:mod:`fusion.orientation.smoothed`); None where the method has no measure of it.

@@ -47,6 +47,9 @@ def join_facts(rows: Sequence[Mapping[str, Fact]]) -> dict[str, Fact]:
 class FusionError(Exception):
     """No number can be given; ``code`` says why and ``facts`` fill the sentence.
 
+    The head of a class declares its code, and the facts that it may have (else its parent's), each with its
+    unit or meaning.
+
     Attributes
     ----------
     fact_meanings
@@ -54,343 +57,259 @@ class FusionError(Exception):
     """
 
     code: ClassVar[str]
-    fact_meanings = name_facts()
+    fact_meanings: ClassVar[Mapping[str, str]] = name_facts()
+
+    def __init_subclass__(cls, *, code: str = "", **facts: str) -> None:
+        if code:
+            cls.code = code
+        if facts:
+            cls.fact_meanings = name_facts(**facts)
 
     def __init__(self, **facts: Fact) -> None:
         super().__init__(self.code, facts)
         self.facts = facts
 
 
-class UnreadableFile(FusionError):
+class UnreadableFile(FusionError, code="E-UNREADABLE"):
     """The bytes do not give samples."""
 
-    code = "E-UNREADABLE"
 
-
-class FailedReader(UnreadableFile):
+class FailedReader(
+    UnreadableFile,
+    code="E-READER",
+    reader="name",
+    version="of its package",
+    cause="what went wrong, in English",
+):
     """A reader of another package cannot be loaded, or fails."""
 
-    code = "E-READER"
-    fact_meanings = name_facts(reader="name", version="of its package", cause="what went wrong, in English")
 
-
-class UnknownFormat(UnreadableFile):
+class UnknownFormat(UnreadableFile, code="E-TYPE", kind="what the bytes are"):
     """The bytes are something other than a recording with acceleration and angular rate."""
 
-    code = "E-TYPE"
-    fact_meanings = name_facts(kind="what the bytes are")
 
-
-class EmptyFile(UnknownFormat):
+class EmptyFile(UnknownFormat, code="E-EMPTY"):
     """The file has no byte."""
 
-    code = "E-EMPTY"
 
-
-class WrongExtension(UnknownFormat):
+class WrongExtension(
+    UnknownFormat,
+    code="E-EXT",
+    ext="extension of the name",
+    kind="what the bytes are",
+    right="extension that fits",
+):
     """The name says one format, the content another."""
 
-    code = "E-EXT"
-    fact_meanings = name_facts(
-        ext="extension of the name", kind="what the bytes are", right="extension that fits"
-    )
 
-
-class OldDevice(UnknownFormat):
+class OldDevice(UnknownFormat, code="E-GT3X-OLD"):
     """A GT3X of the generation without a gyroscope."""
 
-    code = "E-GT3X-OLD"
 
-
-class NoGyroscope(UnknownFormat):
+class NoGyroscope(UnknownFormat, code="E-NO-GYRO", cure="device"):
     """Acceleration only: elevation in motion cannot be told from acceleration."""
 
-    code = "E-NO-GYRO"
-    fact_meanings = name_facts(cure="device")
 
-
-class NoGravity(UnknownFormat):
+class NoGravity(UnknownFormat, code="E-NO-GRAVITY"):
     """Gravity was taken out of the acceleration: nothing is left to measure an angle against."""
 
-    code = "E-NO-GRAVITY"
 
-
-class SeveralSensors(UnknownFormat):
+class SeveralSensors(
+    UnknownFormat, code="E-SENSORS", n="sensors", list="names of the sensors", wanted="name that none has"
+):
     """A table of several sensors, and nobody said which one is on the arm, or none has that name."""
 
-    code = "E-SENSORS"
-    fact_meanings = name_facts(n="sensors", list="names of the sensors", wanted="name that none has")
 
-
-class EpochFile(UnknownFormat):
+class EpochFile(UnknownFormat, code="E-EPOCH", sec="s of an epoch"):
     """Counts or epochs instead of raw samples."""
 
-    code = "E-EPOCH"
-    fact_meanings = name_facts(sec="s of an epoch")
 
-
-class UnknownColumns(UnknownFormat):
+class UnknownColumns(
+    UnknownFormat,
+    code="E-COLS",
+    list="the header line, or names of columns",
+    missing="of ax ay az gx gy gz",
+    why=TERM,
+):
     """A table whose columns are not recognised."""
 
-    code = "E-COLS"
-    fact_meanings = name_facts(
-        list="the header line, or names of columns", missing="of ax ay az gx gy gz", why=TERM
-    )
 
-
-class AmbiguousDecimal(UnknownFormat):
+class AmbiguousDecimal(UnknownFormat, code="E-DECIMAL"):
     """The comma is both separator and decimal mark."""
 
-    code = "E-DECIMAL"
 
-
-class DamagedFile(UnreadableFile):
+class DamagedFile(UnreadableFile, code="E-CORRUPT", p="% damaged"):
     """It was a recording once."""
 
-    code = "E-CORRUPT"
-    fact_meanings = name_facts(p="% damaged")
 
-
-class BlankFile(DamagedFile):
+class BlankFile(DamagedFile, code="E-BLANK", n="bytes"):
     """Every byte is zero: room was kept, nothing was written."""
 
-    code = "E-BLANK"
-    fact_meanings = name_facts(n="bytes")
 
-
-class TruncatedArchive(DamagedFile):
+class TruncatedArchive(DamagedFile, code="E-ZIP-TRUNC", n="bytes"):
     """The archive has lost its index."""
 
-    code = "E-ZIP-TRUNC"
-    fact_meanings = name_facts(n="bytes")
 
-
-class CorruptArchive(DamagedFile):
+class CorruptArchive(DamagedFile, code="E-ZIP-CRC", member="name in the archive"):
     """A member fails its integrity check."""
 
-    code = "E-ZIP-CRC"
-    fact_meanings = name_facts(member="name in the archive")
 
-
-class UnsafeArchive(DamagedFile):
+class UnsafeArchive(
+    DamagedFile, code="E-ZIP-UNSAFE", reason=TERM, limit="bytes, members or ratio, at most", count="members"
+):
     """The archive is refused before it can do harm."""
 
-    code = "E-ZIP-UNSAFE"
-    fact_meanings = name_facts(reason=TERM, limit="bytes, members or ratio, at most", count="members")
 
-
-class MissingMember(DamagedFile):
+class MissingMember(DamagedFile, code="E-GT3X-PART", member="name in the archive"):
     """A part of the archive is missing."""
 
-    code = "E-GT3X-PART"
-    fact_meanings = name_facts(member="name in the archive")
 
-
-class RefusedXml(DamagedFile):
+class RefusedXml(DamagedFile, code="E-XML", reason=TERM):
     """XML with entities or a document type, cut off, or no MVNX."""
 
-    code = "E-XML"
-    fact_meanings = name_facts(reason=TERM)
 
-
-class MissingSegment(UnreadableFile):
+class MissingSegment(UnreadableFile, code="E-SEGMENT", segment="name of the body segment"):
     """A motion capture without what the angle is taken from."""
 
-    code = "E-SEGMENT"
-    fact_meanings = name_facts(segment="name of the body segment")
 
-
-class NoSamples(DamagedFile):
+class NoSamples(DamagedFile, code="E-NO-SAMPLES"):
     """A header, and no sample after it."""
 
-    code = "E-NO-SAMPLES"
 
-
-class UnreadableRows(DamagedFile):
+class UnreadableRows(DamagedFile, code="E-ROW", k="lines"):
     """More than 5 % of the lines cannot be read."""
 
-    code = "E-ROW"
-    fact_meanings = name_facts(k="lines")
 
-
-class CutByExcel(DamagedFile):
+class CutByExcel(DamagedFile, code="E-EXCEL-CUT"):
     """Exactly as many rows as Excel can hold."""
 
-    code = "E-EXCEL-CUT"
 
-
-class UnusableRecording(FusionError):
+class UnusableRecording(FusionError, code="E-UNUSABLE"):
     """Samples, but none whose angle could be trusted."""
 
-    code = "E-UNUSABLE"
 
-
-class UnknownRate(UnusableRecording):
+class UnknownRate(
+    UnusableRecording,
+    code="E-RATE",
+    m="Hz, measured",
+    cure=TERM,
+    unit="of the header's times",
+    other_unit="of those times, instead",
+    other_hz="Hz, by that unit",
+):
     """The sampling rate cannot be determined."""
 
-    code = "E-RATE"
-    fact_meanings = name_facts(
-        m="Hz, measured",
-        cure=TERM,
-        unit="of the header's times",
-        other_unit="of those times, instead",
-        other_hz="Hz, by that unit",
-    )
 
-
-class UnusableTime(UnusableRecording):
+class UnusableTime(UnusableRecording, code="E-TIME", why=TERM):
     """No usable time."""
 
-    code = "E-TIME"
-    fact_meanings = name_facts(why=TERM)
 
-
-class WrongScale(UnusableRecording):
+class WrongScale(
+    UnusableRecording,
+    code="E-SCALE",
+    g="g at rest",
+    low_g="g at rest, least",
+    high_g="g at rest, most",
+    dps="deg/s, largest",
+):
     """At rest no 1 g (facts: g; or low_g, high_g), or a rate that no part can read (dps)."""
 
-    code = "E-SCALE"
-    fact_meanings = name_facts(
-        g="g at rest", low_g="g at rest, least", high_g="g at rest, most", dps="deg/s, largest"
-    )
 
-
-class UnknownUnit(UnusableRecording):
+class UnknownUnit(UnusableRecording, code="E-UNIT", sensor=TERM):
     """Neither the header nor rest and motion settle the unit of a sensor."""
 
-    code = "E-UNIT"
-    fact_meanings = name_facts(sensor=TERM)
 
-
-class MixedColumns(UnusableRecording):
+class MixedColumns(
+    UnusableRecording,
+    code="E-MIXED",
+    percent="% unexplained",
+    turns="stretches",
+    factor="times, that would fit; negative: left-handed",
+):
     """Gravity does not turn as the gyroscope says."""
 
-    code = "E-MIXED"
-    fact_meanings = name_facts(
-        percent="% unexplained", turns="stretches", factor="times, that would fit; negative: left-handed"
-    )
 
-
-class ExchangedSensors(UnusableRecording):
+class ExchangedSensors(UnusableRecording, code="E-SWAPPED"):
     """The columns of the acceleration read like a gyroscope, and those of the angular rate like gravity."""
 
-    code = "E-SWAPPED"
 
-
-class TooShort(UnusableRecording):
+class TooShort(UnusableRecording, code="E-SHORT", s="s analysed", left_out=TERM, left_out_s="s", cure=TERM):
     """Less than 10 s could be analysed."""
 
-    code = "E-SHORT"
-    fact_meanings = name_facts(s="s analysed", left_out=TERM, left_out_s="s", cure=TERM)
 
-
-class TooLong(UnusableRecording):
+class TooLong(UnusableRecording, code="E-LONG", rows="millions of rows", most="millions of rows"):
     """More rows than any device records."""
 
-    code = "E-LONG"
-    fact_meanings = name_facts(rows="millions of rows", most="millions of rows")
 
-
-class DeadSensor(UnusableRecording):
+class DeadSensor(UnusableRecording, code="E-DEAD", sensor=TERM, axis="x, y or z"):
     """A channel never changes its value."""
 
-    code = "E-DEAD"
-    fact_meanings = name_facts(sensor=TERM, axis="x, y or z")
 
-
-class UnusableCalibration(UnusableRecording):
+class UnusableCalibration(UnusableRecording, code="E-CALIBRATION", why=TERM, start_s="s", end_s="s"):
     """The calibration window asked for is not usable."""
 
-    code = "E-CALIBRATION"
-    fact_meanings = name_facts(why=TERM, start_s="s", end_s="s")
 
-
-class WrongAngle(UnusableRecording):
+class WrongAngle(UnusableRecording, code="E-ANGLE", value="deg"):
     """An elevation outside 0 to 180 deg."""
 
-    code = "E-ANGLE"
-    fact_meanings = name_facts(value="deg")
 
-
-class UnusableDiary(FusionError):
+class UnusableDiary(
+    FusionError,
+    code="E-DIARY",
+    why=TERM,
+    cure=TERM,
+    value="as written",
+    text="as written",
+    other="line of a second row",
+    diary="name of the file",
+    more="rows not told",
+):
     """Rows of the diary cannot be used.
 
     The facts of the second row that cannot be used end in ``_2``, and so on.
     """
 
-    code = "E-DIARY"
-    fact_meanings = name_facts(
-        why=TERM,
-        cure=TERM,
-        value="as written",
-        text="as written",
-        other="line of a second row",
-        diary="name of the file",
-        more="rows not told",
-    )
 
-
-class UnusableJoin(UnusableRecording):
+class UnusableJoin(UnusableRecording, code="E-JOIN", why=TERM):
     """Files that are not one shift of one device."""
 
-    code = "E-JOIN"
-    fact_meanings = name_facts(why=TERM)
 
-
-class UnknownAxis(UnusableRecording):
+class UnknownAxis(UnusableRecording, code="E-AXIS"):
     """An orientation of which nothing says how the arm lies in it."""
 
-    code = "E-AXIS"
 
-
-class UnusableComparison(FusionError):
+class UnusableComparison(FusionError, code="E-COMPARISON"):
     """Two measurements that cannot be set beside each other."""
 
-    code = "E-COMPARISON"
 
-
-class NotAligned(UnusableComparison):
+class NotAligned(
+    UnusableComparison,
+    code="E-ALIGN",
+    r="correlation",
+    least="correlation",
+    motion_s="s",
+    least_s="s",
+    best="worth of the best shift",
+    rival="of another",
+):
     """No shift of the clocks surely fits."""
 
-    code = "E-ALIGN"
-    fact_meanings = name_facts(
-        r="correlation",
-        least="correlation",
-        motion_s="s",
-        least_s="s",
-        best="worth of the best shift",
-        rival="of another",
-    )
 
-
-class NothingInCommon(UnusableComparison):
+class NothingInCommon(UnusableComparison, code="E-OVERLAP", s="s in common"):
     """Under this shift of the clocks the two have no time in common."""
 
-    code = "E-OVERLAP"
-    fact_meanings = name_facts(s="s in common")
 
-
-class NoReference(UnusableComparison):
+class NoReference(UnusableComparison, code="E-REFERENCE"):
     """A recording of a study with nothing beside it to compare it with."""
 
-    code = "E-REFERENCE"
 
-
-class UnusableTasks(FusionError):
+class UnusableTasks(FusionError, code="E-TASKS", why=TERM):
     """A list of tasks that cannot be used."""
 
-    code = "E-TASKS"
-    fact_meanings = name_facts(why=TERM)
 
-
-class UnusableStudy(FusionError):
+class UnusableStudy(FusionError, code="E-STUDY", why=TERM):
     """A study folder in which nothing can be compared."""
 
-    code = "E-STUDY"
-    fact_meanings = name_facts(why=TERM)
 
-
-class UnusableProfile(FusionError):
+class UnusableProfile(FusionError, code="E-PROFILE", why=TERM, name="field of the profile"):
     """A column profile that says nothing usable."""
-
-    code = "E-PROFILE"
-    fact_meanings = name_facts(why=TERM, name="field of the profile")

@@ -23,12 +23,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from numba.core import types
-from numba.core.caching import (
-    CompileResultCacheImpl,
-    FunctionCache,
-    InTreeCacheLocator,
-    NullCache,
-)
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator, NullCache
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager
 from numba.core.runtime.nrt import rtsys
@@ -111,19 +106,15 @@ def make_kernel_folder() -> Path | None:
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
     given = Path(named) if named else None
-    if given and _can_write(given):
-        return given
+    if given:
+        with contextlib.suppress(OSError):
+            given.mkdir(parents=True, exist_ok=True)
+        if os.access(given, os.W_OK):
+            return given
     folder = _make_private_folder()
     if folder and given and given.is_dir():
         _copy_compiled(given, folder)
     return folder
-
-
-def _can_write(folder: Path) -> bool:
-    """Whether files can be made in a folder, which is made where it is absent."""
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    return os.access(folder, os.W_OK)
 
 
 def _make_private_folder() -> Path | None:

@@ -1,7 +1,7 @@
 """What the sensor wrote: even runs of samples, what lies between them, and the caveats of reading."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.conventions import ArmAxis, PoseHeld
+from fusion.numerics.intervals import find_uncovered
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -76,7 +77,30 @@ class Span:
         return self.start_us + self.duration_us
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What a file states of its units and its time; the checks of units and axes go by it.
+
+    Attributes
+    ----------
+    acc_unit, gyr_unit
+        As in :mod:`fusion.units`, "registers" for counts of the sensor, or any word that tells no size.
+    is_known
+        A known device's format or header states units and axes: nothing overrules it.
+    left_gyr_factor
+        What to multiply the rates by if the frame proves left-handed: an error of the device's library.
+    is_counted
+        The rows have no times: their rate comes from a person or a header.
+    """
+
+    acc_unit: str = "g"
+    gyr_unit: str = "deg/s"
+    is_known: bool = False
+    left_gyr_factor: float = 1.0
+    is_counted: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Segment:
     """An unbroken, evenly sampled run.
 
@@ -146,6 +170,8 @@ class Recording:
         Caveats found while reading.
     understood
         What the reader took the file for, for people: layout, columns, units, nominal rate.
+    stated
+        What the file states of its units and its time, for the checks.
     serial_hash
         Hash of the device's serial number; None where the file does not tell.
     acc_range_g, gyr_range_dps
@@ -167,6 +193,7 @@ class Recording:
     excluded: tuple[Span, ...] = ()
     flags: tuple[QualityFlag, ...] = ()
     understood: Mapping[str, str] = field(default_factory=dict)
+    stated: Stated = Stated()
     serial_hash: str | None = None
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
@@ -195,35 +222,6 @@ class Recording:
         return max(self.segments, key=len).rate_hz
 
 
-def find_gaps(
-    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
-) -> tuple[Span, ...]:
-    """Time between the segments and after the last that no exclusion explains."""
-    covered = sorted(
-        [(s.start_us, s.end_us) for s in segments] + [(span.start_us, span.end_us) for span in excluded]
-    )
-    gaps: list[Span] = []
-    reached_us = 0
-    for start_us, end_us in [*covered, (duration_us, duration_us)]:
-        if start_us > reached_us:
-            gaps.append(Span(reached_us, start_us - reached_us, "gap"))
-        reached_us = max(reached_us, end_us)
-    return tuple(gaps)
-
-
-def bridged_spans(segments: Iterable[Segment]) -> list[Span]:
-    """Holes that were bridged for the filters: their time is missing too."""
-    return [
-        Span(
-            segment.start_us + round(first * MICROSECONDS / segment.rate_hz),
-            round((stop - first) * MICROSECONDS / segment.rate_hz),
-            "gap",
-        )
-        for segment in segments
-        for first, stop in segment.bridged
-    ]
-
-
 def find_missing(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[Span, ...]:
@@ -231,13 +229,19 @@ def find_missing(
 
     What is excluded is not missing; of a bridged hole neither.
     """
+    known = [(segment.start_us, segment.end_us) for segment in segments]
+    known += [(span.start_us, span.end_us) for span in excluded]
+    uncovered = find_uncovered(known, 0, duration_us, 0)
+    holes = [Span(start_us, end_us - start_us, "gap") for start_us, end_us in uncovered]
     starts_us = sorted(span.start_us for span in excluded)
     ends_us = sorted(span.end_us for span in excluded)
-    holes = list(find_gaps(segments, duration_us, excluded))
-    for hole in bridged_spans(segments):
-        middle_us = hole.start_us + hole.duration_us // 2
-        if bisect_right(starts_us, middle_us) == bisect_right(ends_us, middle_us):
-            holes.append(hole)
+    for segment in segments:
+        for first, stop in segment.bridged:
+            start_us = segment.start_us + round(first * MICROSECONDS / segment.rate_hz)
+            length_us = round((stop - first) * MICROSECONDS / segment.rate_hz)
+            middle_us = start_us + length_us // 2
+            if bisect_right(starts_us, middle_us) == bisect_right(ends_us, middle_us):
+                holes.append(Span(start_us, length_us, "gap"))
     return tuple(sorted(holes, key=lambda hole: hole.start_us))
 
 

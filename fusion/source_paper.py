@@ -8,19 +8,6 @@ import numpy as np
 QUASI_STATIC = (2, 5, 7)
 """Where elevation hardly changes, so that the paper gives no r."""
 
-TITLES = {
-    1: "flexion 1 Hz",
-    2: "ext. rotation at 90 flexion",
-    3: "flexion 3 Hz",
-    4: "abduction 1 Hz",
-    5: "ext. rotation at 90 abduction",
-    6: "abduction 3 Hz",
-    7: "trunk flexion, static arm",
-    8: '"Z" clockwise',
-    9: '"Z" counterclockwise',
-    10: "ball throws",
-}
-
 
 @dataclass(frozen=True, slots=True)
 class TaskFigures:

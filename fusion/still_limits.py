@@ -29,7 +29,7 @@ matter how the sensor is strapped on. The gyroscope's limit keeps slow turns out
 """
 
 POSE = StillLimit(5.0, 0.01, 5.0)
-"""For the pose, the strictest of the accelerometer (EXPOSURE.md A15). The gyroscope's limit is ours: it keeps
+"""For the pose, the strictest of the accelerometer. The gyroscope's limit is ours: it keeps
 out a turn about the vertical, which the accelerometer cannot see. The two worn upper arms among the project's
 recordings stand still at 2.8 deg/s about one axis, and 0.005 g.
 """

@@ -23,10 +23,6 @@ GYR_UNITS_DPS = {
 }
 
 
-LEFT_GYR_FACTOR = "left_gyr_factor"
-"""The reader's word for what to multiply the rates by where the frame proves left-handed."""
-
-
 def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> str:
     """Give "header" where a known device states both units, "stated" where names or a person do, else ""."""
     if not (acc_scale_g(acc_unit) and gyr_scale_dps(gyr_unit)):

@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
 from fusion.simulation import simulate_shift, write_shift
+from tests import ROOT
 from tests.postgres import BINARIES, PostgresServer
 from tests.swift import SwiftServer, find_programs
 
@@ -21,7 +23,17 @@ settings.load_profile("untimed")
 # The servers of the tests ask for no secret; those of tests/app/access ask as every server does.
 os.environ["ACROMION_NO_SECRET"] = "1"
 
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+SHARED_DATA = ROOT.parent / "shared" / "data"
+MEMORY = Path("/dev/shm")
+MEMORY_NEEDED_BYTES = 4 << 30
+
+
+def pytest_configure() -> None:
+    """Put temporary files in memory, where an fsync costs nothing; the crash tests keep to the disk."""
+    if "TMPDIR" in os.environ or not os.access(MEMORY, os.W_OK):
+        return
+    if shutil.disk_usage(MEMORY).free > MEMORY_NEEDED_BYTES:
+        os.environ["TMPDIR"] = tempfile.tempdir = str(MEMORY)
 
 
 @pytest.fixture(scope="session")

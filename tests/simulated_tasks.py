@@ -17,6 +17,19 @@ from fusion.simulation.shift import PlannedActivity, SimulatedShift, wear_sensor
 
 Task = Callable[[Choreography, np.random.Generator], None]
 
+TITLES = {
+    1: "flexion 1 Hz",
+    2: "ext. rotation at 90 flexion",
+    3: "flexion 3 Hz",
+    4: "abduction 1 Hz",
+    5: "ext. rotation at 90 abduction",
+    6: "abduction 3 Hz",
+    7: "trunk flexion, static arm",
+    8: '"Z" clockwise',
+    9: '"Z" counterclockwise',
+    10: "ball throws",
+}
+"""Of the paper's tasks."""
 CALIBRATION_S = 10.0
 LOWERING_S = 1.0
 """How long after each repetition the arm takes to hang again."""
@@ -25,7 +38,7 @@ _FORWARD_DEG, _SIDEWAYS_DEG = 0.0, -85.0
 _TASK_SEED = 10
 
 
-def simulate_task(number: int, person_seed: int, device: Device, *, perfect: bool = False) -> SimulatedShift:
+def simulate_task(number: int, person_seed: int, device: Device) -> SimulatedShift:
     """Simulate one task of Table 1: a pose for the calibration, then five repetitions (nine throws).
 
     The same person moves alike whatever the device, alone and in a session. The plan's entries are
@@ -35,12 +48,10 @@ def simulate_task(number: int, person_seed: int, device: Device, *, perfect: boo
     plan = [_pose(body, np.random.default_rng([person_seed, _TASK_SEED]))]
     plan += _repeat(body, number, "repetition", person_seed)
     plan.append(PlannedActivity("rest", plan[-1].end_s, body.time_s))
-    return wear_sensor(device, person_seed, tuple(plan), body.finish(), perfect=perfect)
+    return wear_sensor(device, person_seed, tuple(plan), body.finish())
 
 
-def simulate_session(
-    person_seed: int, device: Device, *, seated: bool = True, perfect: bool = False
-) -> SimulatedShift:
+def simulate_session(person_seed: int, device: Device, *, seated: bool = True) -> SimulatedShift:
     """Simulate all ten tasks in one recording: one pose for the calibration, the sensor stays on.
 
     After each task the person sits for 20 to 40 s, the arm in the lap or on a table; or, not ``seated``,
@@ -57,7 +68,7 @@ def simulate_session(
         body.go(1.5, HANGING)
         hold_still(body, 2.0, chance)
         plan.append(PlannedActivity("rest", start_s, body.time_s))
-    return wear_sensor(device, person_seed, tuple(plan), body.finish(), perfect=perfect)
+    return wear_sensor(device, person_seed, tuple(plan), body.finish())
 
 
 def _pose(body: Choreography, chance: np.random.Generator) -> PlannedActivity:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from app.report.export.csv import Cell, CellKind
     from fusion.exposure.types import Interval
 
+TableName = Literal["summary", "periods"]
 Results = Mapping[str, Any]
 """A document ``results.json``."""
 
@@ -37,32 +38,19 @@ DECIMALS = 6
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 RANGE_ENDS = ("_low", "_high", "_low_pose", "_high_pose")
 """What the names of the columns of a range end in: the 95 % range, and with the error of the N-pose."""
-_UNITS = (
-    ("_percent", "%"),
-    ("_per_h", "1/h"),
-    ("_dps", "deg/s"),
-    ("_deg", "deg"),
-    ("_cdeg", "0.01 deg"),
-    ("_hz", "Hz"),
-    ("_s", "s"),
-    ("_us", "us"),
-)
+_UNITS = {"percent": "%", "per_h": "1/h", "dps": "deg/s", "deg": "deg", "cdeg": "0.01 deg", "hz": "Hz"}
+_UNITS |= {"s": "s", "us": "us"}
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
     """One figure, of one record or of each record of a list.
 
-    Attributes
-    ----------
-    key
-        Its key in ``results.json``; empty where the value stands there without a record about it.
-    name
-        Its name as a column, as the code in FHIR and of its range in ``exposure.intervals``. It ends in the
-        unit. A place such as ``{threshold_deg}`` takes the value of that key in the same record, ``{name}``
-        the name of the record. Empty for what is no figure (an edge) or has another name already.
-    attribute
-        The field of the record, where it is not called like the key.
+    ``key``: its key in ``results.json``; empty where the value stands there without a record about it.
+    ``name``: its name as a column, as the code in FHIR and of its range in ``exposure.intervals``, which ends
+    in the unit. A place such as ``{threshold_deg}`` takes the value of that key in the same record,
+    ``{name}`` the name of the record. Empty for what is no figure (an edge) or has another name already.
+    ``attribute``: the field of the record, where it is not called like the key.
     """
 
     key: str
@@ -70,15 +58,16 @@ class Figure:
     attribute: str = ""
 
     def spell(self, record: Mapping[str, Any]) -> str:
-        """Give the name in one record: ``time_above_60_percent``."""
+        """Return the name in one record: ``time_above_60_percent``."""
         facts = {"length_min": record["length_s"] // 60, **record} if "length_s" in record else record
-        return _PLACEHOLDER.sub(lambda place: _spell_edge(facts[place[1]]), self.name)
 
+        def spell_edge(place: re.Match[str]) -> str:
+            value = facts[place[1]]
+            if value is None:
+                return "up"  # no upper edge
+            return value if isinstance(value, str) else f"{value:g}"
 
-def _spell_edge(value: str | float | None) -> str:
-    if value is None:
-        return "up"  # no upper edge
-    return value if isinstance(value, str) else f"{value:g}"
+        return _PLACEHOLDER.sub(spell_edge, self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +82,10 @@ class Group:
         """The last step of the path."""
         return self.path.rpartition(".")[2]
 
+    def __getitem__(self, key: str) -> Figure:
+        """Return the figure with a key."""
+        return next(figure for figure in self.figures if figure.key == key)
+
     def describe(self, record: object) -> dict[str, Any]:
         """Describe a record of the exposure as it stands in ``results.json``."""
         return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
@@ -102,23 +95,10 @@ class Group:
         return {f.attribute or f.key: told[f.key] for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
-        """Give the figures of a record of the exposure by their names."""
+        """Return the figures of a record of the exposure by their names."""
         described = {"name": name, **self.describe(record)}
         return {figure.spell(described): described[figure.key] for figure in self.figures if figure.name}
 
-
-# The figures that other modules name.
-SHARE_ABOVE = Figure("percent", "time_above_{threshold_deg}_percent")
-TIME_ABOVE_S = Figure("duration_s", "time_above_{threshold_deg}_s")
-ENTRIES_PER_H = Figure("per_hour", "entries_above_{threshold_deg}_per_h")
-STAYS_PER_H = Figure("per_hour", "episodes_above_{threshold_deg}_per_h")
-STAY_MEDIAN_S = Figure("median_s", "episodes_above_{threshold_deg}_median_s")
-STAY_P90_S = Figure("p90_s", "episodes_above_{threshold_deg}_p90_s")
-STAY_LONGEST_S = Figure("longest_s", "episodes_above_{threshold_deg}_longest_s")
-PERCENTILE = Figure("", "elevation_p{name}_deg")
-CYCLES_COUNT = Figure("count", "cycles_{lower_deg}_{upper_deg}_count")
-WORST_WINDOW = Figure("percent_above_60", "worst_{length_min}_min_above_60_percent")
-_SHARE = Figure("percent", "time_{lower_deg}_{upper_deg}_percent")
 
 BINS = Group(
     "exposure.bins[]",
@@ -126,31 +106,41 @@ BINS = Group(
         Figure("lower_deg"),
         Figure("upper_deg"),
         Figure("duration_s", "time_{lower_deg}_{upper_deg}_s"),
-        _SHARE,
+        Figure("percent", "time_{lower_deg}_{upper_deg}_percent"),
     ),
 )
-TIME_ABOVE = Group("exposure.time_above[]", (Figure("threshold_deg"), TIME_ABOVE_S, SHARE_ABOVE))
-PERCENTILES = Group("exposure.percentiles_deg.*", (PERCENTILE,))
+TIME_ABOVE = Group(
+    "exposure.time_above[]",
+    (
+        Figure("threshold_deg"),
+        Figure("duration_s", "time_above_{threshold_deg}_s"),
+        Figure("percent", "time_above_{threshold_deg}_percent"),
+    ),
+)
+PERCENTILES = Group("exposure.percentiles_deg.*", (Figure("", "elevation_p{name}_deg"),))
 ENTRIES = Group(
     "exposure.entries[]",
     (
         Figure("threshold_deg"),
         Figure("count", "entries_above_{threshold_deg}_count"),
-        ENTRIES_PER_H,
+        Figure("per_hour", "entries_above_{threshold_deg}_per_h"),
         Figure("busy_minutes_percent", "entries_above_{threshold_deg}_busy_minutes_percent"),
     ),
 )
-CYCLES = Group("exposure.cycles[]", (Figure("lower_deg"), Figure("upper_deg"), CYCLES_COUNT))
+CYCLES = Group(
+    "exposure.cycles[]",
+    (Figure("lower_deg"), Figure("upper_deg"), Figure("count", "cycles_{lower_deg}_{upper_deg}_count")),
+)
 EPISODES = Group(
     "exposure.episodes[]",
     (
         Figure("threshold_deg"),
         Figure("count", "episodes_above_{threshold_deg}_count"),
-        STAY_LONGEST_S,
-        STAY_MEDIAN_S,
-        STAYS_PER_H,
+        Figure("longest_s", "episodes_above_{threshold_deg}_longest_s"),
+        Figure("median_s", "episodes_above_{threshold_deg}_median_s"),
+        Figure("per_hour", "episodes_above_{threshold_deg}_per_h"),
         Figure("total_s", "episodes_above_{threshold_deg}_total_s"),
-        STAY_P90_S,
+        Figure("p90_s", "episodes_above_{threshold_deg}_p90_s"),
         Figure("censored", "episodes_above_{threshold_deg}_censored"),
     ),
 )
@@ -167,7 +157,10 @@ VELOCITY = Group(
 VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
 """The kinds of speed, in the order of ``results.json`` and of the report."""
 
-WINDOWS = Group("exposure.peak.windows[]", (Figure("start_s"), WORST_WINDOW))
+WINDOWS = Group(
+    "exposure.peak.windows[]",
+    (Figure("start_s"), Figure("percent_above_60", "worst_{length_min}_min_above_60_percent")),
+)
 RECOVERY = Group(
     "exposure.recovery",
     (
@@ -224,18 +217,8 @@ _FACTS = (
 """What is known of the recording beside its figures; ``origin`` stands only in tables of many recordings."""
 
 GROUPS = (
-    BINS,
-    TIME_ABOVE,
-    PERCENTILES,
-    ENTRIES,
-    CYCLES,
-    EPISODES,
-    VELOCITY,
-    WINDOWS,
-    RECOVERY,
-    FREQUENCY,
-    HOUR_VARIATION,
-    EVA_SUMMARY,
+    *(BINS, TIME_ABOVE, PERCENTILES, ENTRIES, CYCLES, EPISODES, VELOCITY, WINDOWS, RECOVERY, FREQUENCY),
+    *(HOUR_VARIATION, EVA_SUMMARY),
 )
 SINGLE_GROUPS = (RECOVERY, FREQUENCY)
 """Those of which an exposure has one record, or none."""
@@ -281,24 +264,18 @@ def read_figures(results: Results) -> dict[str, Cell]:
     }
 
 
-def read_ranges(results: Results) -> dict[str, tuple[Cell, Cell]]:
-    """Read both ends of the 95 % ranges by the names of their figures; what has no range is absent."""
-    return _read_ends(results, ("low", "high"), "intervals")
+def read_ranges(results: Results, suffix: str = "") -> dict[str, tuple[Cell, Cell]]:
+    """Read both ends of the 95 % ranges by the names of their figures; what has no range is absent.
 
-
-def read_pose_ranges(results: Results) -> dict[str, tuple[Cell, Cell]]:
-    """Read both ends of the ranges with the error of the N-pose; none in any other, or from before them."""
-    return _read_ends(results, ("low_pose", "high_pose"), "intervals_pose")
-
-
-def _read_ends(results: Results, ends: tuple[str, str], named: str) -> dict[str, tuple[Cell, Cell]]:
-    """Read the ends that records hold themselves, and those that stand by the names of figures."""
-    own = {
-        figure.spell(record): (record.get(ends[0]), record.get(ends[1]))
-        for group, figure in ((TIME_ABOVE, SHARE_ABOVE), (BINS, _SHARE))
+    ``suffix``: "_pose" for those with the error of the N-pose, which other poses do not have.
+    """
+    own = {  # records that hold the ends themselves
+        figure.spell(record): (record.get(f"low{suffix}"), record.get(f"high{suffix}"))
+        for group, figure in ((TIME_ABOVE, TIME_ABOVE["percent"]), (BINS, BINS["percent"]))
         for record in _find_records(results, group.path.split("."))
     }
-    others = {name: (low, high) for name, (low, high) in results["exposure"].get(named, {}).items()}
+    named = results["exposure"].get(f"intervals{suffix}", {})
+    others = {name: (low, high) for name, (low, high) in named.items()}
     return {name: pair for name, pair in {**others, **own}.items() if None not in pair}
 
 
@@ -328,77 +305,67 @@ class Column:
     """A column of ``summary.csv`` or ``periods.csv``; ``pattern`` is its name with places for the facts."""
 
     pattern: str
-    facts: Mapping[str, str | int] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
     kind: CellKind = "number"
 
     @property
     def name(self) -> str:
         """The name, which ends in the unit; behind it the end of a range, of :data:`RANGE_ENDS`."""
-        return fill(self.pattern, self._texts)
+        return fill(self.pattern, self.facts)
 
-    @property
-    def _texts(self) -> dict[str, str]:
-        return {key: str(value) for key, value in self.facts.items()}
-
-    def explain(self, language: Language, table: Literal["summary", "periods"] = "summary") -> str:
-        """Give the meaning of the column: its own words, or those of its field in ``results.json``."""
+    def explain(self, language: Language, table: TableName = "summary") -> str:
+        """Return the meaning of the column: its own words, or those of its field in ``results.json``."""
         words = load_wording(language, "tables")[table]
         text = words.get(self.name) or words.get(self.pattern)
-        return (
-            fill(text, self._texts) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
-        )
+        return fill(text, self.facts) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
 
 
 _PATHS = {f.name: f"{group.path}.{f.key}".removesuffix(".") for group in GROUPS for f in group.figures}
 
+_RANGED = (
+    *(f"time_above_{threshold_deg}_percent" for threshold_deg in (30, 60, 90)),
+    *(f"elevation_p{p}_deg" for p in (10, 50, 90, 99)),
+)
 SUMMARY: tuple[Column, ...] = (
     *(Column(name, kind="text") for name in ("file_name", "subject", "side", "device", "start")),
     *map(Column, ("rate_hz", "recorded_s", "analysed_s", "missing_s", "excluded_s")),
     *(
-        Column(_SHARE.name, {"lower_deg": low, "upper_deg": high})
-        for low, high in pairwise((0, 20, 30, 45, 60, 80, 90, 120, 150, 180))
+        Column(BINS["percent"].name, {"lower_deg": low, "upper_deg": high})
+        for low, high in pairwise(["0", "20", "30", "45", "60", "80", "90", "120", "150", "180"])
     ),
     *(
         Column(figure.name, {"threshold_deg": threshold_deg})
-        for threshold_deg in (30, 60, 90)
-        for figure in (SHARE_ABOVE, TIME_ABOVE_S, ENTRIES_PER_H)
+        for threshold_deg in ("30", "60", "90")
+        for figure in (TIME_ABOVE["percent"], TIME_ABOVE["duration_s"], ENTRIES["per_hour"])
     ),
-    *(Column(PERCENTILE.name, {"name": p}) for p in (1, 5, 10, 25, 50, 75, 90, 95, 99)),
-    Column("{name}_velocity_p50_dps", {"name": "inclination"}),
-    Column(WORST_WINDOW.name, {"length_min": 15}),
-    *(Column(name, kind="text") for name in ("verdict", "warnings", "sha256", "error_code")),
     *(
-        Column("{figure}_" + end, {"figure": name})
-        for name in (
-            *(f"time_above_{threshold_deg}_percent" for threshold_deg in (30, 60, 90)),
-            *(f"elevation_p{p}_deg" for p in (10, 50, 90, 99)),
-        )
-        for end in ("low", "high")
+        Column(PERCENTILES[""].name, {"name": p})
+        for p in ["1", "5", "10", "25", "50", "75", "90", "95", "99"]
     ),
+    Column("{name}_velocity_p50_dps", {"name": "inclination"}),
+    Column(WINDOWS["percent_above_60"].name, {"length_min": "15"}),
+    *(Column(name, kind="text") for name in ("verdict", "warnings", "sha256", "error_code")),
+    *(Column("{figure}_" + end, {"figure": name}) for name in _RANGED for end in ("low", "high")),
     *(Column(name, kind="text") for name in ("path", "folder", "calibration_state")),
     Column("pose_sigma_deg"),
     *(Column("{figure}_" + end, {"figure": "entries_above_60_per_h"}) for end in ("low", "high")),
     *(
         Column("{figure}_" + end, {"figure": name})
-        for name in (
-            *(f"time_above_{threshold_deg}_percent" for threshold_deg in (30, 60, 90)),
-            *(f"elevation_p{p}_deg" for p in (10, 50, 90, 99)),
-            "entries_above_60_per_h",
-        )
+        for name in (*_RANGED, "entries_above_60_per_h")
         for end in ("low_pose", "high_pose")
     ),
 )
 """The columns of ``summary.csv``, for each recording one row. A new one follows all others."""
 
-NOT_OF_ONE = frozenset({"error_code", "path", "folder"})
-"""Columns of the summary that say something only in a table of many recordings."""
+SUMMARY_OF_ONE = tuple(column for column in SUMMARY if column.name not in ("error_code", "path", "folder"))
+"""Without what says something only in a table of many recordings."""
 
 PERIODS: tuple[Column, ...] = (
     *(Column(name, kind="text") for name in ("file_name", "subject", "kind", "label")),
     *map(Column, ("start_s", "end_s", "analysed_s")),
-    *(Column(PERCENTILE.name, {"name": p}) for p in (10, 50, 90)),
-    *(Column(SHARE_ABOVE.name, {"threshold_deg": threshold_deg}) for threshold_deg in (30, 60, 90)),
-    Column(ENTRIES_PER_H.name, {"threshold_deg": 60}),
+    *(Column(PERCENTILES[""].name, {"name": p}) for p in ("10", "50", "90")),
+    *(Column(TIME_ABOVE["percent"].name, {"threshold_deg": c}) for c in ("30", "60", "90")),
+    Column(ENTRIES["per_hour"].name, {"threshold_deg": "60"}),
     Column("period_kind", kind="text"),
     Column("recorded_s"),
     Column("excluded_as", kind="text"),
@@ -414,7 +381,7 @@ PERIODS: tuple[Column, ...] = (
 def find_unit(name: str) -> str:
     """Read the unit off the end of a name, where it always stands; ends of ranges stand behind it."""
     stem = name.removesuffix("_pose").removesuffix("_low").removesuffix("_high").removesuffix("[]")
-    return next((unit for ending, unit in _UNITS if stem.endswith(ending)), "")
+    return next((unit for ending, unit in _UNITS.items() if stem.endswith(f"_{ending}")), "")
 
 
 def format_figure(value: float, name: str, language: Language) -> str:

@@ -69,7 +69,7 @@ class PartFacts:
 
 @dataclass(frozen=True, slots=True)
 class QuestionFacts:
-    """When the sensor may have moved on the arm; as in :class:`fusion.pose.slips.Question`."""
+    """When the sensor may have moved on the arm; as in :class:`fusion.pose.wear.Question`."""
 
     kind: Literal["slip", "put_back", "poses"]
     start_s: float
@@ -180,11 +180,10 @@ def _take_calibration(analysis: Analysis) -> CalibrationFacts | None:
     parts = []
     for part in analysis.axis_parts:
         pose_index = None
-        if part.arm_axis is not None and np.array_equal(part.arm_axis, calibration.arm_axis):
-            pose_index = 0
-        elif part.arm_axis is not None:
-            starts_s = enumerate(still.start_s for still in calibration.windows)
-            pose_index = next((i for i, start_s in starts_s if part.start_s <= start_s <= part.end_s), None)
+        if part.arm_axis is not None:
+            inside = (part.start_s <= still.start_s <= part.end_s for still in calibration.windows)
+            is_first = np.array_equal(part.arm_axis, calibration.arm_axis)
+            pose_index = 0 if is_first else next((i for i, holds in enumerate(inside) if holds), None)
         parts.append(PartFacts(part.start_s, part.end_s, part.arm_axis is not None, pose_index))
     return CalibrationFacts(
         pose=None if settings.arm_axis else calibration.pose,

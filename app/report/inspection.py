@@ -1,7 +1,7 @@
 """The output of `acromion inspect` as lines for people; its JSON holds every figure too."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from app.report.words.messages import describe_flag, format_facts
@@ -12,7 +12,6 @@ from fusion.caveats import Caveat
 from fusion.recording import QualityFlag
 
 _MOST_LINES = 10
-_CORRECTION = Caveat.UNITS
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent", "left_gyr_factor"})
 """Facts that the reader found and another line gives already."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
@@ -23,7 +22,23 @@ _NUMBERS = frozenset(
 
 def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
     """Write the facts as lines for people."""
-    words = load_wording(language, "run")["inspection"]
+    words, sanity = load_wording(language, "run")["inspection"], facts["sanity"]
+    scale = str(words["unseen"])
+    if sanity["gyro_scale"] is not None:
+        ends = (format_number(sanity[name], 3, language) for name in ("gyro_scale", "gyro_scale_margin"))
+        scale = " ± ".join(ends)
+    corrected = (warning["facts"] for warning in facts["warnings"] if warning["code"] == Caveat.UNITS)
+    lists = {  # the corrections: what was wrong or not stated, and was put right
+        "corrections": [fill(words["correction"], format_facts(each, language)) for each in corrected],
+        "gaps": [_format_gap(gap, words, language) for gap in facts["gaps"]],
+        "warnings": [_format_warning(warning, language) for warning in facts["warnings"]],
+        "proposals": [_format_proposal(each, words, language) for each in facts["calibration_proposals"]],
+        "nonwear": [_format_gap(each, words, language) for each in facts["nonwear_proposals"]],
+    }
+    told = {
+        name: _join(lines, words, facts["gap_count"] if name == "gaps" else 0)
+        for name, lines in lists.items()
+    }
     rows = [
         (words["device"], find_device_name(load_wording(language), facts["device"])),
         (words["start"], facts["start"] or words["no_clock"]),
@@ -31,25 +46,13 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["recorded"], format_long_duration(facts["recorded_s"])),
         (words["segments"], format_exact(facts["segments"], language)),
         (words["jitter"], _format_number(facts["jitter_us"], "µs", words, language)),
-        (words["rest"], _format_number(facts["sanity"]["rest_g"], "g", words, language)),
-        (words["handedness"], _format_number(facts["sanity"]["handedness"], "", words, language)),
-        (words["axes"], facts["sanity"]["axes"] or words["unseen"]),
-        (words["gyro_scale"], _format_scale(facts["sanity"], words, language)),
-        (words["corrections"], _format_corrections(facts["warnings"], words, language)),
+        (words["rest"], _format_number(sanity["rest_g"], "g", words, language)),
+        (words["handedness"], _format_number(sanity["handedness"], "", words, language)),
+        (words["axes"], sanity["axes"] or words["unseen"]),
+        (words["gyro_scale"], scale),
+        (words["corrections"], told.pop("corrections")),
         *_format_understood(facts["understood"], words, language),
-        (
-            words["gaps"],
-            _join((_format_gap(gap, words, language) for gap in facts["gaps"]), words, facts["gap_count"]),
-        ),
-        (words["warnings"], _join((_format_warning(w, language) for w in facts["warnings"]), words)),
-        (
-            words["proposals"],
-            _join((_format_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
-        ),
-        (
-            words["nonwear"],
-            _join((_format_gap(p, words, language) for p in facts["nonwear_proposals"]), words),
-        ),
+        *((words[name], text) for name, text in told.items()),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
@@ -58,7 +61,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
 def _format_understood(
     understood: Mapping[str, Any], words: Words, language: Language
 ) -> Iterable[tuple[str, str]]:
-    """Give what the reader took the file for, in the words and numbers of the language."""
+    """Return what the reader took the file for, in the words and numbers of the language."""
     for name, value in understood.items():
         if value and name not in _TOLD_ABOVE:
             told = words["term"].get(name, {}).get(value) or clean_text(str(value))
@@ -67,37 +70,19 @@ def _format_understood(
             yield f"  {words['understood'].get(name, name)}", told
 
 
-def _format_corrections(warnings: Iterable[Mapping[str, Any]], words: Words, language: Language) -> str:
-    """Write each axis, sign, order, unit and scale that was wrong or not stated, and was put right."""
-    found = (warning["facts"] for warning in warnings if warning["code"] == _CORRECTION)
-    return _join((fill(words["correction"], format_facts(facts, language)) for facts in found), words)
-
-
-def _format_scale(sanity: Mapping[str, Any], words: Words, language: Language) -> str:
-    if sanity["gyro_scale"] is None:
-        return str(words["unseen"])
-    scale, margin = (format_number(sanity[name], 3, language) for name in ("gyro_scale", "gyro_scale_margin"))
-    return f"{scale} ± {margin}"
-
-
 def _format_number(value: float | None, unit: str, words: Words, language: Language) -> str:
     return str(words["unseen"]) if value is None else f"{format_number(value, 3, language)} {unit}".rstrip()
 
 
-def _join(lines: Iterable[str], words: Words, count: int = 0) -> str:
+def _join(lines: Sequence[str], words: Words, count: int) -> str:
     """Write the first ten; ``count`` tells how many there are where not all are given."""
-    every = list(lines)
-    shown = every[:_MOST_LINES]
-    if max(len(every), count) > len(shown):
-        shown.append(fill(words["more"], {"n": str(max(len(every), count) - len(shown))}))
-    return "; ".join(shown) or str(words["none"])
+    further = max(len(lines), count) - len(lines[:_MOST_LINES])
+    more = [fill(words["more"], {"n": str(further)})] if further else []
+    return "; ".join([*lines[:_MOST_LINES], *more]) or str(words["none"])
 
 
 def _format_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
-    facts = {
-        "length": format_exact(gap["length_s"], language),
-        "start": format_exact(gap["start_s"], language),
-    }
+    facts = {name: format_exact(gap[f"{name}_s"], language) for name in ("length", "start")}
     return fill(words["gap"], facts)
 
 

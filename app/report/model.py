@@ -3,11 +3,14 @@
 The templates (HTML and PDF) only loop over these.
 """
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from app.report.words.wording import Language
+from app.report.charts.svg import NARROW, WIDE
+from app.report.words.wording import Language, Words
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,13 @@ class Table:
     prose: bool = False
     even: bool = False
 
+    @classmethod
+    def lay(
+        cls, entry: Words, rows: Iterable[Iterable[str]], note: str = "", *, prose: bool = False
+    ) -> Table:
+        """Lay rows out under the caption and the columns of their words."""
+        return cls(entry["caption"], tuple(entry["columns"]), tuple(map(tuple, rows)), note, prose)
+
 
 @dataclass(frozen=True, slots=True)
 class Chart:
@@ -47,6 +57,19 @@ class Chart:
     narrow: str
     table: Table
     note: str = ""
+
+    @classmethod
+    def draw(
+        cls,
+        words: tuple[str, str],
+        draw: Callable[[tuple[str, str], float], str],
+        columns: Sequence[str],
+        rows: Iterable[tuple[str, ...]],
+        note: str = "",
+    ) -> Chart:
+        """Draw a chart in both widths; ``words`` are its title and text, ``draw`` takes them and a width."""
+        table = Table(words[0], tuple(columns), tuple(rows))
+        return cls(*words, draw(words, WIDE), draw(words, NARROW), table, note)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,24 +138,10 @@ class Drawing:
 class Profile:
     """The first page, the Arm Elevation Profile (docs/profile.md).
 
-    Attributes
-    ----------
-    quality
-        What limits the data, by name.
-    tiles
-        Time above 30, 60 and 90 deg, rises above 60 deg an hour.
-    strip
-        The day with its tasks.
-    tasks
-        The tasks, or the quarter hours, with the most time above 60 deg; None without any.
-    sure
-        The doubts about the time above 60 deg.
-    next_title, next_steps
-        What to do next, each by a stated rule.
-    not_a_diagnosis
-        What the page is not.
-    amendment
-        On paper, that the report replaces another; empty for a first report.
+    ``quality`` names what limits the data; ``tiles`` are time above 30, 60 and 90 deg, and rises above 60 deg
+    an hour; ``strip`` is the day with its tasks. ``tasks``: the tasks, or the quarter hours, with the most
+    time above 60 deg; None without any. ``sure``: the doubts about the time above 60 deg. ``next_steps``:
+    each by a stated rule. ``amendment``: on paper, that the report replaces another; else empty.
     """
 
     quality: str
@@ -147,15 +156,30 @@ class Profile:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """All that a template may use.
+class Sheet:
+    """What every report has. ``figures`` stand beside the sentences, which are the answer; ``words`` are the
+    fixed words of the templates (headings, labels).
+    """
+
+    language: Language
+    title: str
+    subtitle: str
+    header: tuple[Pair, ...]
+    sentences: tuple[str, ...]
+    figures: tuple[Chart, ...]
+    limits: Note
+    sections: tuple[Section, ...]
+    report_id: str
+    footer: str
+    words: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Report(Sheet):
+    """All that the template of a report of one recording, or of several, may use.
 
     Attributes
     ----------
-    sentences
-        The answer in three sentences.
-    figures
-        Beside the sentences.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
     range_note
@@ -166,8 +190,6 @@ class Report:
         End of the recording, the only date a report bears; None without a clock.
     amendment
         Which version this is and why, where it replaces an earlier one; else empty.
-    words
-        The fixed words of the templates (headings, labels).
     pose_state
         How the calibration pose is known, in a line; empty for ready angles.
     needs_pose
@@ -175,29 +197,18 @@ class Report:
     walking_note
         How far walking lies from the axis, if that is far; else empty.
     profile
-        The first page, behind which the rest then stands; None in a report of two recordings.
+        The first page, behind which the rest then stands; None in a report of several.
     conclusion
         What a clinician concludes: name and date as its title; None where nobody has.
     """
 
-    language: Language
-    title: str
-    subtitle: str
-    header: tuple[Pair, ...]
     verdict: VerdictLine
-    sentences: tuple[str, ...]
     pose_caution: str
     range_note: str
-    figures: tuple[Chart, ...]
-    limits: Note
     intended_use: Note
-    sections: tuple[Section, ...]
-    report_id: str
-    footer: str
     brief: str
     made_of: datetime | None
-    amendment: str
-    words: Mapping[str, str]
+    amendment: str = ""
     pose_state: str = ""
     needs_pose: str = ""
     walking_note: str = ""
@@ -206,23 +217,10 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class AgreementReport:
+class AgreementReport(Sheet):
     """All that the template of a comparison, or of a study of several, may use.
 
-    ``main`` is the table that answers the question; ``made_of`` is always None: a comparison has no date of
-    its own.
+    ``main`` is the table that answers the question. It has no date of its own.
     """
 
-    language: Language
-    title: str
-    subtitle: str
-    header: tuple[Pair, ...]
-    sentences: tuple[str, ...]
     main: tuple[Table, ...]
-    figures: tuple[Chart, ...]
-    limits: Note
-    sections: tuple[Section, ...]
-    report_id: str
-    footer: str
-    made_of: datetime | None
-    words: Mapping[str, str]

@@ -1,28 +1,50 @@
-"""What the report of two arms and that of two days share: bars and curves to one scale, and the sources."""
+"""The reports of two finished analyses: both arms of one shift, or a day beside an earlier one.
+
+Pure. :func:`describe_pair` is what ``pair.json`` holds, :func:`build_pair` the report for people; the figures
+over the shared time come from :mod:`fusion.arms`. :func:`describe_comparison` is what ``comparison.json`` and
+the API hold, :func:`build_comparison` the report for people; both come from
+:func:`fusion.comparison.compare_days`. The report of several days shares their skeleton.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
-from typing import Any, Literal
+from dataclasses import asdict, dataclass, replace
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any, Literal
 
+from app.errors import CannotCompare
 from app.report.analysis.chapters import format_accuracy, format_found, format_pose_caution
-from app.report.analysis.charts import build_parts, share_below
-from app.report.charts.distribution import Curve, draw_two_curves
-from app.report.charts.svg import NARROW, WIDE
-from app.report.figures import format_figure
+from app.report.charts.bars import build_parts
+from app.report.charts.day import build_timeline, build_two_days, shift_day
+from app.report.charts.distribution import build_two_curves
+from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, Kept
-from app.report.model import Chart, Note, Section, Table
-from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
-from app.report.words.subject import clean_text
+from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
+from app.report.words.numbers import (
+    NONE,
+    Clock,
+    format_angle,
+    format_angle_range,
+    format_date,
+    format_duration,
+    format_ends,
+    format_number,
+    format_percent,
+    format_range,
+)
+from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from app.request import find_code
+from fusion.comparison import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
 from fusion.conventions import CONFIRMED, UNHELD
-from fusion.exposure.types import PartExposure
+from fusion.exposure.types import LEAST_RANGED_S, PartExposure
 from fusion.recording import MICROSECONDS
+
+if TYPE_CHECKING:
+    from fusion.arms import PairedArms, TrunkRelative
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +80,11 @@ def name_method(findings: Findings) -> str:
     return f"{findings.method.name} {findings.method.version}" if findings.method else ""
 
 
+def name_pose(findings: Findings) -> str:
+    """Name what the angle rests on; a day without a pose is not like one with."""
+    return (findings.calibration.pose or "axis") if findings.calibration else ""
+
+
 def are_mixed(every: Iterable[Kept]) -> bool:
     """Tell whether several methods, or versions of one, made the figures."""
     return len({name_method(kept.findings) for kept in every}) > 1
@@ -73,53 +100,25 @@ def load_pair_words(language: Language) -> Words:
     return load_wording(language, "pairs")
 
 
-@dataclass(frozen=True, slots=True)
-class BarShares:
-    """What the bar of one of the two shows: analysed time, s, and its share above each threshold, percent."""
+def build_two_bars(
+    sides: Sequence[tuple[str, float, dict[int, float]]], note: str, language: Language
+) -> Chart:
+    """Build one stacked bar for each, to one scale; ``note`` says which time they cover.
 
-    name: str
-    analysed_s: float
-    percent_above: dict[int, float]
-
-
-def build_two_bars(shares: tuple[BarShares, BarShares], note: str, language: Language) -> Chart:
-    """Build one stacked bar for each, to one scale; ``note`` says which time they cover."""
+    ``sides``: name, analysed time in s and the share of it above each threshold in percent.
+    """
     parts = [
-        (share.name, PartExposure("", 0.0, 0.0, share.analysed_s, {}, share.percent_above, None))
-        for share in shares
+        (name, PartExposure("", 0.0, 0.0, analysed_s, {}, above, None)) for name, analysed_s, above in sides
     ]
-    return replace(build_parts("bars", parts, load_pair_words(language), language), note=note)
+    return build_parts("bars", parts, load_pair_words(language), language, note)
 
 
-def share_whole(side: PairSide) -> BarShares:
-    """Give the shares of all analysed time of a recording."""
-    exposure = side.kept.findings.exposure
-    above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
-    return BarShares(side.name, exposure.analysed_s, above)
-
-
-def build_curves(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
-    """Build both distributions in one picture."""
-    entry = load_pair_words(language)["curves"]
-    first, second = (Curve(s.name, share_below(s.kept.findings.exposure)) for s in sides)
-    title = (entry["title"], fill(entry["alternative"], {"first": first.name, "second": second.name}))
-    axes = (entry["axes"][0], entry["axes"][1])
-    rows = tuple(
-        (f"{d}°", *(format_number(curve.below_percent[d], 1, language) for curve in (first, second)))
-        for d in range(10, 181, 10)
-    )
-    return Chart(
-        title=entry["title"],
-        alternative=title[1],
-        wide=draw_two_curves((first, second), axes, title, WIDE),
-        narrow=draw_two_curves((first, second), axes, title, NARROW),
-        table=Table(entry["title"], (entry["column"], first.name, second.name), rows),
-    )
-
-
-def can_draw_curves(sides: tuple[PairSide, PairSide]) -> bool:
-    """Whether both hold analysed time."""
-    return all(side.kept.findings.exposure.histogram_s.sum() > 0 for side in sides)
+def build_curves(sides: Sequence[PairSide], language: Language) -> list[Chart]:
+    """Build both distributions in one picture; nothing unless both hold analysed time."""
+    named = [(side.name, side.kept.findings.exposure) for side in sides]
+    if any(exposure.histogram_s.sum() <= 0 for _, exposure in named):
+        return []
+    return [build_two_curves(named, load_pair_words(language)["curves"], language)]
 
 
 def format_start(kept: Kept, language: Language) -> str:
@@ -128,19 +127,7 @@ def format_start(kept: Kept, language: Language) -> str:
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
 
 
-def find_end(sides: tuple[PairSide, PairSide]) -> datetime | None:
-    """Give the end of the recording that ended last, the only date of a report of two."""
-    recordings = [side.kept.findings.recording for side in sides]
-    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
-    return max(ends, key=_read_wall_clock, default=None)
-
-
-def _read_wall_clock(moment: datetime) -> datetime:
-    """A clock with a zone and one without are compared by what they showed."""
-    return moment.replace(tzinfo=None)
-
-
-def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str:
+def format_cautions(sides: Sequence[PairSide], language: Language) -> str:
     """Say which of the two has the one-sided error of the N-pose, and what that does to the difference."""
     words, entry = load_wording(language), load_pair_words(language)["pose_error"]
     posed = [side for side in sides if format_pose_caution(side.kept.findings, words)]
@@ -156,7 +143,7 @@ def is_confirmed(findings: Findings) -> bool:
     return calibration is None or calibration.state == "axis" or calibration.state in CONFIRMED
 
 
-def format_unconfirmed(sides: tuple[PairSide, PairSide], effect: str, language: Language) -> str:
+def format_unconfirmed(sides: Sequence[PairSide], effect: str, language: Language) -> str:
     """Return whose pose nobody confirmed and what follows from it; empty if both are confirmed.
 
     ``effect``: key of the sentence that says what follows.
@@ -170,41 +157,86 @@ def format_unconfirmed(sides: tuple[PairSide, PairSide], effect: str, language: 
     return " ".join((*told, entry[effect])) if told else ""
 
 
-def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:
-    """Give what the figures cannot show, how accurate each method is, and the intended use."""
-    words = load_wording(language)
-    limits, use = words["limits"], words["intended_use"]
-    accuracy = dict.fromkeys(format_accuracy(side.kept.findings, words) for side in sides)
-    paragraphs = (*limits["paragraphs"], *accuracy)
-    return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
+def build_report(
+    every: Sequence[Kept],
+    document: Mapping[str, Any],
+    words: Words,
+    language: Language,
+    *,
+    title: str,
+    version: str,
+    header: tuple[Pair, ...],
+    verdict: VerdictLine,
+    sentences: Iterable[str],
+    cautions: Iterable[str],
+    figures: Iterable[Chart],
+    sections: Iterable[Section],
+    range_note: str = "",
+    needs_pose: str = "",
+    first_limit: str = "",
+) -> Report:
+    """Build what every report of several analyses has; the rest is given.
+
+    Its only date is the end of the recording that ended last. ``version`` is of the software;
+    ``first_limit`` takes the place of the first limit that the report of one recording states.
+    """
+    common = load_wording(language)
+    limits, use, label = common["limits"], common["intended_use"], common["label"]
+    accuracy = dict.fromkeys(format_accuracy(kept.findings, common) for kept in every)
+    stated = (first_limit or limits["paragraphs"][0], *limits["paragraphs"][1:], *accuracy)
+    recordings = [kept.findings.recording for kept in every]  # compared by what their clocks showed
+    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
+    report_id = identify(document)
+    footer = fill(words["footer"], {"version": version, "id": report_id})
+    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
+    return Report(
+        language=language,
+        title=title,
+        subtitle=common["heading"]["subtitle"],
+        header=header,
+        verdict=verdict,
+        sentences=tuple(sentences),
+        pose_caution=" ".join(filter(None, cautions)),
+        range_note=range_note,
+        figures=tuple(figures),
+        limits=Note(limits["title"], stated),
+        intended_use=Note(use["title"], (use["text"],)),
+        sections=tuple(sections),
+        report_id=report_id,
+        footer=footer,
+        brief=fill(label["brief_two"], {"header": told, "footer": footer}),
+        made_of=max(
+            ends, key=lambda end: end.replace(tzinfo=None), default=None
+        ),  # by what the clocks showed
+        needs_pose=needs_pose,
+        words=label,
+    )
 
 
-def build_sources(sides: tuple[PairSide, ...], language: Language) -> Section:
+def build_sources(sides: Sequence[PairSide], language: Language) -> Section:
     """Build the table of where each comes from."""
-    words, entry = load_wording(language), load_pair_words(language)["sources"]
-    rows = list(
-        zip(entry["rows"], *(_format_source(side.kept, words, language) for side in sides), strict=True)
-    )
-    columns = (entry["column"], *(side.name for side in sides))
-    return Section("provenance", entry["title"], tables=(Table(entry["caption"], columns, tuple(rows)),))
-
-
-def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...]:
-    findings, subject = kept.findings, kept.subject
-    clock = Clock(findings.recording.start, language)
-    unknown = words["label"]["not_given"]
-    return (
-        clean_text(subject.file_name) or unknown,
-        findings.recording.sha256[:16] + "…",
-        find_device_name(words, findings.recording.device),
-        f"{format_start(kept, language)}, {clock.format(0)}" if findings.recording.start else NONE,
-        format_duration(findings.time.analysed_us / MICROSECONDS, language),
-        load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
-        name_method(findings) or NONE,
-        format_pose(findings, words),
-        f"Acromion {subject.software.version}",
-        subject.report_id,
-    )
+    words, pair_words = load_wording(language), load_pair_words(language)
+    entry, unknown = pair_words["sources"], words["label"]["not_given"]
+    columns = []
+    for kept in (side.kept for side in sides):
+        findings, subject, start = kept.findings, kept.subject, kept.findings.recording.start
+        columns.append(
+            (
+                clean_text(subject.file_name) or unknown,
+                findings.recording.sha256[:16] + "…",
+                find_device_name(words, findings.recording.device),
+                f"{format_date(start, language)}, {Clock(start, language).format(0)}" if start else NONE,
+                format_duration(findings.time.analysed_us / MICROSECONDS, language),
+                pair_words["pair"]["verdict"][findings.quality.verdict],
+                name_method(findings) or NONE,
+                format_pose(findings, words),
+                f"Acromion {subject.software.version}",
+                subject.report_id,
+            )
+        )
+    rows = tuple(zip(entry["rows"], *columns, strict=True))
+    table = Table(entry["caption"], (entry["column"], *(side.name for side in sides)), rows)
+    return Section("provenance", entry["title"], tables=(table,))
 
 
 def format_pose(findings: Findings, words: Words) -> str:
@@ -250,3 +282,392 @@ def identify(document: Mapping[str, Any]) -> str:
 def encode_document(document: Mapping[str, Any]) -> bytes:
     """Write the figures of a report of two as JSON: the same figures give the same bytes."""
     return json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False).encode() + b"\n"
+
+
+# ------------------------------------------------------------------ both arms of one shift
+
+
+PAIR_SCHEMA = "acromion.pair/1"
+
+
+@dataclass(frozen=True, slots=True)
+class TrunkClock:
+    """When the trunk's first sample was taken, seconds after the left arm's, and who states it."""
+
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPair:
+    """Two arms on one clock.
+
+    ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
+    says whether by the devices' clocks or by a person. ``trunk``: each arm relative to the trunk, whose clock
+    is ``trunk_clock``, None without one. ``one_person``: whether all of them are of one person.
+    """
+
+    left: Kept
+    right: Kept
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+    shared: PairedArms
+    trunk: tuple[TrunkRelative, TrunkRelative]
+    trunk_clock: TrunkClock | None = None
+    one_person: OnePerson = "codes"
+
+
+def describe_pair(pair: ArmPair) -> dict[str, Any]:
+    """Return the figures of both arms over the time they share, for JSON."""
+    shared, clock = pair.shared, pair.trunk_clock
+    document: dict[str, Any] = round_all(
+        {
+            "schema": PAIR_SCHEMA,
+            "left": describe_source(pair.left),
+            "right": describe_source(pair.right),
+            "one_person": pair.one_person,
+            "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
+            "trunk_clock": {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None,
+            "shared_s": shared.shared_s,
+            "arms": {
+                side: {
+                    "percentiles_deg": {str(p): deg for p, deg in share.percentiles_deg.items()},
+                    "time_above_percent": {f"{c:g}": value for c, value in share.percent_above.items()},
+                }
+                for side, share in (("left", shared.left), ("right", shared.right))
+            },
+            "both_above_60_percent": shared.both_above_60_percent,
+            "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
+            "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
+            "trunk_relative": {
+                side: {
+                    "limit": trunk.limit,
+                    "shared_s": trunk.shared_s,
+                    "percentiles_deg": {str(p): deg for p, deg in trunk.percentiles_deg.items()}
+                    if trunk.percentiles_deg
+                    else None,
+                }
+                for side, trunk in zip(("left", "right"), pair.trunk, strict=True)
+            },
+        }
+    )
+    return document
+
+
+def build_pair(pair: ArmPair, language: Language) -> Report:
+    """Turn both arms into one report."""
+    words, common = load_pair_words(language)["pair"], load_wording(language)
+    sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
+    shared, label = pair.shared, common["label"]
+    order, sign = ("later", "+") if pair.offset_s > 0 else ("earlier", "−")
+    if pair.offset_s == 0:
+        order, sign = "together", ""
+    offset = format_duration(abs(pair.offset_s), language)
+    told_offset = fill(words["clock"][order], {"offset": offset})
+    codes = dict.fromkeys(clean_text(side.kept.subject.subject) for side in sides)
+    code = " / ".join(cut_text(code, LONGEST_CODE) for code in codes if code)
+    bars = [  # over the shared time, so that the page has one value for each arm
+        (side.name, shared.shared_s, arm.percent_above)
+        for side, arm in zip(sides, (shared.left, shared.right), strict=True)
+    ]
+    curves = (replace(chart, note=words["curves_note"]) for chart in build_curves(sides, language))
+    return build_report(
+        (pair.left, pair.right),
+        describe_pair(pair),
+        words,
+        language,
+        title=words["title"],
+        version=pair.left.subject.software.version,
+        header=(
+            Pair(label["subject"], code or label["not_given"]),
+            Pair(label["date"], format_start(pair.left, language)),
+            Pair(words["shared"], format_duration(shared.shared_s, language)),
+            Pair(words["offset"], sign + offset),
+        ),
+        verdict=_judge_arms(sides, words, common["verdict"]),
+        sentences=_format_answers(pair, words, language),
+        cautions=(
+            format_person(pair.one_person, language),
+            f"{told_offset} {words['clock'][pair.offset_from]}",  # nothing in the signals confirms it
+            format_cautions(sides, language),
+        ),
+        figures=(build_two_bars(bars, words["bars_note"], language), _build_days(pair, sides, language)),
+        sections=(
+            _build_figures(pair, words["table"], language),
+            _build_trunk(pair, words, language),
+            *(Section("spread", common["section"]["spread"], figures=(chart,)) for chart in curves),
+            build_sources(sides, language),
+        ),
+        range_note=_format_ranges_note(pair, words["ranges"]),
+        needs_pose=format_unconfirmed(sides, "pair", language),
+        first_limit=words["limits_with_trunk"] if any(t.percentiles_deg for t in pair.trunk) else "",
+    )
+
+
+def _judge_arms(sides: Sequence[PairSide], words: Words, verdicts: Words) -> VerdictLine:
+    """Return the worse of the two, and name the arm of each."""
+    levels = [side.kept.findings.quality.verdict for side in sides]
+    worst = max(levels, key=("good", "caution", "poor").index)
+    told = dict(zip(("left", "right"), (words["verdict"][level] for level in levels), strict=True))
+    reason = words["verdict_both"] if len(set(levels)) == 1 else fill(words["verdict_each"], told)
+    return VerdictLine(worst, verdicts[worst]["label"], reason)
+
+
+def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
+    entry, shared = words["sentence"], pair.shared
+    ratio = format_number(shared.ratio_above_60, 2, language)
+    figures = {
+        "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
+        "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
+        "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
+        "left_90": ("left_time_above_90_percent", format_percent(shared.left.percent_above[90], language)),
+        "right_90": ("right_time_above_90_percent", format_percent(shared.right.percent_above[90], language)),
+        "left_p50": ("left_elevation_p50_deg", format_angle(shared.left.percentiles_deg[50], language)),
+        "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
+        "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
+    }
+    facts = {"shared": format_duration(shared.shared_s, language)}
+    for key, (name, value) in figures.items():
+        interval = _format_interval(pair, name, language)
+        pattern = entry["ranged_inside" if key == "ratio" else "ranged"]  # which stands in brackets already
+        facts[key] = fill(pattern, {"value": value, "range": interval}) if value and interval else value
+    return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
+
+
+def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
+    interval = pair.shared.intervals.get(name)
+    if name.endswith("_percent"):
+        return format_range(interval, language)
+    if name.endswith("_deg"):
+        return format_angle_range(interval, language)
+    return format_ends(interval, 2, language)
+
+
+def _format_ranges_note(pair: ArmPair, entry: Words) -> str:
+    """State what the ranges hold, or that there are none."""
+    if pair.shared.shared_s < LEAST_RANGED_S or not pair.shared.intervals:
+        return str(entry["short" if pair.shared.shared_s < LEAST_RANGED_S else "none"])
+    is_open = not (is_confirmed(pair.left.findings) and is_confirmed(pair.right.findings))
+    return f"{entry['known']} {entry['unconfirmed']}" if is_open else str(entry["known"])
+
+
+def _build_days(pair: ArmPair, sides: Sequence[PairSide], language: Language) -> Chart:
+    """Draw both days one above the other on the clock of the one that began first."""
+    entry, report_words = load_pair_words(language)["days"], load_wording(language)
+    first_s = min(0.0, pair.offset_s)
+    begins_s = (0.0 - first_s, pair.offset_s - first_s)
+    lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
+    whole_s = max(begin + lasts for begin, lasts in zip(begins_s, lasts_s, strict=True))
+    clock = Clock(Clock(pair.left.findings.recording.start, language).at(first_s), language)
+    days = []
+    for side, begin_s in zip(sides, begins_s, strict=True):
+        own = build_timeline(side.kept.findings, clock, report_words)
+        days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
+    return build_two_days(days, entry, report_words)
+
+
+def _build_figures(pair: ArmPair, entry: Words, language: Language) -> Section:
+    shared, arms = pair.shared, (pair.shared.left, pair.shared.right)
+    name = str(load_wording(language)["ranges"]["name"]["known"])
+    ranges_label, rows = name[0].upper() + name[1:], []
+
+    def add(label: str, cells: Iterable[str], names: Iterable[str]) -> None:
+        """Add a row of figures, and the row of their ranges where any is known."""
+        rows.append((label, *cells))
+        ranges = tuple(_format_interval(pair, name, language) if name else "" for name in names)
+        rows.extend([(ranges_label, *ranges)] if any(ranges) else [])
+
+    def name_arms(name: str, ratio: str) -> tuple[str, str, str]:
+        return f"left_{name}", f"right_{name}", f"right_to_left_{ratio}"
+
+    for c in shared.left.percent_above:
+        above = (format_percent(arm.percent_above[c], language) for arm in arms)
+        ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
+        names = name_arms(f"time_above_{c:g}_percent", f"time_above_{c:g}")
+        add(fill(entry["above"], {"threshold": f"{c:g}"}), (*above, ratio), names)
+    for p in shared.left.percentiles_deg:
+        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in arms)
+        ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
+        names = name_arms(f"elevation_p{p}_deg", f"elevation_p{p}")
+        add(fill(entry["percentile"], {"p": str(p)}), (*angles, ratio), names)
+    both = (format_percent(shared.both_above_60_percent, language), NONE, NONE)
+    add(entry["both"], both, ("both_above_60_percent", "", ""))
+    table = Table.lay(entry, rows, entry["note"])
+    return Section("figures", entry["title"], tables=(table,))
+
+
+def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
+    """Return the arm's elevation less the trunk's inclination, or state what is missing for it."""
+    entry = words["trunk"]
+    rows = tuple(
+        (
+            name,
+            format_duration(trunk.shared_s, language),
+            *(format_angle(value, language, 1) for value in trunk.percentiles_deg.values()),
+        )
+        for name, trunk in zip((words["left"], words["right"]), pair.trunk, strict=True)
+        if trunk.percentiles_deg
+    )
+    if not rows:
+        return Section("trunk", entry["title"], (entry["missing"],))
+    table = Table.lay(entry, rows)
+    return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
+
+
+# ------------------------------------------------------------------ a day beside an earlier one
+
+
+COMPARISON_SCHEMA = "acromion.comparison/1"
+_TOLD = ("time_above_60_percent", "elevation_p50_deg")
+"""Figures of which the answer states the change."""
+_LONGEST_OF_TWO = 16
+
+
+def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False) -> dict[str, Any]:
+    """Return the changes, the verdicts and what the two differ in besides the work, for JSON.
+
+    ``same_subject``: a person states that both are of one person, if a code is missing.
+    """
+    compared = _compare(before, after)
+    document: dict[str, Any] = round_all(
+        {
+            "schema": COMPARISON_SCHEMA,
+            "before": describe_source(before),
+            "after": describe_source(after),
+            "one_person": judge_person((before, after), is_stated=same_subject),
+            "figures": [asdict(change) for change in compared.changes],
+            "differences": list(compared.differences),
+            "source": SOURCE,
+        }
+    )
+    return document
+
+
+def refuse_no_comparison(
+    before: Kept, after: Kept, *, same_subject: bool = False, mixed_methods: bool = False
+) -> None:
+    """Refuse two people, the same hours of one arm, one analysis twice, and methods mixed unasked.
+
+    The two arms of one shift are no change either, which their report says, with the cure.
+
+    ``same_subject``: a person states that both are of one person, if a code is missing.
+    ``mixed_methods``: figures of two methods, or versions of one, may be compared.
+
+    Raises
+    ------
+    CannotCompare
+    """
+    differences = _compare(before, after).differences
+    if before.findings == after.findings:
+        raise CannotCompare(why="same")
+    if "subject" in differences:
+        raise CannotCompare(why="subjects")
+    if judge_person((before, after), is_stated=same_subject) == "unknown":
+        raise CannotCompare(why="person")
+    if "hours" in differences and "side" not in differences:
+        raise CannotCompare(why="same hours")
+    if are_mixed((before, after)) and not mixed_methods:
+        raise CannotCompare(why="methods")
+
+
+def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
+    """Turn two analyses into a report on the change between them."""
+    words, common, compared = load_pair_words(language), load_wording(language), _compare(before, after)
+    entry, label, sides_of = words["compare"], common["label"], common["side"]
+    sides = (PairSide(entry["before"], before), PairSide(entry["after"], after))
+    needs_pose = format_unconfirmed(sides, "change", language)
+    subjects = [kept.subject for kept in (before, after)]
+    codes = dict.fromkeys(
+        cut_text(clean_text(subject.subject), _LONGEST_OF_TWO) or label["not_given"] for subject in subjects
+    )
+    arms = dict.fromkeys(sides_of[subject.side or "unknown"] for subject in subjects)
+    sentences = []
+    for change in (each for name in _TOLD for each in compared.changes if each.name == name):
+        facts, told = _format_change(change, language), entry["sentence"]
+        sentences.append(f"{fill(told[change.name], facts)} {fill(told[change.verdict], facts)}")
+    shares = [
+        (side.name, exposure.analysed_s, {int(t.threshold_deg): t.percent for t in exposure.time_above})
+        for side in sides
+        for exposure in (side.kept.findings.exposure,)
+    ]
+    table, rows = entry["table"], format_rows(compared.changes, language)
+    changes = Table.lay(table, rows, fill(table["note"], {"source": SOURCE}))
+    return build_report(
+        (before, after),
+        describe_comparison(before, after, same_subject=same_subject),
+        entry,
+        language,
+        title=entry["title"],
+        version=after.subject.software.version,
+        header=(
+            Pair(label["subject"], " → ".join(codes)),
+            Pair(label["arm"], " → ".join(arms)),
+            *(Pair(side.name, format_start(side.kept, language)) for side in sides),
+        ),
+        verdict=_judge_change(compared, entry),
+        sentences=sentences,
+        cautions=(
+            format_person(judge_person((before, after), is_stated=same_subject), language),
+            "" if needs_pose else fill(entry["caution"], {"source": SOURCE}),
+            format_cautions(sides, language),
+        ),
+        figures=(build_two_bars(shares, words["bars"]["note"], language), *build_curves(sides, language)),
+        sections=(Section("changes", table["title"], tables=(changes,)), build_sources(sides, language)),
+        needs_pose=needs_pose,
+    )
+
+
+def _compare(before: Kept, after: Kept) -> DayComparison:
+    return compare_days(_build_day(before), _build_day(after))
+
+
+def _build_day(kept: Kept) -> ComparedDay:
+    findings = kept.findings
+    return ComparedDay(
+        exposure=findings.exposure,
+        method=name_method(findings),
+        pose=name_pose(findings),
+        side=kept.subject.side,
+        verdict=findings.quality.verdict,
+        sha256=findings.recording.sha256,
+        subject=read_code(kept),
+        start=findings.recording.start,
+        duration_s=findings.recording.duration_us / MICROSECONDS,
+        is_confirmed=is_confirmed(findings),
+    )
+
+
+def _judge_change(compared: DayComparison, words: Words) -> VerdictLine:
+    """Return whether like is compared with like."""
+    if not compared.differences:
+        return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
+    for name, entry in words["no_two_days"].items():
+        if name in compared.differences:
+            return VerdictLine("poor", entry["label"], entry["reason"])
+    differences = ", ".join(words["difference"][name] for name in compared.differences)
+    level = "poor" if "poor" in compared.differences else "caution"
+    entry = words["unlike"]
+    return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": differences}))
+
+
+def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
+    detectable = change.detectable
+    return {
+        "before": format_figure(change.before, change.name, language),
+        "after": format_figure(change.after, change.name, language),
+        "change": format_points(change.change, change.name, language, is_signed=True),
+        "detectable": NONE if detectable is None else format_points(detectable, change.name, language),
+    }
+
+
+def format_rows(changes: Iterable[FigureChange], language: Language) -> tuple[tuple[str, ...], ...]:
+    """Write each change with its units: name, before, after, change, minimal detectable change, verdict."""
+    entry = load_pair_words(language)["compare"]["table"]
+    return tuple(
+        (
+            entry["figure"][change.name],
+            *_format_change(change, language).values(),
+            entry["verdict"][change.verdict],
+        )
+        for change in changes
+    )

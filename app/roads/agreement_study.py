@@ -23,9 +23,8 @@ from typing import Any
 
 from app.errors import UNREADABLE_PATH, StudyProblem
 from app.formats import ENDINGS
-from app.report.agreement.export import build_validation
-from app.report.agreement.study_report import StudyFacts, build_study
-from app.report.agreement.study_tables import build_study_json, encode_cells, encode_entries
+from app.report.agreement.export import build_study_json, build_validation, encode_cells, encode_entries
+from app.report.agreement.report import StudyFacts, build_study
 from app.report.export.csv import Row, encode_table
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf

@@ -10,11 +10,22 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import CannotPair
-from app.report.change import build_comparison, describe_comparison, refuse_no_comparison
 from app.report.findings import Kept
 from app.report.model import Report
-from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
-from app.report.pairs import are_mixed, encode_document, is_confirmed, judge_person, read_code
+from app.report.pairs import (
+    ArmPair,
+    TrunkClock,
+    are_mixed,
+    build_comparison,
+    build_pair,
+    describe_comparison,
+    describe_pair,
+    encode_document,
+    is_confirmed,
+    judge_person,
+    read_code,
+    refuse_no_comparison,
+)
 from app.report.render.write import read_kept, write_report
 from app.request import PairRequest
 from fusion.angle_files.elevation_parquet import read_elevation

@@ -14,8 +14,7 @@ from app.errors import RecordedProblem
 from app.jobs.children.pairs import PairedJobs, PairReport
 from app.jobs.job import Job
 from app.jobs.library.listing import Entry, Library
-from app.report.change import format_rows
-from app.report.pairs import load_pair_words
+from app.report.pairs import format_rows, load_pair_words
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices

@@ -5,9 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 from math import sin
 
-from app.report.analysis.charts import build_day_labels
-from app.report.analysis.day import Day, Mark, MinuteBand
-from app.report.charts.day import DayLabels, draw_day
+from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
 from app.report.charts.svg import NARROW, WIDE
 from app.report.words.numbers import Clock, format_duration, format_number, format_percent, percent_sign

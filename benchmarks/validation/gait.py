@@ -17,10 +17,9 @@ from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, feel, load_lib
 from benchmarks.validation.stated import DATA
 from fusion.numerics.rotations import find_angle_deg
 from fusion.recording import Float64Array
-from fusion.simulation.activities import Choreography, stand, walk
+from fusion.simulation.activities import Choreography, draw_person, stand, walk
 from fusion.simulation.body import Body, play
 from fusion.simulation.body import feel as feel_body
-from fusion.simulation.people import draw_person
 
 RATE_HZ, STAND_S, WALK_S, ENDS_S = 50.0, 60.0, 60.0, 4.0
 SIDES: tuple[Side, ...] = ("r", "l")

@@ -15,6 +15,7 @@ from fusion.recording import Recording, Segment
 from fusion.sensor.accelerometer import leave_accelerometer
 from fusion.sensor.gyroscope import leave_gyro_scale
 from fusion.simulation import simulate_shift
+from tests.simulated_shifts import make_perfect
 
 HOURS, SEEDS = 0.5, (1, 2)
 WORSE_BY_DEG = 0.02
@@ -34,7 +35,7 @@ def compare_good_sensors(folder: Path) -> Section:
     rows, goals = [], list[Goal]()
     for device in DEVICES:
         for seed in SEEDS:
-            worn = wear(simulate_shift(device, HOURS, seed, perfect=True))
+            worn = wear(make_perfect(simulate_shift(device, HOURS, seed)))
             with_it, without = _fuse_both(calibrate(worn.recording))
             truth_deg = at_rows(worn.truth_deg, len(with_it))
             ours, left = find_rmse_deg(with_it - truth_deg), find_rmse_deg(without - truth_deg)

@@ -18,6 +18,7 @@ from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
+from tests.simulated_shifts import make_perfect
 
 HOURS, SEED = 0.5, 1
 MOUNTINGS, CUTS = 5, 4
@@ -46,7 +47,7 @@ def compare_changes() -> Section:
     rows, goals = [], list[Goal]()
     for device in DEVICES:
         recording = trim(wear(simulate_shift(device, HOURS, SEED)).recording)
-        perfect = wear(simulate_shift(device, HOURS, SEED, perfect=True)).recording
+        perfect = wear(make_perfect(simulate_shift(device, HOURS, SEED))).recording
         changed = change_all(recording) | {"strapped on another way, no errors": strap_on(perfect)}
         for what, difference_deg in changed.items():
             largest_deg = float(np.abs(difference_deg).max())

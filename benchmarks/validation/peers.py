@@ -12,9 +12,8 @@ import numpy as np
 import vqf
 
 from fusion.orientation import MethodName, estimate_vertical
-from fusion.orientation.smoothed import smooth_vertical
-from fusion.sensor.gyroscope import estimate_gyro_bias
 from fusion.sensor.model import SensorRun
+from tests.estimates import estimate_gyro_bias, smooth_vertical
 from tests.validation.broad import Estimator, Table
 
 GRAVITY = 9.80665

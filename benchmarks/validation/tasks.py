@@ -14,8 +14,8 @@ from fusion.orientation import MethodName
 from fusion.pose.calibrate import calibrate
 from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
-from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
-from tests.simulated_tasks import TASKS, simulate_session, simulate_task
+from fusion.source_paper import QUASI_STATIC, TABLE_1, TaskFigures
+from tests.simulated_tasks import TASKS, TITLES, simulate_session, simulate_task
 
 PEOPLE = (1, 2, 3, 4, 5)
 METHODS: tuple[MethodName, ...] = ("published", "smoothed")

@@ -12,7 +12,8 @@ from fusion.pose.calibrate import calibrate
 from fusion.sensor.model import view_segment
 from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
-from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
+from fusion.source_paper import QUASI_STATIC, TABLE_1, TaskFigures
+from tests.simulated_tasks import TITLES
 
 TIME_CONSTANTS_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 VARIANTS: Mapping[str, PublishedParameters] = {

@@ -13,6 +13,7 @@ from fusion.simulation.body import ArmState
 from fusion.simulation.sensor import PARTS, Device, Part, draw_errors, quantise, sense
 from fusion.simulation.shift import START
 from fusion.source_paper import TaskFigures
+from tests.simulated_shifts import play_shift
 from tests.simulated_tasks import LOWERING_S
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
@@ -30,7 +31,7 @@ class Worn:
 
 def wear(shift: SimulatedShift) -> Worn:
     """Play it and put the samples, as the device rounds and clips them, into a recording."""
-    arrays = shift.in_arrays()
+    arrays = play_shift(shift)
     segment = Segment(0, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps)
     return Worn(shift, _record(shift.part, shift.device, arrays.start, segment), arrays.elevation_deg)
 

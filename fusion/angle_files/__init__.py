@@ -1,17 +1,15 @@
 """Files whose angle needs no fusion of ours: motion capture, orientations, ready angles.
 
-They serve as the reference of a comparison and, those of motion capture, as recordings of their own. One
-format is one file, as in :mod:`fusion.readers`.
+They serve as the reference of a comparison and, those of motion capture, as recordings of their own.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from fusion.angle_files import dot_csv, elevation_parquet, mt_manager, mvnx, named_csv
-from fusion.angle_files.resampling import calibrate_alone, calibrate_file, resample_file
-from fusion.angle_files.tables import find_layout
+from fusion.angle_files import elevation_parquet, mvnx, tables
 from fusion.angle_files.types import AngleFile, AngleFileOptions
+from fusion.angle_files.vertical import calibrate_alone, calibrate_file, resample_file
 from fusion.errors import EmptyFile
 from fusion.readers.recognise import explain_refusal
 from fusion.readers.source import Source, open_source
@@ -40,9 +38,9 @@ class AngleReader:
 ANGLE_READERS = (
     AngleReader("mvnx", mvnx.recognise, mvnx.read),
     AngleReader("parquet", elevation_parquet.recognise, elevation_parquet.read),
-    AngleReader("mt-manager", mt_manager.recognise, mt_manager.read),
-    AngleReader("dot", dot_csv.recognise, dot_csv.read),
-    AngleReader("csv", named_csv.recognise, named_csv.read),
+    AngleReader("mt-manager", tables.recognise_mt_manager, tables.read_mt_manager),
+    AngleReader("dot", tables.recognise_dot, tables.read_dot),
+    AngleReader("csv", tables.recognise_named, tables.read_named),
 )
 """In the order in which they are asked."""
 
@@ -92,7 +90,7 @@ def holds_samples(file: BinaryIO) -> bool:
     """Whether a table also names acceleration and angular rate, and so is to be fused. It is rewound."""
     source = open_source(file, is_hashed=False)
     file.seek(0)
-    return find_layout(source, SAMPLES) is not None
+    return tables.find_layout(source, SAMPLES) is not None
 
 
 def _find_reader(source: Source) -> AngleReader | None:

@@ -17,14 +17,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fusion.angle_files.named_csv import check_times, keep_angles
+from fusion.angle_files.tables import check_times, keep_angles
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.angle_series import HOLE_PERIODS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile
 from fusion.readers import RecordingFile
 from fusion.readers.samples import check_rows
-from fusion.readers.source import Source, hash_source, open_source
+from fusion.readers.source import Source, open_source
 from fusion.readers.tables.parquet import check_pages
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array
 
@@ -98,7 +98,7 @@ def read(source: Source, _options: AngleFileOptions) -> AngleFile:
     rows = _read_source(source)
     elevation_deg = np.where(rows.valid, rows.elevation_deg, np.nan).astype(np.float64)
     understood = {"layout": "Parquet", "source": rows.column}
-    return keep_angles(check_times(rows.time_s), elevation_deg, hash_source(source), understood)
+    return keep_angles(source, check_times(rows.time_s), elevation_deg, understood)
 
 
 def read_elevation(file: RecordingFile) -> Elevation:
@@ -122,7 +122,23 @@ def read_elevation(file: RecordingFile) -> Elevation:
     OSError
         A path that cannot be opened.
     """
-    return Elevation(tuple(_split_runs(read_rows(file))), None)
+    rows = read_rows(file)
+    if len(rows) > 1:
+        check_times(rows.time_s)
+    steps_s = np.diff(rows.time_s)
+    period_s = float(np.median(steps_s)) if len(steps_s) else 1.0
+    cuts = [0, *(np.flatnonzero(steps_s > HOLE_PERIODS * period_s) + 1).tolist(), len(rows)]
+    segments = [
+        ElevationSegment(
+            start_us=round(float(rows.time_s[a]) * MICROSECONDS),
+            rate_hz=(b - a - 1) / float(rows.time_s[b - 1] - rows.time_s[a]) if b - a > 1 else 1 / period_s,
+            elevation_deg=rows.elevation_deg[a:b],
+            valid=rows.valid[a:b],
+        )
+        for a, b in pairwise(cuts)
+        if b > a
+    ]
+    return Elevation(tuple(segments), None)
 
 
 def read_rows(file: RecordingFile) -> ElevationRows:
@@ -155,14 +171,6 @@ def _read_source(source: Source) -> ElevationRows:
         table = file.read([name for name in (form.time, form.angle, "valid") if name in names])
     except UNREADABLE as error:
         raise UnreadableFile from error
-    return _take_rows(table, form)
-
-
-def _find_form(names: Sequence[str]) -> Form | None:
-    return next((form for form in FORMS if {form.time, form.angle} <= set(names)), None)
-
-
-def _take_rows(table: pa.Table, form: Form) -> ElevationRows:
     time, angle = (table[name].to_numpy() for name in (form.time, form.angle))
     has_valid = "valid" in table.column_names
     return ElevationRows(
@@ -173,28 +181,9 @@ def _take_rows(table: pa.Table, form: Form) -> ElevationRows:
     )
 
 
+def _find_form(names: Sequence[str]) -> Form | None:
+    return next((form for form in FORMS if {form.time, form.angle} <= set(names)), None)
+
+
 def _scale(values: NDArray[Any], per_unit: int, kind: type[np.floating[Any]]) -> NDArray[Any]:
     return values.astype(kind, copy=False) if per_unit == 1 else np.divide(values, kind(per_unit), dtype=kind)
-
-
-def _split_runs(rows: ElevationRows) -> list[ElevationSegment]:
-    """Cut the series where a step is longer than a sample and a half."""
-    if len(rows) > 1:
-        check_times(rows.time_s)
-    steps_s = np.diff(rows.time_s)
-    period_s = float(np.median(steps_s)) if len(steps_s) else 1.0
-    cuts = [0, *(np.flatnonzero(steps_s > HOLE_PERIODS * period_s) + 1).tolist(), len(rows)]
-    return [
-        ElevationSegment(
-            start_us=round(float(rows.time_s[a]) * MICROSECONDS),
-            rate_hz=_fit_rate_hz(rows.time_s[a:b], period_s),
-            elevation_deg=rows.elevation_deg[a:b],
-            valid=rows.valid[a:b],
-        )
-        for a, b in pairwise(cuts)
-        if b > a
-    ]
-
-
-def _fit_rate_hz(time_s: Float64Array, period_s: float) -> float:
-    return (len(time_s) - 1) / float(time_s[-1] - time_s[0]) if len(time_s) > 1 else 1 / period_s

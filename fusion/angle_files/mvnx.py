@@ -11,22 +11,22 @@ Source: Xsens MVN User Manual, chapter on the MVNX format (version 4).
 """
 
 from array import array
-from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite, nan
-from typing import Any, BinaryIO
+from typing import Any
 from xml.sax import SAXException
 from xml.sax.handler import ContentHandler, feature_external_ges, feature_external_pes
 
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from fusion.angle_files.types import AngleFile, AngleFileOptions
-from fusion.angle_files.vertical import Up, measure_from_up, take_up_of_quaternion, take_up_of_row
+from fusion.angle_files.types import AngleFile, AngleFileOptions, Up, keep_orientation
+from fusion.angle_files.vertical import measure_from_up, take_up_of_quaternion, take_up_of_row
 from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
 from fusion.readers.samples import check_rows
-from fusion.readers.source import CHUNK_BYTES, Source, hash_source
+from fusion.readers.source import CHUNK_BYTES, Source
 from fusion.recording import Float64Array, QualityFlag
 
 MARK = b"<mvnx"
@@ -69,20 +69,16 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
     if not frames.times:
         raise TooShort(s=0.0)
     up, axis = _find_up(frames, side)
-    time_s = _find_times(frames)
-    present = np.isfinite(up).all(axis=1)
-    return AngleFile(
-        device="mvn",
-        sha256=hash_source(source),
-        time_s=time_s[present],
-        first_s=float(time_s[0]),
-        last_s=float(time_s[-1]),
-        elevation_deg=measure_from_up(up[present], axis),
-        up=up[present],
+    since_ms = frames.times[2]  # since 1970, UTC, at the first frame
+    start = datetime.fromtimestamp(since_ms / 1000.0, UTC) if 0 < since_ms < LATEST_MS else None
+    time_s, understood = _find_times(frames), _describe(frames, side, axis)
+    file = keep_orientation("mvn", source, time_s, up, understood, start)
+    assert file.up is not None
+    return replace(
+        file,
+        elevation_deg=measure_from_up(file.up, axis),
         axis=axis,
-        start=frames.find_start(),
         flags=() if options.side else (QualityFlag(Caveat.SIDE_ASSUMED),),
-        understood=_describe(frames, side, axis),
     )
 
 
@@ -114,7 +110,9 @@ class _Frames(ContentHandler):
         if not self._path and name != "mvnx":
             raise RefusedXml(reason="not MVNX")
         self._path.append(name)
-        self._clear_text()
+        self.events += 1
+        self._text.clear()
+        self._text_signs = 0
         self._refuse_large(len(self._path) > MOST_DEPTH or len(self.labels) + len(self.points) > MOST_LABELS)
         if name == "frame":
             self._frame, self._found = dict(attrs.items()), {}
@@ -132,11 +130,6 @@ class _Frames(ContentHandler):
             self._text.append(content)
             self._text_signs += len(content)
             self._refuse_large(self._text_signs > MOST_TEXT_SIGNS)
-
-    def _clear_text(self) -> None:
-        self.events += 1
-        self._text.clear()
-        self._text_signs = 0
 
     def _refuse_large(self, is_large: bool) -> None:  # noqa: FBT001
         if is_large:
@@ -162,7 +155,8 @@ class _Frames(ContentHandler):
             self.pose_orientation = self._found.get("orientation") or None
         if kind != "normal":
             return
-        self.times.extend(_to_number(self._frame.get(key)) for key in ("index", "time", "ms"))
+        for key in ("index", "time", "ms"):
+            self.times.extend(_to_numbers([self._frame.get(key) or "nan"]))
         if self._found.get("orientation") or self.orientation:
             missing = len(self.times) // 3 - 1 - len(self.orientation) // 4
             self.orientation.extend([nan] * (4 * missing) + (self._found.get("orientation") or [nan] * 4))
@@ -179,15 +173,6 @@ class _Frames(ContentHandler):
         first = self.labels.index(label) * count
         words = self._split()[first : first + count]
         return _to_numbers(words) if len(words) == count else []
-
-    def find_start(self) -> datetime | None:
-        """Give the clock at the first frame: MVN writes milliseconds since 1970, UTC."""
-        since_ms = self.times[2]
-        return datetime.fromtimestamp(since_ms / 1000.0, UTC) if 0 < since_ms < LATEST_MS else None
-
-
-def _to_number(word: str | None) -> float:
-    return _to_numbers([word or "nan"])[0]
 
 
 def _to_numbers(words: list[str]) -> list[float]:
@@ -207,7 +192,8 @@ def _parse(source: Source, frames: _Frames) -> None:
     parser.setContentHandler(frames)
     try:
         silent_bytes = 0
-        for piece in _read_pieces(source.file):
+        source.file.seek(0)
+        while piece := source.file.read(CHUNK_BYTES):
             events = frames.events
             parser.feed(piece)
             silent_bytes = silent_bytes + len(piece) if frames.events == events else 0
@@ -220,27 +206,18 @@ def _parse(source: Source, frames: _Frames) -> None:
         raise RefusedXml(reason=reason) from error
 
 
-def _read_pieces(file: BinaryIO) -> Iterator[bytes]:
-    file.seek(0)
-    while piece := file.read(CHUNK_BYTES):
-        yield piece
-
-
 def _find_up(frames: _Frames, side: str) -> tuple[Up, Float64Array]:
-    """Give the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
+    """Find the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
     orientation = np.asarray(frames.orientation).reshape(-1, 4)
     if np.isfinite(orientation).any():
         return take_up_of_quaternion(orientation), _find_axis(frames, side)
     towards = np.asarray(frames.towards).reshape(-1, 3)
     if not np.isfinite(towards).any():
         raise MissingSegment(segment=frames.arm)
-    return _take_up_of_positions(towards), np.array([0.0, 0.0, 1.0])
-
-
-def _take_up_of_positions(towards_shoulder: Float64Array) -> Up:
-    """Lay a frame whose z axis is the arm: its zenith leans from z by the elevation, in the x-z plane."""
-    across = np.hypot(towards_shoulder[:, 0], towards_shoulder[:, 1])
-    return take_up_of_row(np.stack([across, np.zeros(len(across)), towards_shoulder[:, 2]], axis=1) * 10.0)
+    # In a frame whose z axis is the arm the zenith leans from z by the elevation, in the x-z plane.
+    across = np.hypot(towards[:, 0], towards[:, 1])
+    up = take_up_of_row(np.stack([across, np.zeros(len(across)), towards[:, 2]], axis=1) * 10.0)
+    return up, np.array([0.0, 0.0, 1.0])
 
 
 def _find_axis(frames: _Frames, side: str) -> Float64Array:

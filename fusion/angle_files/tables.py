@@ -1,23 +1,27 @@
 """Text tables of angles or orientations: MT Manager, Xsens DOT, and any CSV with a time column."""
 
+import re
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from fusion.angle_files.vertical import Up, take_up_of_euler, take_up_of_quaternion, take_up_of_row
-from fusion.errors import EmptyFile, UnknownColumns, UnreadableRows, UnusableTime
+from fusion.angle_files.types import AngleFile, AngleFileOptions, Up, keep_orientation
+from fusion.angle_files.vertical import take_up_of_euler, take_up_of_quaternion, take_up_of_row
+from fusion.errors import EmptyFile, MissingSegment, UnknownRate, UnreadableRows, UnusableTime, WrongAngle
 from fusion.readers.samples import check_rows
-from fusion.readers.source import Source
+from fusion.readers.source import Source, hash_source
 from fusion.recording import Float64Array
 
 MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
 DELIMITERS = ("\t", ";", ",", " ")
 LINES_LOOKED_AT = 60
 MOST_UNREADABLE = 0.05
+NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +31,7 @@ class Layout:
     header_line: int
     delimiter: str
     names: tuple[str, ...]
-    before: tuple[str, ...]
+    before: str
     decimal: str = "."
 
 
@@ -36,20 +40,19 @@ def find_layout(source: Source, needed: Sequence[frozenset[str]]) -> Layout | No
     lines = source.head.decode("utf-8-sig", "replace").splitlines()[:LINES_LOOKED_AT]
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:
-            names = tuple(simplify(field) for field in line.split(delimiter))
+            fields = [field.strip().lower() for field in line.split(delimiter)]
+            names = tuple("".join(sign for sign in name if sign.isalnum() or sign == "_") for name in fields)
             if len(names) > 1 and all(options & set(names) for options in needed):
-                rows = lines[number + 1 : number + 4]
-                return Layout(number, delimiter, names, tuple(lines[:number]), _find_decimal(rows, delimiter))
+                has_comma = delimiter in "\t;" and any("," in row for row in lines[number + 1 : number + 4])
+                before = "\n".join(lines[:number])
+                return Layout(number, delimiter, names, before, "," if has_comma else ".")
     return None
 
 
-def simplify(field: str) -> str:
-    """Write a column's name in one way: lower case, no quotes, spaces or brackets."""
-    return "".join(sign for sign in field.strip().lower() if sign.isalnum() or sign == "_")
-
-
-def _find_decimal(rows: Sequence[str], delimiter: str) -> str:
-    return "," if delimiter in "\t;" and any("," in row for row in rows) else "."
+def _get_layout(source: Source, needed: Sequence[frozenset[str]]) -> Layout:
+    layout = find_layout(source, needed)
+    assert layout is not None, "a file is read only by the reader that recognised it"
+    return layout
 
 
 def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mapping[str, Float64Array]:
@@ -70,7 +73,11 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
         return "skip"
 
     source.file.seek(0)
-    names = list(_make_unique(layout.names))
+    # Of columns that are named twice the first keeps its name.
+    names = [
+        name if layout.names.index(name) == at and name else f"{name}#{at}"
+        for at, name in enumerate(layout.names)
+    ]
     rows = csv.open_csv(
         source.file,
         csv.ReadOptions(column_names=names, skip_rows=layout.header_line + 1, use_threads=False),
@@ -93,14 +100,6 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
     return {name: np.frombuffer(values) for name, values in columns.items()}
 
 
-def _make_unique(names: Sequence[str]) -> Sequence[str]:
-    """Rename columns that are named twice; the first keeps its name."""
-    return [name if names.index(name) == at and name else f"{name}#{at}" for at, name in enumerate(names)]
-
-
-NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
-
-
 def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
     from pyarrow import compute as pc  # noqa: PLC0415  slow to load, and only this needs it
 
@@ -112,20 +111,10 @@ def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
     return np.asarray(numbers.to_numpy(zero_copy_only=False), np.float64)
 
 
-def require(layout: Layout | None, source: Source) -> Layout:
-    """Give the layout; refuse a file without one, with its first line as the fact."""
-    if layout is None:
-        lines = source.head.decode("utf-8-sig", "replace").splitlines() or [""]
-        raise UnknownColumns(list=lines[0][:200], line=1)
-    return layout
-
-
-# Which columns of a table hold an orientation, by the names that Xsens and others give them.
+# Which columns hold an orientation, by the names that Xsens and others give them.
 #
 # A matrix before a quaternion before Euler angles, where an export holds several: they are equivalent.
 
-
-MATRIX_ROW = (("mat31", "mat32", "mat33"),)
 QUATERNIONS = (
     ("quat_q0", "quat_q1", "quat_q2", "quat_q3"),
     ("quat_w", "quat_x", "quat_y", "quat_z"),
@@ -137,45 +126,42 @@ QUATERNIONS = (
     ("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
     ("w", "x", "y", "z"),
 )
-EULER = (("roll", "pitch"), ("euler_x", "euler_y"))
-
-Kind = str
-FORMS: Sequence[tuple[Kind, Sequence[tuple[str, ...]]]] = (
-    ("matrix", MATRIX_ROW),
-    ("quaternion", QUATERNIONS),
-    ("euler", EULER),
+ORIENTATIONS: Sequence[tuple[str, tuple[str, ...]]] = (
+    ("matrix", ("mat31", "mat32", "mat33")),
+    *(("quaternion", names) for names in QUATERNIONS),
+    ("euler", ("roll", "pitch")),
+    ("euler", ("euler_x", "euler_y")),
 )
 
 
-def find_orientation(names: Sequence[str]) -> tuple[Kind, tuple[str, ...]] | None:
+def _find_orientation(layout: Layout) -> tuple[str, tuple[str, ...]] | None:
     """Find the columns that give the vertical, and in which form."""
-    for kind, choices in FORMS:
-        for columns in choices:
-            if set(columns) <= set(names):
-                return kind, columns
-    return None
+    return next((one for one in ORIENTATIONS if set(one[1]) <= set(layout.names)), None)
 
 
-def read_up(
-    source: Source, layout: Layout, orientation: tuple[Kind, tuple[str, ...]], others: Sequence[str]
-) -> tuple[Up, Mapping[str, Float64Array]]:
-    """Read the zenith in the sensor's frame (n, 3), and other columns beside it."""
+def _read_up(
+    source: Source, layout: Layout, others: Sequence[str], lacking: str = ""
+) -> tuple[Up, str, Mapping[str, Float64Array]]:
+    """Read the zenith in the sensor's frame (n, 3), the form of the orientation, and other columns beside it.
+
+    Raises
+    ------
+    MissingSegment
+        An export without orientation; ``lacking`` names what it could hold.
+    """
+    orientation = _find_orientation(layout)
+    if orientation is None:
+        raise MissingSegment(segment=lacking)
     kind, columns = orientation
     values = read_columns(source, layout, [*columns, *others])
     numbers = [values[name] for name in columns]
     if kind == "euler":
-        return take_up_of_euler(numbers[0], numbers[1]), values
+        return take_up_of_euler(numbers[0], numbers[1]), kind, values
     stacked = np.stack(numbers, axis=1)
-    return (take_up_of_row if kind == "matrix" else take_up_of_quaternion)(stacked), values
+    return (take_up_of_row if kind == "matrix" else take_up_of_quaternion)(stacked), kind, values
 
 
-# Seconds from the counters that Xsens writes.
-
-
-COUNTER_SPAN = {"packetcounter": 2.0**16, "sampletimefine": 2.0**32}
-
-
-def unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
+def _unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
     """Undo the wraps of a counter that starts over at ``span``; a large step back is one.
 
     Raises
@@ -191,3 +177,188 @@ def unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
     if len(backwards):
         raise UnusableTime(why="backwards", line=int(backwards[0] + 2))
     return np.asarray(wrapped - wrapped[0])
+
+
+# MT Manager's text export, 4.x and 2022: one tracker, tab, comma, semicolon or space between the fields.
+#
+# The orientation is that of the sensor to the world (ENU, z up), as a matrix, a quaternion or Euler angles.
+# Time: ``SampleTimeFine`` (0.1 ms) where it is filled; else the packet counter over the update rate, which
+# 4.x writes above the table and 2022 leaves to the person.
+#
+# Source: MT Manager User Manual, chapter on ASCII export; checked on exports of both versions.
+
+PACKETS, FINE = "packetcounter", "sampletimefine"
+PACKET_SPAN, FINE_SPAN = 2.0**16, 2.0**32
+NEEDED_BY_MT_MANAGER = (frozenset({PACKETS}),)
+MT_MANAGER_TICK_S = 1e-4
+RATE = re.compile(r"Update Rate:\s*([\d.]+)\s*Hz")
+VERSION = re.compile(r"MT Manager version:\s*([\w.]+)")
+
+
+def recognise_mt_manager(source: Source) -> bool:
+    """Return whether lines with // stand above a table with a packet counter."""
+    return source.head.startswith(b"//") and find_layout(source, NEEDED_BY_MT_MANAGER) is not None
+
+
+def read_mt_manager(source: Source, options: AngleFileOptions) -> AngleFile:
+    """Read the tracker's orientation; how the arm lies in it is not in the file.
+
+    Raises
+    ------
+    MissingSegment
+        An export without orientation.
+    UnknownRate
+        Neither time nor rate in the file, and none given.
+    """
+    layout = _get_layout(source, NEEDED_BY_MT_MANAGER)
+    others = [name for name in (PACKETS, FINE) if name in layout.names]
+    up, kind, values = _read_up(source, layout, others, "Mat, Quat, Roll/Pitch")
+    rate = ""
+    if FINE in values and np.isfinite(values[FINE]).all():
+        time_s = _unwrap_counter(values[FINE], FINE_SPAN) * MT_MANAGER_TICK_S
+    else:
+        stated = RATE.search(layout.before)
+        rate_hz = float(stated[1]) if stated else options.rate_hz
+        if not rate_hz:
+            raise UnknownRate
+        time_s, rate = _unwrap_counter(values[PACKETS], PACKET_SPAN) / rate_hz, f"{rate_hz:g}"
+    version = VERSION.search(layout.before)
+    understood = {
+        "layout": "MT Manager",
+        "version": version[1] if version else "4.x",
+        "source": kind,
+        "rate_hz": rate,
+    }
+    return keep_orientation("other", source, time_s, up, understood)
+
+
+# Xsens (Movella) DOT's CSV with an orientation: metadata lines, then a table with ``SampleTimeFine`` in us.
+#
+# The orientation is that of the sensor to a local earth frame with z up. A DOT file that holds acceleration
+# and angular rate is a recording like any other and is fused by us.
+#
+# Source: Xsens DOT User Manual, chapter on the CSV export; checked on an export of app 2021.0.
+
+NEEDED_BY_DOT = (frozenset({PACKETS}), frozenset({FINE}))
+DOT_TICK_S = 1e-6
+DOT_START = re.compile(
+    r"StartTime:\s*,?\s*(\d{4})-(\d\d)-(\d\d)_(\d\d):(\d\d):(\d\d)_(\d{1,3})(?:\s*GMT\s*([+-]\d{1,2}))?"
+)
+
+
+def recognise_dot(source: Source) -> bool:
+    """Return whether it is a table with a packet counter, a fine time and an orientation."""
+    layout = None if source.head.startswith(b"//") else find_layout(source, NEEDED_BY_DOT)
+    return layout is not None and _find_orientation(layout) is not None
+
+
+def read_dot(source: Source, _options: AngleFileOptions) -> AngleFile:
+    """Read the sensor's orientation; how the arm lies in it is not in the file."""
+    layout = _get_layout(source, NEEDED_BY_DOT)
+    up, kind, values = _read_up(source, layout, [FINE])
+    time_s = _unwrap_counter(values[FINE], FINE_SPAN) * DOT_TICK_S
+    understood = {"layout": "DOT", "source": kind}
+    return keep_orientation("dot", source, time_s, up, understood, _find_dot_start(layout.before))
+
+
+def _find_dot_start(text: str) -> datetime | None:
+    found = DOT_START.search(text)
+    if not found:
+        return None
+    *clock, milliseconds, offset_h = found.groups()
+    zone = timezone(timedelta(hours=int(offset_h))) if offset_h else None
+    try:
+        year, month, day, hour, minute, second = map(int, clock)
+        return datetime(year, month, day, hour, minute, second, int(milliseconds) * 1000, zone)
+    except ValueError:
+        return None
+
+
+# Any CSV of ``time, angle`` or ``time, quaternion``, known by the names of its columns.
+#
+# Time in seconds, or in the unit that its name ends in (``_ms``, ``_us``). The angle in degrees, 0 hanging;
+# an empty one is missing. A quaternion (w first) turns the sensor's or segment's frame into one with z up.
+
+TIMES = {
+    **dict.fromkeys(("time_s", "time", "t", "t_s", "times", "seconds", "timestamp", "temps", "temps_s"), 1.0),
+    **dict.fromkeys(("time_ms", "timems", "t_ms", "milliseconds", "timestamp_ms"), 1e-3),
+    **dict.fromkeys(("time_us", "timeus", "t_us", "microseconds", "timestamp_us"), 1e-6),
+}
+ANGLES = ("elevation_deg", "angle_deg", "angledeg", "elevationdeg", "angle", "elevation", "theta_deg")
+NEEDED_ANGLE = (frozenset(TIMES), frozenset(ANGLES))
+NEEDED_TIME = (frozenset(TIMES),)
+ANGLE_TOLERANCE_DEG = 0.5
+
+
+def recognise_named(source: Source) -> bool:
+    """Return whether a header names a time, and an angle or an orientation."""
+    if find_layout(source, NEEDED_ANGLE) is not None:
+        return True
+    layout = find_layout(source, NEEDED_TIME)
+    return layout is not None and _find_orientation(layout) is not None
+
+
+def read_named(source: Source, _options: AngleFileOptions) -> AngleFile:
+    """Read an angle or, where there is none, an orientation.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        Unreadable rows, no usable time, an angle that cannot be.
+    """
+    layout = find_layout(source, NEEDED_ANGLE)
+    if layout is not None:
+        time_name, angle_name = _find_name(layout, TIMES), _find_name(layout, ANGLES)
+        values = read_columns(source, layout, [time_name, angle_name])
+        time_s = check_times(values[time_name] * TIMES[time_name])
+        return keep_angles(source, time_s, values[angle_name], {"layout": "CSV", "source": angle_name})
+    layout = _get_layout(source, NEEDED_TIME)
+    time_name = _find_name(layout, TIMES)
+    up, kind, values = _read_up(source, layout, [time_name])
+    time_s = check_times(values[time_name] * TIMES[time_name])
+    return keep_orientation("angles", source, time_s, up, {"layout": "CSV", "source": kind})
+
+
+def _find_name(layout: Layout, names: Container[str]) -> str:
+    return next(name for name in layout.names if name in names)
+
+
+def keep_angles(
+    source: Source, time_s: Float64Array, elevation_deg: Float64Array, understood: Mapping[str, str]
+) -> AngleFile:
+    """Keep the rows that hold an angle.
+
+    Raises
+    ------
+    WrongAngle
+        More than 0.5 deg outside 0 to 180.
+    """
+    wrong = (elevation_deg < -ANGLE_TOLERANCE_DEG) | (elevation_deg > 180.0 + ANGLE_TOLERANCE_DEG)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise WrongAngle(value=f"{elevation_deg[row]:g}", line=row + 2)
+    present = np.isfinite(elevation_deg)
+    return AngleFile(
+        device="angles",
+        sha256=hash_source(source),
+        time_s=time_s[present],
+        first_s=float(time_s[0]),
+        last_s=float(time_s[-1]),
+        elevation_deg=np.clip(elevation_deg[present], 0.0, 180.0).astype(np.float32),
+        understood=understood,
+    )
+
+
+def check_times(time_s: Float64Array) -> Float64Array:
+    """Return times that rise.
+
+    Raises
+    ------
+    UnusableTime
+    """
+    if len(time_s) < 2:
+        raise UnusableTime(why="rows")
+    steps = np.diff(time_s)
+    if not (steps > 0).all():
+        raise UnusableTime(why="backwards", line=int(np.flatnonzero(~(steps > 0))[0] + 3))
+    return time_s

@@ -7,7 +7,11 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.readers.source import Source, hash_source
 from fusion.recording import Float64Array, QualityFlag
+
+Up = NDArray[np.float32]
+"""The unit vector to the zenith in the frame of the segment or sensor, shape (n, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +43,7 @@ class AngleFile:
     first_s: float
     last_s: float
     elevation_deg: NDArray[np.float32] | None = None
-    up: NDArray[np.float32] | None = None
+    up: Up | None = None
     axis: Float64Array | None = None
     start: datetime | None = None
     flags: tuple[QualityFlag, ...] = ()
@@ -55,3 +59,25 @@ class AngleFileOptions:
 
     side: str | None = None
     rate_hz: float | None = None
+
+
+def keep_orientation(
+    device: str,
+    source: Source,
+    time_s: Float64Array,
+    up: Up,
+    understood: Mapping[str, str],
+    start: datetime | None = None,
+) -> AngleFile:
+    """Keep the rows, times (n,) and zenith (n, 3), that hold an orientation."""
+    present = np.isfinite(up).all(axis=1)
+    return AngleFile(
+        device=device,
+        sha256=hash_source(source),
+        time_s=time_s[present],
+        first_s=float(time_s[0]),
+        last_s=float(time_s[-1]),
+        up=up[present],
+        start=start,
+        understood=understood,
+    )

@@ -1,45 +1,117 @@
-"""From an orientation to the vertical in the frame of the segment, and from the vertical to the elevation.
+"""From the rows of a file to an elevation on even grids; the arm's axis from the pose where it is unknown.
 
 An orientation R turns the segment's frame into a world frame whose z points to the zenith, as Xsens exports
 it (MVN: global frame z up; MT Manager and DOT: ENU). The zenith in the segment's frame is then the third row
 of R, whatever the heading: elevation needs no more of an orientation than that.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.elevation import measure_elevation
-from fusion.recording import Float64Array
-
-Up = NDArray[np.float32]
+from fusion.angle_files.types import AngleFile, Up
+from fusion.angle_series import AngleRows, resample_angles
+from fusion.caveats import Caveat
+from fusion.conventions import NPOSE_ERROR_DEG
+from fusion.elevation import Elevation, measure_elevation
+from fusion.errors import UnknownAxis
+from fusion.recording import Float64Array, FloatArray, QualityFlag, Recording
 
 SHORTEST_QUATERNION = 0.5
 """Quaternions shorter than this are no rotation: the row is missing. Xsens writes unit ones to 1e-6."""
+STILL_S, STILL_DEG, LEAST_ROWS = 2.0, 3.0, 10
+STEADY = 0.99
+"""Length of the mean vertical over the calibration: below it the sensor turned by about 8 deg or more."""
 
 
 def take_up_of_quaternion(quaternion_wxyz: Float64Array) -> Up:
-    """Give the third row of R for each quaternion (n, 4), segment to world; NaN where it is none."""
-    length = np.linalg.norm(quaternion_wxyz, axis=1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        w, x, y, z = (quaternion_wxyz / np.where(length < SHORTEST_QUATERNION, np.nan, length)).T
+    """Return the third row of R for each quaternion (n, 4), segment to world; NaN where it is none."""
+    w, x, y, z = _scale_to_unit(quaternion_wxyz).T
     up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
     return up.astype(np.float32)
 
 
 def take_up_of_euler(roll_deg: Float64Array, pitch_deg: Float64Array) -> Up:
-    """Give the third row of R = Rz(yaw) Ry(pitch) Rx(roll), Xsens's order (aerospace sequence)."""
+    """Return the third row of R = Rz(yaw) Ry(pitch) Rx(roll), Xsens's order (aerospace sequence)."""
     roll, pitch = np.radians(roll_deg), np.radians(pitch_deg)
     up = [-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)]
     return np.stack(up, axis=1).astype(np.float32)
 
 
 def take_up_of_row(third_row: Float64Array) -> Up:
-    """Give the third row of R, (n, 3), at length one; NaN where it has none."""
-    length = np.linalg.norm(third_row, axis=1, keepdims=True)
+    """Return the third row of R, (n, 3), at length one; NaN where it has none."""
+    return _scale_to_unit(third_row).astype(np.float32)
+
+
+def _scale_to_unit(rows: Float64Array) -> Float64Array:
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return (third_row / np.where(length < SHORTEST_QUATERNION, np.nan, length)).astype(np.float32)
+        return np.asarray(rows / np.where(length < SHORTEST_QUATERNION, np.nan, length))
 
 
 def measure_from_up(up: Up, axis: Float64Array) -> NDArray[np.float32]:
-    """Elevation of an axis that points to the shoulder: 0 where it points to the zenith (the arm hangs)."""
+    """Return the elevation of an axis that points to the shoulder: 0 where it points to the zenith."""
     return measure_elevation(np.ascontiguousarray(up), axis)
+
+
+def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
+    """Resample values, one for each row, on even grids, cut at holes; as a recording without samples."""
+    rows = AngleRows(file.time_s, np.asarray(values, np.float64), file.first_s, file.last_s)
+    zone = file.start.tzname() if file.start else None
+    empty = Recording(
+        file.device, file.sha256, file.start, zone, 0, (), flags=file.flags, understood=file.understood
+    )
+    return resample_angles(empty, rows)
+
+
+def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
+    """Take the direction of the vertical while the arm hung (file's clock) as the arm's axis.
+
+    Raises
+    ------
+    UnknownAxis
+        No row in that time, or the sensor turned.
+    """
+    if file.up is None:
+        return file
+    inside = (file.time_s >= window_s[0]) & (file.time_s <= window_s[1])
+    mean = file.up[inside].mean(axis=0).astype(np.float64) if inside.any() else np.zeros(3)
+    length = float(np.linalg.norm(mean))
+    if not length >= STEADY:
+        raise UnknownAxis
+    axis = mean / length
+    return replace(file, axis=axis, elevation_deg=measure_from_up(file.up, axis))
+
+
+def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...]) -> AngleFile:
+    """Return an orientation with its arm axis: at the time asked for, else in its first still 2 s.
+
+    Raises
+    ------
+    UnknownAxis
+        The sensor did not hang still in the time asked for, or never.
+    """
+    if file.elevation_deg is not None:
+        return file
+    start_s, end_s = windows_s[0] if windows_s else _find_still(file)
+    calibrated = calibrate_file(file, (start_s + file.first_s, end_s + file.first_s))
+    flag = QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
+    understood = {**file.understood, "calibration_s": f"{start_s:g} - {end_s:g}"}
+    return replace(calibrated, flags=(*file.flags, flag), understood=understood)
+
+
+def _find_still(file: AngleFile) -> tuple[float, float]:
+    """Find the first 2 s in which the vertical stays within 3 deg of its mean; from the first row."""
+    if file.up is None:
+        raise UnknownAxis
+    time_s = file.time_s - file.first_s
+    for start_s in np.arange(0.0, float(time_s[-1]) - STILL_S + 1e-6, STILL_S / 4):
+        first, stop = np.searchsorted(time_s, [start_s, start_s + STILL_S]).tolist()
+        up = file.up[first:stop]
+        if len(up) < LEAST_ROWS:
+            continue
+        mean = up.mean(axis=0)
+        if (up @ (mean / np.linalg.norm(mean)) > np.cos(np.radians(STILL_DEG))).all():
+            return float(start_s), float(start_s + STILL_S)
+    raise UnknownAxis

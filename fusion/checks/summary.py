@@ -7,12 +7,15 @@ only into the blocks that hold one.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.numba_kernels import kernel
-from fusion.recording import Segment
+from fusion.recording import QualityFlag, Recording, Segment
+from fusion.still_limits import MOMENT, POSE
 
 BLOCK_ROWS = 64
 
@@ -32,36 +35,26 @@ class SensorSummary:
     step: NDArray[np.float32]
     kept: NDArray[np.int32]
 
-    def find_extreme(self, axis: int | slice = slice(None)) -> float:
-        """Give the largest size that an axis, or any, reads; 0 without rows."""
-        low, high = self.low[axis].min(initial=0.0), self.high[axis].max(initial=0.0)
-        return float(max(high, -low))
+    def find_extreme(self) -> float:
+        """Return the largest size that any axis reads; 0 without rows."""
+        return float(max(self.high.max(initial=0.0), -self.low.min(initial=0.0)))
 
     def keeps(self, axis: int, rows: int) -> bool:
-        """Whether an axis keeps a value for so many rows anywhere."""
+        """Return whether an axis keeps a value for so many rows anywhere."""
         return bool(self.kept[axis].max(initial=0) >= rows - 1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SegmentSummary:
-    """Both sensors of a segment, valid for that very object: a check that changes samples makes another."""
-
-    segment: Segment
-    acc: SensorSummary
-    gyr: SensorSummary
+_SUMMARIES: WeakKeyDictionary[Segment, tuple[SensorSummary, SensorSummary]] = WeakKeyDictionary()
 
 
-Summaries = Sequence[SegmentSummary]
+def summarise(segment: Segment) -> tuple[SensorSummary, SensorSummary]:
+    """Return the summaries of accelerometer and gyroscope.
 
-
-def summarise(segments: Sequence[Segment], known: Summaries = ()) -> Summaries:
-    """Summarise segments in their order; those that are ``known`` already are not read again."""
-    found = {id(one.segment): one for one in known}
-    return [found.get(id(segment)) or _summarise_segment(segment) for segment in segments]
-
-
-def _summarise_segment(segment: Segment) -> SegmentSummary:
-    return SegmentSummary(segment, summarise_sensor(segment.acc_g), summarise_sensor(segment.gyr_dps))
+    They are made once for each object: whoever changes the samples makes another segment of them.
+    """
+    if segment not in _SUMMARIES:
+        _SUMMARIES[segment] = summarise_sensor(segment.acc_g), summarise_sensor(segment.gyr_dps)
+    return _SUMMARIES[segment]
 
 
 def summarise_sensor(samples: NDArray[np.float32]) -> SensorSummary:
@@ -105,7 +98,85 @@ def _walk(samples: Any, ends: Any, steps: Any, kept: Any) -> None:  # pragma: no
         kept[0, block], kept[1, block], kept[2, block] = kept_x, kept_y, kept_z
 
 
-def list_rows(blocks: NDArray[np.intp], rows: int) -> NDArray[np.intp]:
-    """Number the rows of some blocks, of samples with so many rows in all."""
-    every = (blocks[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
-    return every[every < rows]
+# Where a sensor is cut off, by its flat tops, whatever range the file states.
+#
+# A signal that is cut off rests at its very extreme, sample after sample, again and again. A sensor that is
+# not reaches its extreme once: the next movement, or the next bit of noise, makes another value.
+
+RANGE_SHARE = 0.999
+"""A sample is cut off from this share of a full scale or of the extreme on: the two ends of a signed range
+differ by one count.
+"""
+FLAT_ROWS, FEWEST_TOPS = 3, 5
+"""An axis rests at one value for so many rows; so often, where nothing states the range."""
+LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS = 1.9, 240.0
+"""No sensor has a smaller range (2 g, 245 deg/s): a lower extreme is not the end of one."""
+LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS = 1.5, 50.0
+"""Of a sensor with a range narrower than stated. At rest, in coarse counts, one rests at its extreme as well;
+under these it may.
+"""
+
+
+def find_flat_range(sensors: Sequence[SensorSummary], least: float = 0.0) -> float | None:
+    """Return the size at which samples are cut off, or None where nothing is.
+
+    It holds for all axes: an axis cut off below what another reads is not found.
+    """
+    extreme = max((sensor.find_extreme() for sensor in sensors), default=0.0)
+    if not least <= extreme < np.inf:
+        return None
+    limit = np.float32(RANGE_SHARE * extreme)
+    tops = sum(_count_tops(sensor, limit) for sensor in sensors)
+    return extreme if tops >= FEWEST_TOPS else None
+
+
+def _count_tops(sensor: SensorSummary, limit: np.float32) -> int:
+    """Count how often an axis rests at one value past the limit for three rows or more."""
+    count = 0
+    for axis in range(3):
+        for sign, ends in ((1, sensor.high), (-1, -sensor.low)):
+            blocks = np.flatnonzero(ends[axis] >= limit)
+            rows = (blocks[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
+            rows = rows[rows < len(sensor.samples)]
+            values = sign * sensor.samples[rows, axis]
+            rows, values = rows[values >= limit], values[values >= limit]
+            if len(rows) >= FLAT_ROWS:
+                is_held = (np.diff(rows) == 1) & (np.diff(values) == 0.0)
+                edges = np.flatnonzero(np.diff(np.concatenate([[False], is_held, [False]]).astype(np.int8)))
+                count += int(np.count_nonzero(edges[1::2] - edges[::2] >= FLAT_ROWS - 1))
+    return count
+
+
+# Readings so coarse that a held arm looks as if it moved, or a moving one as if a channel stuck.
+
+COARSE_G, COARSE_DPS = 1.5 * POSE.acc_sd_g, 2.0 * MOMENT.gyro_sd_dps
+"""Between two values, readings at rest scatter by half a step: with an arm's own sway, or alone, past the
+limit of stillness. Parts in use have 0.1 to 2.5 mg and 0.004 to 0.6 deg/s; ten bits of 16 g and 2000 deg/s
+are 31 mg and 3.9 deg/s."""
+SMALLEST_PART = 0.01
+LOOKED_AT_ROWS = 20_000
+
+
+def flag_resolution(recording: Recording) -> tuple[QualityFlag, ...]:
+    """Flag steps from one value to the next that hide stillness (W-RESOLUTION)."""
+    acc_g = _measure_step([segment.acc_g for segment in recording.segments])
+    gyr_dps = _measure_step([segment.gyr_dps for segment in recording.segments])
+    facts: dict[str, str | int | float] = {}
+    if acc_g > COARSE_G:
+        facts["step_mg"] = round(1000.0 * acc_g, 1)
+    if gyr_dps > COARSE_DPS:
+        facts["step_dps"] = round(gyr_dps, 2)
+    return (QualityFlag(Caveat.RESOLUTION, facts=facts),) if facts else ()
+
+
+def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
+    """Return the smallest change from row to row, but for one in a hundred, of the coarsest axis.
+
+    Rows that a program put in between are few; noise that was not rounded changes by far less.
+    """
+    stride = max(2, sum(map(len, samples)) // LOOKED_AT_ROWS)
+    pairs = [(values[1::stride], values[: len(values) - 1 : stride]) for values in samples]
+    changes = np.abs(np.concatenate([after - before for after, before in pairs]))
+    return max(
+        (float(np.quantile(axis[axis > 0.0], SMALLEST_PART)) for axis in changes.T if axis.any()), default=0.0
+    )

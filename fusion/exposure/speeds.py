@@ -21,7 +21,7 @@ from fusion.exposure.types import Frequency, Velocity
 from fusion.numba_kernels import kernel, kernel_making_arrays
 from fusion.numerics.low_pass import filter_rows
 from fusion.numerics.runs import find_runs
-from fusion.orientation.on_demand import Vertical
+from fusion.orientation.angle_rows import Vertical
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
 
 # The metric filter on vectors, in overlapping blocks, so that memory does not grow with the recording.

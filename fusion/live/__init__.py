@@ -1,6 +1,5 @@
-"""The angle while the sensor is worn: samples in, angle out; a session of it, and the clock of a stream."""
+"""The angle while the sensor is worn: samples in, angle out; a session of it."""
 
-from fusion.live.clock import StreamClock
 from fusion.live.comparison import LiveDifference, ShownAngles, compare_shown
 from fusion.live.elevation import LiveElevation
 from fusion.live.session import (
@@ -25,7 +24,6 @@ __all__ = [
     "LiveStatus",
     "PoseState",
     "ShownAngles",
-    "StreamClock",
     "compare_shown",
     "replay_frames",
 ]

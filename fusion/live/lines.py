@@ -14,18 +14,118 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.devices import KnownDevice
 from fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
-from fusion.live.clock import STAMP_SIZE, StreamClock
 from fusion.live.session import Frames
-from fusion.readers.tables.careful_path import NUMERIC_TIME, STAMP
 from fusion.readers.tables.csv import choose_rate_hz
-from fusion.readers.tables.header import is_row, split_fields
-from fusion.readers.tables.layout import TextLayout, find_layout
-from fusion.readers.tables.rows import TablePlan, plan_table
+from fusion.readers.tables.csv_lines import STAMP
+from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
+from fusion.readers.tables.rows import plan_table
 from fusion.readers.timebase.grid import estimate_period_us
 from fusion.recording import MICROSECONDS
 from fusion.units import acc_scale_g, gyr_scale_dps
+
+# The clock of a stream: counters that wrap, boards that restart.
+
+STAMP_SIZE = 1 << 32
+"""``micros()`` wraps here, every 71.6 minutes."""
+COUNTER_SIZES = (1 << 8, 1 << 16, 1 << 32)
+LONGEST_LOSS = 0.25
+"""A counter that jumps by up to this part of its size has lost frames; by more, it began anew."""
+LONGEST_STEP_US = 60 * MICROSECONDS
+"""A stamp that jumps further began anew: the board was reset."""
+LONGEST_DELAY_US = MICROSECONDS // 2
+"""Rows without a stamp that come later than this were lost or not taken; up to it they were on their way."""
+ARRIVAL_GAIN, MOST_PULL = 0.005, 0.05
+"""So much of its distance from the arrivals the time of rows without a stamp takes back at each row, up to so
+much of a period."""
+
+
+@dataclass(slots=True)
+class StreamClock:
+    """Gives each frame a time that never goes back and a counter that never wraps.
+
+    Frames without stamps are a period apart and follow the arrivals slowly, for frames come in bursts; frames
+    without counter are counted by their time: a step of more than 1.5 periods, or without stamps a delay of
+    more than half a second, shows as lost frames. After a restart of the board the time
+    goes on by what passed between the arrivals.
+    """
+
+    period_us: float
+    restarts: int = 0
+    _stamp: int = -1
+    _count: int = -1
+    _time_us: int = -1
+    _counter: int = -1
+    _arrived_us: int = 0
+    _origin_us: int = 0
+
+    def place(self, stamp_us: int | None, count: int | None, arrived_us: int) -> tuple[int, int]:
+        """Give time (us) and counter of the next frame.
+
+        Parameters
+        ----------
+        stamp_us, count
+            As the board wrote them; None where it writes none.
+        arrived_us
+            Of a clock here that never goes back.
+        """
+        if self._time_us < 0:
+            time_us, counter = 0, 0
+            self._origin_us = arrived_us
+        elif stamp_us is None:
+            time_us, counter = self._place_unstamped(count, arrived_us)
+        else:
+            step_us = self._step(stamp_us, arrived_us)
+            time_us = self._time_us + step_us
+            counter = self._counter + self._count_step(count, step_us)
+        self._stamp = -1 if stamp_us is None else stamp_us
+        self._count = -1 if count is None else count
+        self._time_us, self._counter, self._arrived_us = time_us, counter, arrived_us
+        return time_us, counter
+
+    def _place_unstamped(self, count: int | None, arrived_us: int) -> tuple[int, int]:
+        restarts = self.restarts
+        steps = self._count_step(count, round(self.period_us))
+        due_us = self._time_us + steps * self.period_us
+        late_us = arrived_us - self._origin_us - due_us
+        is_unnumbered = count is None or self.restarts > restarts
+        if is_unnumbered and late_us > LONGEST_DELAY_US:
+            steps += round(late_us / self.period_us)
+            due_us += late_us
+        else:
+            most_us = MOST_PULL * self.period_us
+            due_us += max(-most_us, min(ARRIVAL_GAIN * late_us, most_us))
+        return max(self._time_us + 1, round(due_us)), self._counter + steps
+
+    def _step(self, stamp_us: int, arrived_us: int) -> int:
+        """Microseconds since the frame before, at least one."""
+        between_us = max(1, arrived_us - self._arrived_us)
+        if self._stamp < 0:
+            return between_us
+        step_us = stamp_us - self._stamp
+        if step_us < 0 and self._stamp < STAMP_SIZE:
+            step_us += STAMP_SIZE
+        if 0 < step_us <= max(LONGEST_STEP_US, 2 * between_us):
+            return step_us
+        self.restarts += 1
+        self._count = -1  # its counter began anew, too
+        return max(between_us, round(self.period_us))
+
+    def _count_step(self, count: int | None, step_us: int) -> int:
+        """Frames since the one before, itself counted; at least one."""
+        if count is not None and self._count >= 0:
+            step = count - self._count
+            if step > 0:
+                return step
+            for size in COUNTER_SIZES:
+                if self._count < size and 0 < step + size <= LONGEST_LOSS * size:
+                    return step + size
+            self.restarts += 1
+        periods = step_us / self.period_us
+        return max(1, round(periods)) if periods > 1.5 else 1
+
+
+# Its lines.
 
 ROWS_TO_LEARN = 25
 """So many rows after the header are looked at before its columns are understood."""
@@ -177,14 +277,20 @@ class LineReader:
         except (ValueError, OverflowError):
             self._take_words(line, columns)
             return None
-        if not _can_be(values) or max(abs(stamp_us or 0), abs(count or 0)) > MOST_NUMBER:
+        is_whole = all(map(math.isfinite, values))
+        is_possible = max(map(abs, values[:3])) <= MOST_G and max(map(abs, values[3:])) <= MOST_DPS
+        if not (is_whole and is_possible) or max(abs(stamp_us or 0), abs(count or 0)) > MOST_NUMBER:
             self.torn += 1
             return None
         return Row(stamp_us, count, arrived_us, values)
 
     def _take_words(self, line: str, columns: _Columns) -> None:
-        """Take a line that is no row: a line above the table, another header, else a torn line."""
-        if _is_head_line(line, columns.layout):
+        """Take a line that is no row: a line above the table, another header, else a torn line.
+
+        A board that starts anew writes the lines above the table again.
+        """
+        layout = columns.layout
+        if not line or line.startswith(("#", "%", "//")) or line in (layout.header, *layout.preamble):
             return
         self._changed = _learn_again(line)
         self.torn += self._changed is None
@@ -265,22 +371,18 @@ def _learn(lines: Sequence[str]) -> _Columns:
     ):
         if scale(plan.layout.columns[place].unit) is None:
             raise UnknownUnit(sensor=sensor)
+    # x of both sensors is turned where the device is left-handed.
+    device = plan.layout.device
+    factor = device.left_gyr_factor if device else 1.0
+    turn, gyr = (1.0 if factor == 1.0 else -1.0), plan.gyr_scale * factor
     return _Columns(
         plan.layout,
-        by_target.get(STAMP) if plan.has_times and plan.stamp_kind == NUMERIC_TIME else None,
+        by_target.get(STAMP) if plan.time.kind == "number" else None,
         next((k for k, column in enumerate(plan.layout.columns) if column.channel == "counter"), None),
         places,
-        10.0**plan.stamp_exponent,
-        _find_factors(plan, plan.layout.device),
+        10.0**plan.time.unit.exponent,
+        (turn * plan.acc_scale, plan.acc_scale, plan.acc_scale, turn * gyr, gyr, gyr),
     )
-
-
-def _find_factors(plan: TablePlan, device: KnownDevice | None) -> tuple[float, ...]:
-    """Give the factors of the six values; x of both sensors is turned where the device is left-handed."""
-    is_left = device is not None and device.left_gyr_factor != 1.0
-    acc, gyr = plan.acc_scale, plan.gyr_scale * (device.left_gyr_factor if device and is_left else 1.0)
-    turn = -1.0 if is_left else 1.0
-    return (turn * acc, acc, acc, turn * gyr, gyr, gyr)
 
 
 def _measure_rate_hz(rows: Sequence[Row]) -> float:
@@ -308,16 +410,6 @@ def _measure_rate_hz(rows: Sequence[Row]) -> float:
     if np.any(np.diff(times) < 0):
         raise UnknownRate
     return MICROSECONDS / estimate_period_us(times)
-
-
-def _is_head_line(line: str, layout: TextLayout) -> bool:
-    """Whether a line is one of those above a table: a board that starts anew writes them again."""
-    return not line or line.startswith(("#", "%", "//")) or line in (layout.header, *layout.preamble)
-
-
-def _can_be(values: tuple[float, ...]) -> bool:
-    is_whole = all(math.isfinite(value) for value in values)
-    return is_whole and max(map(abs, values[:3])) <= MOST_G and max(map(abs, values[3:])) <= MOST_DPS
 
 
 def _read_positive(text: str) -> float | None:

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusion.elevation import measure_elevation
-from fusion.live.frame import FrameWatch
 from fusion.orientation.arrays import check_arrays, check_direction
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.pose.rules import RULES, object_to_window
 from fusion.readers.timebase.row_kernels import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
+from fusion.sensor.model import RADIANS
 
 HOLD_S = RULES.length_s
 """How long the pose is held."""
@@ -93,7 +93,7 @@ class LiveStatus:
     has_rested
         Whether a still moment has told the gyroscope's bias.
     is_frame_doubtful
-        Whether gravity turns against the gyroscope (:mod:`fusion.live.frame`): the angle is then wrong while
+        Whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is then wrong while
         the arm moves.
     pose, pose_left_s, pose_refused, still_g
         Where the pose stands; seconds until it is asked for or has been held; why the last one was refused
@@ -170,7 +170,7 @@ class LiveSession:
         fusion.orientation.arrays.UnusableArrays
             Values that are not finite, or other shapes; then nothing has changed.
         """
-        check_finite(frames)
+        check_arrays(frames.acc_g, frames.gyr_dps, 1.0)
         elevation_deg = np.full(len(frames), np.nan, np.float32)
         valid = np.zeros(len(frames), np.bool_)
         if len(frames) == 0:
@@ -235,23 +235,22 @@ class LiveSession:
         self._frame.break_off()
         self._missing_us += max(0, round(step_us - self._period_us))
         if lost and step_us <= LONGEST_BRIDGE_US:
-            self._bridge(run, lost)
+            self._bridge(self._last, run, lost)
             return
         bias_dps = self._vertical.bias_dps if self._vertical.has_rested else None
         self._vertical = LiveVertical(self.rate_hz, bias_dps)
         self._segment_rows, self._is_above = 0, None
         self._pose.break_off(int(self._last.time_us[0] + HOLE_PERIODS * self._period_us))
 
-    def _bridge(self, run: Frames, lost: int) -> None:
+    def _bridge(self, last: Frames, run: Frames, lost: int) -> None:
         """Feed the filter with interpolated rows, as the reader puts them into a file's segment."""
-        last = self._last
-        if last is None:  # pragma: no cover - there is a hole only after a frame
-            return
-        acc, gyr = (
-            _interpolate(before[0], after[0], lost)
-            for before, after in ((last.acc_g, run.acc_g), (last.gyr_dps, run.gyr_dps))
-        )
-        self._vertical.update(acc, gyr)
+        between = []
+        for before, after in ((last.acc_g, run.acc_g), (last.gyr_dps, run.gyr_dps)):
+            rows = np.zeros((lost + 2, 3), np.float32)
+            rows[0], rows[1] = before[0], after[0]
+            open_rows(rows, 2, np.array([1]), np.array([lost]))
+            between.append(rows[1:-1])
+        self._vertical.update(*between)
         self._segment_rows += lost
 
     def _fuse(self, run: Frames) -> tuple[Samples, NDArray[np.bool_]]:
@@ -291,6 +290,67 @@ class LiveSession:
         self._is_above = bool(told[-1])
 
 
+# Whether gyroscope and accelerometer share one right-handed frame, as the motion itself shows it.
+#
+# Gravity, seen from a turning sensor, turns backwards: ``da/dt = -(w x a)``. In a left-handed frame it turns
+# forwards, and the live angle is wrong while the arm moves. A file is put right by the same equation
+# (:mod:`fusion.checks.frame`); a stream is only doubted.
+
+BLOCK_S = 0.1
+SLOWEST_DPS = 20.0
+NEAR_1_G = 0.25
+ENOUGH_G2 = 0.5
+"""Of turned gravity, squared and summed: about five seconds at 60 deg/s."""
+LARGEST_SLOPE = -0.5
+"""Gravity turned as foreseen has the slope 1, in a left-handed frame -1."""
+LEAST_EXPLAINED = 0.5
+"""Of what was seen, by the wrong turn: violent movement turns gravity any way, but by no rule."""
+
+
+class FrameWatch:
+    """Compares how gravity turns with how the gyroscope says it should, in blocks of 0.1 s."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rows = max(2, round(BLOCK_S * rate_hz))
+        self._block_s = self._rows / rate_hz
+        self._gathered = np.empty((0, 6))
+        self._before: Float64Array | None = None
+        self._agreed_g2 = self._foreseen_g2 = self._seen_g2 = 0.0
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether enough motion has been seen, and gravity turned the other way."""
+        if self._foreseen_g2 < ENOUGH_G2 or self._agreed_g2 > LARGEST_SLOPE * self._foreseen_g2:
+            return False
+        return self._agreed_g2**2 > LEAST_EXPLAINED * self._foreseen_g2 * self._seen_g2
+
+    def take(self, acc_g: Samples, gyr_dps: Samples) -> None:
+        """Take the next samples of one unbroken run, shapes (n, 3)."""
+        self._gathered = np.concatenate([self._gathered, np.hstack([acc_g, gyr_dps]).astype(np.float64)])
+        whole = len(self._gathered) // self._rows
+        blocks = self._gathered[: whole * self._rows].reshape(whole, self._rows, 6).mean(axis=1)
+        self._gathered = self._gathered[whole * self._rows :]
+        for block in blocks:
+            if self._before is not None:
+                self._compare(self._before, block)
+            self._before = block
+
+    def break_off(self) -> None:
+        """Note a hole: what follows is no continuation."""
+        self._gathered, self._before = np.empty((0, 6)), None
+
+    def _compare(self, before: Float64Array, after: Float64Array) -> None:
+        middle = 0.5 * (before + after)
+        rate_dps, gravity_g = middle[3:], middle[:3]
+        if np.linalg.norm(rate_dps) < SLOWEST_DPS or abs(np.linalg.norm(gravity_g) - 1.0) > NEAR_1_G:
+            return
+        foreseen_g = -np.cross(RADIANS * rate_dps, gravity_g) * self._block_s
+        seen_g = after[:3] - before[:3]
+        self._agreed_g2 += float(foreseen_g @ seen_g)
+        self._seen_g2 += float(seen_g @ seen_g)
+        self._foreseen_g2 += float(foreseen_g @ foreseen_g)
+
+
 class _Pose:
     """The window in which a person holds the pose, and its samples."""
 
@@ -322,9 +382,8 @@ class _Pose:
             self.refused = "hole"
             return None
         gravity_g = acc.mean(axis=0, dtype=np.float64)
-        self.refused = object_to_window(HOLD_S, float(acc.astype(np.float64).std(axis=0).max()), gravity_g)
-        if gyr.astype(np.float64).std(axis=0).max() > RULES.refuse_gyro_sd_dps:
-            self.refused = "moving"
+        acc_sd_g, gyro_sd_dps = (float(rows.astype(np.float64).std(axis=0).max()) for rows in (acc, gyr))
+        self.refused = object_to_window(HOLD_S, acc_sd_g, gravity_g, gyro_sd_dps)
         return None if self.refused else np.asarray(gravity_g / np.linalg.norm(gravity_g))
 
     def describe(self, now_us: int, *, is_known: bool) -> tuple[PoseState, float]:
@@ -334,23 +393,6 @@ class _Pose:
         if now_us < self.start_us:
             return "countdown", float(self.start_us - now_us)
         return "holding", float(self.end_us - now_us)
-
-
-def check_finite(frames: Frames) -> None:
-    """Refuse values that are not numbers before any of them is taken.
-
-    Raises
-    ------
-    fusion.orientation.arrays.UnusableArrays
-    """
-    check_arrays(frames.acc_g, frames.gyr_dps, 1.0)
-
-
-def _interpolate(before: Samples, after: Samples, count: int) -> Samples:
-    rows = np.zeros((count + 2, 3), np.float32)
-    rows[0], rows[1] = before, after
-    open_rows(rows, 2, np.array([1]), np.array([count]))
-    return rows[1:-1]
 
 
 def replay_frames(recording: Recording, chunk_s: float) -> Iterator[Frames]:

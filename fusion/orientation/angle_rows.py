@@ -1,4 +1,4 @@
-"""The rows of the angle: at most 100 a second, averaged from the samples about them (CONTRACT.md §5).
+"""The rows of the angle: at most 100 a second, averaged from the samples about them.
 
 A sensor of 500 Hz gives five samples to a row. The row stands at its stamp and lasts until the next; its
 vertical is the mean over 10 ms about that stamp, so that it is neither early nor late. Its time is that of
@@ -11,31 +11,57 @@ stands where its time begins, between two samples if need be.
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
-from fusion.orientation.on_demand import Vertical
-from fusion.recording import MICROSECONDS, Float64Array, FloatArray
+from fusion.recording import MICROSECONDS, Float64Array, FloatArray, Segment
+from fusion.sensor.nodes import Nodes, spread_rows
 
 MOST_HZ = 100.5
 """A nominal 100 Hz sensor runs at 100 +- 0.1 Hz and keeps every sample."""
 
 
-class SampledRun(Protocol):
-    """An unbroken, evenly sampled run, such as :class:`fusion.recording.Segment`."""
+# The vertical at the samples, computed for the slice that is asked for.
+#
+# Eight hours at 100 Hz are 33 MiB of unit vectors. They follow from nodes and gyroscope samples, which are
+# kept anyway: to work them out again for the speeds takes no longer than to get that much memory. At 500 Hz
+# it would take five times as long, so there the vectors of the rows are kept. The same samples always give
+# the same bits, whatever slice is read.
 
-    @property
-    def start_us(self) -> int:
-        """Time of the first sample."""
 
-    @property
-    def rate_hz(self) -> float:
-        """Samples per second."""
+@dataclass(frozen=True, slots=True, eq=False)
+class VerticalOnDemand:
+    """Behaves as an array (n, 3) of float32 that is read by slices of samples.
 
-    def __len__(self) -> int: ...
+    ``up`` (j, 3) is the vertical at the nodes, ``gyr_dps`` (n, 3) carries it to the samples between.
+    """
+
+    gyr_dps: FloatArray
+    rate_hz: float
+    nodes: Nodes
+    up: Float64Array
+
+    def __len__(self) -> int:
+        return len(self.gyr_dps)
+
+    def __getitem__(self, samples: slice) -> NDArray[np.float32]:
+        """Samples of a slice without a step."""
+        first, stop, _ = samples.indices(len(self))
+        if stop <= first:
+            return np.zeros((0, 3), dtype=np.float32)
+        per_node = self.nodes.rows_per_node
+        node = min(first // per_node, len(self.up) - 1)
+        end = len(self) if stop > len(self.up) * per_node else min(-(-stop // per_node) * per_node, len(self))
+        out = np.empty((end - node * per_node, 3), dtype=np.float32)
+        spread_rows(self.gyr_dps, self.rate_hz, self.nodes, self.up, out, node)
+        return out[first - node * per_node : stop - node * per_node]
+
+
+Vertical = FloatArray | VerticalOnDemand
+"""The vertical at every sample, (n, 3): an array, or what is read like one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +99,7 @@ class AngleRows:
         return slice(first * self.count // self.samples, -(-stop * self.count // self.samples))
 
 
-def lay_rows(run: SampledRun) -> AngleRows:
+def lay_rows(run: Segment) -> AngleRows:
     """Take as few whole samples to a row as come to at most 100 rows a second."""
     samples, per_row = len(run), ceil(run.rate_hz / MOST_HZ)
     if per_row == 1 or samples == 0:

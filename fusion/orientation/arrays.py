@@ -5,25 +5,25 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import TERM, name_facts
+from fusion.caveats import TERM
 from fusion.errors import UnusableRecording
 from fusion.recording import Float64Array, FloatArray
 
 
-class UnusableArrays(UnusableRecording, ValueError):
+class UnusableArrays(
+    UnusableRecording,
+    ValueError,
+    code="E-ARRAYS",
+    why=TERM,
+    acc="shape",
+    gyr="shape",
+    axis="as given",
+    g="g, median length",
+    rate_hz="Hz",
+    value="as given",
+    allowed="what can be",
+):
     """The arrays cannot be fused."""
-
-    code = "E-ARRAYS"
-    fact_meanings = name_facts(
-        why=TERM,
-        acc="shape",
-        gyr="shape",
-        axis="as given",
-        g="g, median length",
-        rate_hz="Hz",
-        value="as given",
-        allowed="what can be",
-    )
 
 
 UNIT_WITHIN = 0.01

@@ -20,7 +20,7 @@ from fusion.numba_kernels import inner, kernel
 from fusion.orientation.arrays import check_arrays, check_rate
 from fusion.recording import Float64Array
 from fusion.sensor.model import RADIANS, bend, carry, turn_factors
-from fusion.sensor.stillness import StillRules
+from fusion.sensor.stillness import RULES
 
 # Places in the state: filter, previous rate, bias, then the still moment being gathered.
 REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE, ACC_TREND = range(0, 27, 3)
@@ -46,14 +46,11 @@ class LiveVertical:
     """Direction of the vertical in the sensor frame, as the samples come."""
 
     def __init__(
-        self,
-        rate_hz: float,
-        bias_dps: Float64Array | None = None,
-        parameters: LiveParameters | None = None,
+        self, rate_hz: float, bias_dps: Float64Array | None = None, parameters: LiveParameters | None = None
     ) -> None:
         """Start afresh; raises UnusableArrays for a rate that is not positive."""
         check_rate(rate_hz)
-        parameters, rules = parameters or LiveParameters(), StillRules()
+        parameters = parameters or LiveParameters()
         self._rate_hz = rate_hz
         self._state = np.zeros(SIZE)
         if bias_dps is not None:
@@ -61,8 +58,8 @@ class LiveVertical:
             self._state[STILLS] = 1.0
         decay = np.exp(-(1.0 + 1.0j) / (rate_hz * parameters.time_constant_s))
         self._filter = (1.0 / rate_hz, decay.real, decay.imag, parameters.freshness)
-        block = float(max(2, round(rules.still_s * rate_hz)))
-        limits = (rules.acc_sd_g**2, rules.gyro_sd_dps**2, rules.largest_bias_dps**2)
+        block = float(max(2, round(RULES.still_s * rate_hz)))
+        limits = (RULES.acc_sd_g**2, RULES.gyro_sd_dps**2, RULES.largest_bias_dps**2)
         gentle = (parameters.gentle_acc_sd_g**2, parameters.gentle_gyro_sd_dps**2)
         self._still = (block, *limits, parameters.memory_stills, *gentle)
 

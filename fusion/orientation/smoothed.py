@@ -21,21 +21,20 @@ from typing import Any
 import numpy as np
 
 from fusion.numba_kernels import fused, kernel
-from fusion.recording import Float64Array, FloatArray
+from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.model import GyroBias, SensorRun, carry, hold_bias, turn_factors
-from fusion.sensor.nodes import NODE_RATE_HZ, Nodes, correct_nodes, reduce_to_nodes, spread_rows
+from fusion.sensor.model import carry, turn_factors
+from fusion.sensor.nodes import NODE_RATE_HZ, Nodes
 
 
 @dataclass(frozen=True, slots=True)
 class SmoothedParameters:
-    """How slow the filter is, how often it runs, how late the gyroscope is.
+    """How slow the filter is, how often it runs, how late the gyroscope is taken to be.
 
     ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.6 to 3.2 s are alike within 0.002
     deg). ``gyro_lag_s``: a gyroscope's internal filter may be slower than the accelerometer's (1 ms in an
-    MPU-9250, register map RM-MPU-9250A-00; BROAD's trials fit best at 1.0 to 1.5 ms and score 0.31 in place
-    of 0.33 deg). It is 0 because it differs between parts and cannot be found from a recording: estimates
-    from BROAD's trials ran from -40 to +40 ms, since what the hand does passes for a lag.
+    MPU-9250, register map RM-MPU-9250A-00). It is taken as 0, because it differs between parts and cannot be
+    found from a recording: what the hand does passes for a lag.
     """
 
     time_constant_s: float = 3.0
@@ -62,43 +61,15 @@ class SmoothedNodes:
     nodes_per_value: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SmoothedVertical:
-    """The vertical at every sample, shape (n, 3), with the disagreement each ``rows_per_value`` samples."""
-
-    up: FloatArray
-    uncertainty_deg: Float64Array
-    rows_per_value: int
-
-
-def smooth_nodes(
-    nodes: Nodes, time_constant_s: float = SmoothedParameters().time_constant_s
-) -> SmoothedNodes:
+def smooth_nodes(nodes: Nodes) -> SmoothedNodes:
     """Filter both ways."""
-    decay = np.exp(-(1.0 + 1.0j) * nodes.period_s / time_constant_s)
+    decay = np.exp(-(1.0 + 1.0j) * nodes.period_s / SmoothedParameters().time_constant_s)
     per_second = max(1, round(1.0 / nodes.period_s))
     up = np.zeros((len(nodes.acc_g), 3))
     disagreement = np.zeros(-(-len(up) // per_second))
     for direction in (1, -1):
         _sweep(nodes.acc_g, nodes.turn_rad, decay, direction, up, disagreement, per_second)
     return SmoothedNodes(up, np.degrees(np.sqrt(disagreement / per_second)), per_second)
-
-
-def smooth_vertical(
-    run: SensorRun,
-    bias: GyroBias | None = None,
-    correction: AccelerometerCorrection | None = None,
-    parameters: SmoothedParameters | None = None,
-) -> SmoothedVertical:
-    """Find the vertical at the time of each sample, and how far past and future disagree."""
-    parameters = parameters or SmoothedParameters()
-    bias = bias or hold_bias(np.zeros(3))
-    nodes = reduce_to_nodes(run, bias, parameters.node_rate_hz, parameters.gyro_lag_s)
-    nodes = correct_nodes(nodes, bias, None, correction)
-    smoothed = smooth_nodes(nodes, parameters.time_constant_s)
-    out = np.empty((len(run), 3))
-    spread_rows(run.gyr_dps, run.rate_hz, nodes, smoothed.up, out, 0)
-    return SmoothedVertical(out, smoothed.disagreement_deg, smoothed.nodes_per_value * nodes.rows_per_node)
 
 
 @fused
@@ -188,8 +159,7 @@ class UncertaintySettings:
     """Weights, fitted on simulated days with even seeds: 2 to 10 of one hour, 2 and 4 of eight.
 
     There 1.96 sigma covers the truth 95.5 % (LSM9DS1) and 95.8 % (GT9X) of the time, on single days 93.3 to
-    97.6 %. A first choice (0.10, 0.7, 0.12), with the same mean but 92.2 % on one even day, was given up when
-    an odd day of eight hours showed 92.4 %. The figures of odd seeds are in ``docs/validation.md``.
+    97.6 %. The figures of odd seeds are in ``docs/validation.md``.
 
     ``floor_deg``; ``offset_times`` what the offset's standard deviation counts for; ``disagreement_share``
     of the variance between past and future, averaged over ``over_values`` seconds.
@@ -204,10 +174,9 @@ class UncertaintySettings:
 def estimate_sigma(
     smoothed: SmoothedNodes,
     accelerometer: AccelerometerCorrection,
-    settings: UncertaintySettings | None = None,
+    settings: UncertaintySettings = UncertaintySettings(),
 ) -> Float64Array:
     """Standard deviation of the elevation, deg, one value as in ``smoothed.disagreement_deg``."""
-    settings = settings or UncertaintySettings()
     offset_deg = settings.offset_times * float(np.degrees(accelerometer.offset_sd_g))
     between = average_around(smoothed.disagreement_deg**2 / 2.0, settings.over_values)
     steady = settings.floor_deg**2 + offset_deg**2

@@ -5,14 +5,7 @@ from dataclasses import dataclass, field, replace
 from fusion.conventions import CalibrationState, Pose
 from fusion.numerics.intervals import join_overlapping
 from fusion.numerics.rotations import find_angle_deg
-from fusion.pose.axes import (
-    ALIKE_DEG,
-    AXIS_SIGMA_DEG,
-    AxisPart,
-    Reading,
-    find_spread_deg,
-    point_along,
-)
+from fusion.pose.axes import ALIKE_DEG, AXIS_SIGMA_DEG, AxisPart, Reading, find_spread_deg, point_along
 from fusion.pose.poses import (
     FoundPose,
     assume_pose,
@@ -22,8 +15,7 @@ from fusion.pose.poses import (
     survey,
 )
 from fusion.pose.readings import ask, assume_put_back, list_readings, read_recording
-from fusion.pose.slips import Question, find_walking
-from fusion.pose.wear import Wear, find_wear
+from fusion.pose.wear import Question, Wear, find_walking, find_wear
 from fusion.pose.windows import (
     Blocks,
     StillPeriod,

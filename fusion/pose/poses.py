@@ -19,8 +19,7 @@ from fusion.pose.axes import (
     estimate_held_sigma,
     find_spread_deg,
 )
-from fusion.pose.slips import find_walking
-from fusion.pose.wear import Wear, divide_by_wear
+from fusion.pose.wear import Wear, divide_by_wear, find_walking
 from fusion.pose.windows import (
     TABLE_SWAY_DPS,
     Blocks,

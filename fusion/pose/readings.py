@@ -22,8 +22,7 @@ from fusion.pose.axes import (
     find_spread_deg,
 )
 from fusion.pose.poses import EarlyStills, FoundPose, describe_pose
-from fusion.pose.slips import MOVED_SHARE, Question, ask_for_slip, compare_postures
-from fusion.pose.wear import Wear, find_wear
+from fusion.pose.wear import MOVED_SHARE, Question, Wear, ask_for_slip, compare_postures, find_wear
 from fusion.pose.windows import Window
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection

@@ -34,11 +34,16 @@ WINDOW_FAULTS = ("short", "hole", "moving", "gravity")
 """Why a window that a person chose is refused, within the recording."""
 
 
-def object_to_window(duration_s: float, acc_sd_g: float, gravity_g: Float64Array) -> str:
-    """Say why a window that a person chose is refused by its length and acceleration; "" where it is not.
+def object_to_window(
+    duration_s: float, acc_sd_g: float, gravity_g: Float64Array, gyro_sd_dps: float = 0.0
+) -> str:
+    """Return why a window that a person chose is refused by its length and motion; "" if it is not.
 
-    ``acc_sd_g``: the largest standard deviation of an axis; ``gravity_g``: mean acceleration, shape (3,).
+    ``acc_sd_g``, ``gyro_sd_dps``: the largest standard deviation of an axis; ``gravity_g``, shape (3,): the
+    mean acceleration.
     """
+    if gyro_sd_dps > RULES.refuse_gyro_sd_dps:
+        return "moving"
     if duration_s < RULES.shortest_window_s - 1e-9:
         return "short"
     if acc_sd_g > RULES.refuse_acc_sd_g:

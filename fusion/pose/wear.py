@@ -1,4 +1,4 @@
-"""The stretches of a recording in which the sensor was worn without being taken off.
+"""When the sensor was worn, how the arm hangs in walking, and when the sensor may have moved on it.
 
 A recording is cut where the sensor may have been off the arm: a table of five minutes or more
 (:func:`fusion.pose.windows.find_tables`), or a hole as long.
@@ -7,11 +7,14 @@ A recording is cut where the sensor may have been off the arm: a table of five m
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
+from fusion.numerics.rotations import cos_deg, find_angle_deg, find_turn
+from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.moments import Moments, find_calm_moments, find_striding_moments
+from fusion.sensor.moments import Moments, find_moments
 from fusion.sensor.stillness import QuarterSeconds
 
 HOLE_S = 300.0
@@ -43,7 +46,7 @@ def divide_by_wear(
     ends_s = [(run.start_s, run.start_s + len(run.acc) * run.block_s) for run in blocks]
     holes_s = [(before[1], after[0]) for before, after in pairwise(ends_s) if after[0] - before[1] >= HOLE_S]
     cuts = sorted([*tables_s, *holes_s])
-    calm, strides = find_calm_moments(blocks, accelerometer), find_striding_moments(blocks, accelerometer)
+    calm, strides = find_moments(blocks, accelerometer)
     for off_s, on_s in cuts:
         calm = calm.select((calm.time_s <= off_s) | (calm.time_s >= on_s))
     edges_s = [-np.inf, *((off_s + on_s) / 2.0 for off_s, on_s in cuts), np.inf]
@@ -67,3 +70,108 @@ def divide_by_wear(
 def find_wear(wears: Sequence[Wear], time_s: float) -> Wear:
     """Return the stretch of wear that a time lies in."""
     return next(wear for wear in reversed(wears) if wear.start_s <= time_s)
+
+
+# How the arm hangs in walking, and when the sensor may have moved on it: a question, never an answer.
+#
+# A slip shows if somebody walked before and after it, half a minute each, with the arm hanging steadily in
+# two directions. Without walking a slip cannot be told from other work.
+
+NEAR_DEG = 10.0
+"""Directions are counted within this angle of each other."""
+LEAST_STRIDING = 15
+"""Half a minute of walking, in windows of 2 s."""
+MINUTE_STRIDING = 30
+STEADY_SHARE = 0.75
+"""Of recorded motion 93 to 100 % of walking lay within 10 deg of its commonest direction, 55 to 62 % of fast
+work that passes for walking.
+"""
+MOVED_DEG = 12.0
+OWN_SHARE, OTHER_SHARE, TOLD_SHARE = 0.6, 0.2, 0.97
+PLACES, MOST_STRIDES, LEAST_REST = 60, 150, 60
+ALIKE_SHARE, MOVED_SHARE = 0.8, 0.5
+"""Of recorded motion 0.85 to 1.05 without a slip, 0.69 at most after one of 20 deg, 0.38 after 45 deg."""
+ANSWER_S = 600.0
+"""A person who answers knows the time this exactly."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """The sensor may have moved between two times.
+
+    ``kind``: "slip" while it was worn, "put_back" after it was off, "poses" between two that disagree;
+    ``apart_deg``: by how much, if known. ``turn`` (3, 3): of the axis before it into the one after it, which
+    holds until ``until_s``; None if not known.
+    """
+
+    kind: Literal["slip", "put_back", "poses"]
+    first_s: float
+    end_s: float
+    apart_deg: float = 0.0
+    turn: Float64Array | None = None
+    until_s: float = np.inf
+
+    def is_answered(self, times_s: Sequence[float]) -> bool:
+        """Return whether a person named a time in it, or near it."""
+        return any(self.first_s - ANSWER_S <= time_s <= self.end_s + ANSWER_S for time_s in times_s)
+
+
+def share_near(up: Float64Array, directions: Float64Array) -> Float64Array:
+    """Return the share of the moments near each direction."""
+    # Not `@`: the threads it starts for so little wait longer, at work, than the product takes.
+    cosines = np.einsum("md,nd->nm", up, directions)
+    return np.asarray((cosines >= cos_deg(NEAR_DEG)).mean(axis=1))
+
+
+def find_commonest(up: Float64Array) -> tuple[Float64Array, float]:
+    """Return the commonest direction, and the share of the moments near it."""
+    shares = share_near(up, up)
+    best = int(np.argmax(shares))
+    mean = up[up @ up[best] >= cos_deg(NEAR_DEG)].mean(axis=0)
+    return mean / np.linalg.norm(mean), float(shares[best])
+
+
+def find_walking(strides: Moments) -> Float64Array | None:
+    """Return how the arm hung in a minute of walking or more, most of it in one direction; None without.
+
+    Fast work passes for walking, but not in one direction.
+    """
+    if len(strides.up) < MINUTE_STRIDING:
+        return None
+    direction, share = find_commonest(strides.thin().up)
+    return direction if share >= STEADY_SHARE else None
+
+
+def ask_for_slip(strides: Moments, calm: Moments) -> Question | None:
+    """Return the slip that walking shows within one stretch of wear; None if it shows none.
+
+    The other postures must also have changed: if they stay as they were, the person carries loads.
+    """
+    few = strides.thin(4 * MOST_STRIDES)
+    count = len(few.up)
+    if count < 2 * LEAST_STRIDING:
+        return None
+    edges = np.unique(np.linspace(LEAST_STRIDING, count - LEAST_STRIDING, PLACES).astype(np.intp))
+    sides = [
+        tuple(find_commonest(up[:: -(-len(up) // MOST_STRIDES)]) for up in (few.up[:edge], few.up[edge:]))
+        for edge in edges
+    ]
+    told = [edge * one[1] + (count - edge) * two[1] for edge, (one, two) in zip(edges, sides, strict=True)]
+    edge, ((before, before_share), (after, after_share)) = edges[np.argmax(told)], sides[int(np.argmax(told))]
+    apart_deg = find_angle_deg(before, after)
+    knows = max(share_near(few.up[:edge], after[None])[0], share_near(few.up[edge:], before[None])[0])
+    if apart_deg < MOVED_DEG or min(before_share, after_share) < OWN_SHARE or knows > OTHER_SHARE:
+        return None
+    likely = edges[np.array(told) >= TOLD_SHARE * max(told)]
+    first_s, end_s = float(few.time_s[likely[0] - 1]), float(few.time_s[likely[-1]])
+    rest = calm.select(~np.isin(calm.time_s, strides.time_s))
+    earlier, later = rest.within(-np.inf, first_s).thin().up, rest.within(end_s, np.inf).thin().up
+    if min(len(earlier), len(later)) >= LEAST_REST and compare_postures(earlier, later) > ALIKE_SHARE:
+        return None
+    return Question("slip", first_s, end_s, apart_deg, find_turn(before, after))
+
+
+def compare_postures(earlier: Float64Array, later: Float64Array) -> float:
+    """Return how often two stretches hold each other's postures, as a share of how often each its own."""
+    own = np.mean([share_near(*np.array_split(side, 2)).mean() for side in (earlier, later)])
+    return float(share_near(earlier, later).mean() / max(own, 1e-9))

@@ -11,7 +11,7 @@ from fusion.pose.rules import RULES, object_to_window, score_still_period
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import view_segment
-from fusion.sensor.stillness import BLOCK_S, QuarterSeconds, QuietTable, reduce_run, summarise_windows
+from fusion.sensor.stillness import BLOCK_S, QuarterSeconds, reduce_run, summarise_windows
 
 Blocks = Sequence[QuarterSeconds]
 Window = tuple[float, float]
@@ -72,26 +72,18 @@ def reduce_recording(recording: Recording) -> list[QuarterSeconds]:
 
 def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection) -> list[Window]:
     """Start and end of every stretch that is still and near 1 g for 5 s or longer, in order."""
-    return [stretch_s for run in blocks for stretch_s in _join_windows(_find_quiet(run, accelerometer))]
-
-
-def _join_windows(quiet: QuietTable) -> list[Window]:
-    if len(quiet) == 0:
-        return []
-    breaks = np.flatnonzero(np.diff(quiet.start_s) > quiet.duration_s) + 1
-    first = np.concatenate([[0], breaks])
-    last = np.concatenate([breaks - 1, [len(quiet) - 1]])
-    ends_s = quiet.start_s[last] + quiet.duration_s
-    return list(zip(quiet.start_s[first].tolist(), ends_s.tolist(), strict=True))
-
-
-def _find_quiet(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> QuietTable:
-    table = summarise_windows([run], RULES.length_s)
-    still = (table.acc_sd_g < RULES.quiet_acc_sd_g) & (table.gyro_sd_dps < RULES.quiet_gyro_sd_dps)
-    quiet = table.select(np.flatnonzero(still))
-    corrected_g = accelerometer.apply(quiet.gravity_g, quiet.middle_s)
-    off_g = (np.abs(np.linalg.norm(read_g, axis=1) - 1.0) for read_g in (quiet.gravity_g, corrected_g))
-    return quiet.select(np.minimum(*off_g) < RULES.one_g_within)
+    stretches_s: list[Window] = []
+    for run in blocks:
+        table = summarise_windows([run], RULES.length_s)
+        is_still = (table.acc_sd_g < RULES.quiet_acc_sd_g) & (table.gyro_sd_dps < RULES.quiet_gyro_sd_dps)
+        quiet = table.select(np.flatnonzero(is_still))
+        corrected_g = accelerometer.apply(quiet.gravity_g, quiet.middle_s)
+        off_g = (np.abs(np.linalg.norm(read_g, axis=1) - 1.0) for read_g in (quiet.gravity_g, corrected_g))
+        quiet = quiet.select(np.minimum(*off_g) < RULES.one_g_within)
+        breaks = np.flatnonzero(np.diff(quiet.start_s) > quiet.duration_s) + 1
+        parts_s = np.split(quiet.start_s, breaks) if len(quiet) else []
+        stretches_s += [(float(part_s[0]), float(part_s[-1] + quiet.duration_s)) for part_s in parts_s]
+    return stretches_s
 
 
 def measure_stretch(recording: Recording, stretch_s: Window) -> StillPeriod:
@@ -116,9 +108,7 @@ def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
     is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
     if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
         raise UnusableCalibration(why="outside" if is_outside else "short", start_s=start_s, end_s=end_s)
-    still = _measure(recording, start_s, end_s)
-    _refuse_motion(recording, still)
-    return still
+    return _measure(recording, start_s, end_s, refuses_motion=True)
 
 
 def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[StillPeriod, StillPeriod]:
@@ -149,9 +139,7 @@ def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
         raise UnusableCalibration(why="none", start_s=0.0, end_s=recording.duration_us / MICROSECONDS)
     off_g = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
     start_s = float(table.start_s[np.argmin(table.acc_sd_g + 0.01 * table.gyro_sd_dps + off_g)])
-    still = _measure(recording, start_s, start_s + table.duration_s)
-    _refuse_motion(recording, still)
-    return still
+    return _measure(recording, start_s, start_s + table.duration_s, refuses_motion=True)
 
 
 def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
@@ -167,39 +155,28 @@ def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Arra
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
 
 
-def _refuse_motion(recording: Recording, still: StillPeriod) -> None:
-    acc, gyr = _cut(recording, still.start_s, still.end_s)
-    why = object_to_window(still.duration_s, float(acc.std(axis=0).max()), still.gravity_g)
-    if gyr.std(axis=0).max() > RULES.refuse_gyro_sd_dps:
-        why = "moving"
-    if why:
-        raise UnusableCalibration(why=why, start_s=still.start_s, end_s=still.end_s)
-
-
-def _segment_around(recording: Recording, start_s: float, end_s: float) -> Segment | None:
-    for segment in recording.segments:
-        slack_s = 1.5 / segment.rate_hz
-        if segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s:
-            return segment
-    return None
-
-
-def _cut(recording: Recording, start_s: float, end_s: float) -> tuple[Float64Array, Float64Array]:
-    segment = _segment_around(recording, start_s, end_s)
+def _measure(
+    recording: Recording, start_s: float, end_s: float, *, refuses_motion: bool = False
+) -> StillPeriod:
+    segment = next((one for one in recording.segments if _holds(one, start_s, end_s)), None)
     if segment is None:
         raise UnusableCalibration(why="hole", start_s=start_s, end_s=end_s)
     first = max(0, round((start_s - segment.start_s) * segment.rate_hz))
-    stop = max(first + 1, round((end_s - segment.start_s) * segment.rate_hz))
-    rows = slice(first, stop)
-    return segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64)
-
-
-def _measure(recording: Recording, start_s: float, end_s: float) -> StillPeriod:
-    acc, gyr = _cut(recording, start_s, end_s)
-    gravity, acc_sd_g = acc.mean(axis=0), float(acc.std(axis=0).max())
-    is_moving = acc_sd_g > RULES.quiet_acc_sd_g or float(gyr.std(axis=0).max()) > RULES.quiet_gyro_sd_dps
-    score = score_still_period(end_s - start_s, acc_sd_g, gravity)
-    per_block = max(1, round(BLOCK_S * len(gyr) / (end_s - start_s)))
+    rows = slice(first, max(first + 1, round((end_s - segment.start_s) * segment.rate_hz)))
+    acc, gyr = segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64)
+    duration_s, gravity_g, acc_sd_g = end_s - start_s, acc.mean(axis=0), float(acc.std(axis=0).max())
+    gyro_sd_dps = float(gyr.std(axis=0).max())
+    why = object_to_window(duration_s, acc_sd_g, gravity_g, gyro_sd_dps) if refuses_motion else ""
+    if why:
+        raise UnusableCalibration(why=why, start_s=start_s, end_s=start_s + duration_s)
+    is_moving = acc_sd_g > RULES.quiet_acc_sd_g or gyro_sd_dps > RULES.quiet_gyro_sd_dps
+    score = score_still_period(duration_s, acc_sd_g, gravity_g)
+    per_block = max(1, round(BLOCK_S * len(gyr) / duration_s))
     rates = gyr[: len(gyr) // per_block * per_block].reshape(-1, per_block, 3).mean(axis=1)
     sway_dps = float(np.median(np.linalg.norm(rates - np.median(rates, axis=0), axis=1)))
-    return StillPeriod(start_s, end_s - start_s, gravity, gyr.mean(axis=0), score, sway_dps, is_moving)
+    return StillPeriod(start_s, duration_s, gravity_g, gyr.mean(axis=0), score, sway_dps, is_moving)
+
+
+def _holds(segment: Segment, start_s: float, end_s: float) -> bool:
+    slack_s = 1.5 / segment.rate_hz
+    return segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s

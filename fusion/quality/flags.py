@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fusion.caveats import Caveat
-from fusion.checks.gravity_windows import number_directions
+from fusion.checks.rests import number_directions
 from fusion.elevation import Elevation
 from fusion.exposure.rows import list_touched_rows
 from fusion.exposure.types import Exposure

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.clipping import LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.rows import (
@@ -27,7 +26,6 @@ from fusion.pose.windows import Blocks, reduce_recording
 from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,
-    Float64Array,
     IntArray,
     QualityFlag,
     Recording,
@@ -35,8 +33,7 @@ from fusion.recording import (
     Span,
     find_missing,
 )
-from fusion.sensor.self_calibration import Channel
-from fusion.sensor.self_calibration import find_limits as find_flat_limits
+from fusion.sensor.self_calibration import find_limits
 from fusion.still_limits import OFF_THE_ARM
 
 # Where a sensor was driven to the end of its range.
@@ -48,39 +45,30 @@ FloatMatrix = NDArray[np.float32]
 
 
 def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
-    """Find the stretches with a clipped sample, widened by 100 ms (in whole rows) on each side.
+    """Find the stretches with a clipped sample (:func:`fusion.sensor.self_calibration.find_limits`).
 
-    Where the file tells the full scale, a sample within 0.1 % of it is clipped. Where it does not, a channel
-    is taken to be clipped at its extreme of the whole recording if it rests exactly there for three rows or
-    more and no sensor has so small a range (2 g, 245 deg/s).
+    They are widened by 100 ms (in whole rows) on each side.
     """
     pairs = [pair for pair in zip(recording.segments, blocks, strict=True) if len(pair[0])]
-    acc = [Channel(segment.acc_g, part.acc_ends, part.rows_per_block) for segment, part in pairs]
-    gyr = [Channel(segment.gyr_dps, part.gyr_ends, part.rows_per_block) for segment, part in pairs]
-    acc_limits = _find_limits(acc, recording.acc_range_g, LEAST_ACC_RANGE_G)
-    gyr_limits = _find_limits(gyr, recording.gyr_range_dps, LEAST_GYR_RANGE_DPS)
+    segments, parts = [segment for segment, _ in pairs], [part for _, part in pairs]
+    sizes = find_limits(segments, parts, recording.acc_range_g, recording.gyr_range_dps)
+    acc_limits, gyr_limits = ((np.array([[-1.0], [1.0]]) * size).astype(np.float32) for size in sizes)
     spans: list[Span] = []
-    for (segment, _), one, other in zip(pairs, acc, gyr, strict=True):
-        rows = np.union1d(_list_outside(one, acc_limits), _list_outside(other, gyr_limits))
-        spans += _widen(segment, rows)
+    for segment, part in pairs:
+        acc_rows = _list_outside(segment.acc_g, part.acc_ends, part.rows_per_block, acc_limits)
+        gyr_rows = _list_outside(segment.gyr_dps, part.gyr_ends, part.rows_per_block, gyr_limits)
+        spans += _widen(segment, np.union1d(acc_rows, gyr_rows))
     return spans
 
 
-def _find_limits(channels: list[Channel], full_scale: float | None, least: float) -> FloatMatrix:
-    """Return the values at or past which each axis is clipped, low and high, shape (2, 3); else infinite."""
-    sizes: Float64Array = np.full((2, 3), (full_scale or 0.0) * RANGE_SHARE)
-    if full_scale is None:
-        sizes = find_flat_limits(channels, None, least)
-    return (np.array([[-1.0], [1.0]]) * sizes).astype(np.float32)
-
-
-def _list_outside(channel: Channel, limits: FloatMatrix) -> NDArray[np.intp]:
+def _list_outside(
+    samples: FloatMatrix, ends: NDArray[np.float64], rows_per_block: int, limits: FloatMatrix
+) -> NDArray[np.intp]:
     """List the rows with an axis at or past a limit; only the blocks that get there are looked at."""
-    lows, highs = channel.ends[:3].T, channel.ends[3:].T
-    blocks = np.flatnonzero(((lows <= limits[0]) | (highs >= limits[1])).any(axis=1))
-    rows = (blocks[:, None] * channel.rows_per_block + np.arange(channel.rows_per_block)).ravel()
-    rows = rows[rows < len(channel.samples)]
-    samples = channel.samples[rows]
+    blocks = np.flatnonzero(((limits[0] >= ends[:3].T) | (limits[1] <= ends[3:].T)).any(axis=1))
+    rows = (blocks[:, None] * rows_per_block + np.arange(rows_per_block)).ravel()
+    rows = rows[rows < len(samples)]
+    samples = samples[rows]
     is_outside = (samples <= limits[0]) | (samples >= limits[1])
     return np.asarray(rows[is_outside.any(axis=1)])
 

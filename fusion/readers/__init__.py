@@ -1,17 +1,21 @@
 """From a file's bytes to a :class:`fusion.recording.Recording`: one format, one file."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
 from fusion.caveats import Caveat
-from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
+from fusion.checks.faults import (
+    exclude_faults,
+    exclude_stuck,
+    leave_out_held,
+    leave_out_zeros,
+    refuse_dead,
+)
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
-from fusion.checks.resolution import flag_resolution
-from fusion.checks.summary import summarise
-from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
+from fusion.checks.summary import flag_resolution
 from fusion.errors import EmptyFile, FailedReader
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
@@ -147,18 +151,12 @@ def _check_readings(recording: Recording) -> Recording:
     A channel that stuck is told by movement in g and deg/s: if a file states no units, the search follows
     their settling.
     """
-    whole = leave_out_zeros(recording)
-    seen = summarise(whole.segments)
-    alive = leave_out_held(refuse_dead(whole, seen), seen)
-    seen = summarise(alive.segments, seen)
+    alive = leave_out_held(refuse_dead(leave_out_zeros(recording)))
     is_stated = are_units_stated(alive)
-    measured = exclude_stuck(alive, seen) if is_stated else alive
-    seen = summarise(measured.segments, seen)
-    checked = check_physics(measured, seen)
-    seen = summarise(checked.segments, seen)
-    searched = measured if is_stated else None
-    found = add_flags(exclude_faults(checked, searched, seen), *flag_resolution(checked))
-    return flag_days(refuse_impossible_rates(found, seen))
+    measured = exclude_stuck(alive) if is_stated else alive
+    checked = check_physics(measured)
+    found = exclude_faults(checked, measured if is_stated else None)
+    return flag_days(refuse_impossible_rates(add_flags(found, *flag_resolution(checked))))
 
 
 def holds_device_format(file: BinaryIO) -> bool:
@@ -173,30 +171,25 @@ def holds_device_format(file: BinaryIO) -> bool:
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
+    """Ask the readers in order, plug-ins in their turn; one of those that fails does not stop the others."""
     failures: list[FailedReader] = []
-    reader = next((one for one in _gather_readers() if _recognises(one, content, failures)), None)
+
+    def recognises(one: Reader | PlugIn) -> bool:
+        try:
+            return one.recognise(content)
+        except FailedReader as failure:
+            failures.append(failure)
+            return False
+
+    reader: Reader | PlugIn | None = next(filter(recognises, DEVICE_READERS), None)
+    reader = reader or next(filter(recognises, find_plugins()), None)
+    reader = reader or next(filter(recognises, TABLE_READERS), None)
     if reader is None:
         raise failures[0] if failures else explain_refusal(content)
     recording = reader.read(content, rate_hz)
     check_extension(content, OWN_EXTENSIONS.get(reader.name))
     failed = tuple(QualityFlag(Caveat.READER, facts=failure.facts) for failure in failures)
     return replace(recording, flags=(*failed, *recording.flags)) if failed else recording
-
-
-def _gather_readers() -> Iterator[Reader | PlugIn]:
-    """Give the readers in the order in which they are tried; plug-ins are looked for only in their turn."""
-    yield from DEVICE_READERS
-    yield from find_plugins()
-    yield from TABLE_READERS
-
-
-def _recognises(reader: Reader | PlugIn, content: Source, failures: list[FailedReader]) -> bool:
-    """Ask one reader; a plug-in that fails is noted, and does not stop the others."""
-    try:
-        return reader.recognise(content)
-    except FailedReader as failure:
-        failures.append(failure)
-        return False
 
 
 def read_recordings(

@@ -23,7 +23,6 @@ from fusion.readers.source import CHUNK_BYTES, HEAD_BYTES, Source
 
 # A zip archive is checked by its directory before a byte is unpacked, and again while it is unpacked.
 
-
 MAX_MEMBERS = 64
 MAX_UNPACKED_BYTES = 4 << 30
 MAX_RATIO = 200
@@ -52,12 +51,6 @@ def open_archive(source: Source) -> zipfile.ZipFile:
         members = archive.infolist()
     except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
         raise TruncatedArchive(n=source.size_bytes) from error
-    check_members(members)
-    return archive
-
-
-def check_members(members: list[zipfile.ZipInfo]) -> None:
-    """Refuse an archive for what its directory says."""
     if len(members) > MAX_MEMBERS:
         raise UnsafeArchive(reason="members", count=len(members), limit=MAX_MEMBERS)
     names = [member.filename for member in members]
@@ -67,6 +60,7 @@ def check_members(members: list[zipfile.ZipInfo]) -> None:
         raise UnsafeArchive(reason="size", limit=MAX_UNPACKED_BYTES)
     for member in members:
         _check_member(member)
+    return archive
 
 
 def _check_member(member: zipfile.ZipInfo) -> None:
@@ -100,17 +94,11 @@ def check_parts(archive: zipfile.ZipFile) -> None:
         raise MissingMember(member="info.txt")
     if "info.txt" in names:
         raise MissingMember(member="log.bin")
-    raise UnknownFormat(kind=_identify_archive(names))
-
-
-def _identify_archive(names: set[str]) -> str:
     if all(name.endswith(".npy") for name in names):
-        return "NumPy (.npz)"
+        raise UnknownFormat(kind="NumPy (.npz)")
     if "xl/workbook.xml" in names:
-        return "Excel (.xlsx)"
-    if "word/document.xml" in names:
-        return "Word (.docx)"
-    return "ZIP"
+        raise UnknownFormat(kind="Excel (.xlsx)")
+    raise UnknownFormat(kind="Word (.docx)" if "word/document.xml" in names else "ZIP")
 
 
 def read_text(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -157,7 +145,6 @@ OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "m
 
 
 # A pair of tables: one of the accelerometer, one of the gyroscope.
-
 
 ANGULAR_RATE = re.compile(r"gyro", re.IGNORECASE)
 TOTAL, ACCELERATION = re.compile(r"total_?accel", re.IGNORECASE), re.compile(r"accel", re.IGNORECASE)
@@ -253,23 +240,16 @@ def unpack(source: Source) -> Source:
     fusion.errors.DamagedFile
         The archive is cut, corrupt or unsafe, packed twice, or holds several files.
     """
-    if source.head.startswith(GZIP_MAGIC):
-        return _unpack_gzip(source)
-    if source.head.startswith(ZIP_MAGIC):
-        return _unpack_zip(source)
-    return source
 
-
-def _unpack_gzip(source: Source) -> Source:
-    def open_member() -> IO[bytes]:
+    def open_gzip() -> IO[bytes]:
         source.file.seek(0)
         return cast("IO[bytes]", gzip.GzipFile(fileobj=source.file, mode="rb"))
 
-    name = source.name[:-3] if source.extension == ".gz" else source.name
-    return _open_unpacked(UnpackedFile(open_member, source.size_bytes, source.name), name, source)
-
-
-def _unpack_zip(source: Source) -> Source:
+    if source.head.startswith(GZIP_MAGIC):
+        name = source.name[:-3] if source.extension == ".gz" else source.name
+        return _open_unpacked(UnpackedFile(open_gzip, source.size_bytes, source.name), name, source)
+    if not source.head.startswith(ZIP_MAGIC):
+        return source
     archive = open_archive(source)
     names = archive.namelist()
     if any(name in OWN_ARCHIVES or name.startswith(OWN_FOLDERS) or name.endswith(".npy") for name in names):

@@ -11,7 +11,7 @@ import numpy as np
 from fusion.errors import FailedReader, FusionError
 from fusion.plugins import find_entry_points, find_version
 from fusion.readers.source import Source
-from fusion.recording import Recording, Segment
+from fusion.recording import Recording
 
 LONGEST_CAUSE = 200
 PLAIN_NAME = re.compile(r"\w[\w +\-./()]{0,59}")
@@ -85,21 +85,14 @@ def find_fault(recording: object) -> str:
         return "device is no plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )"
     end_us = 0
     for segment in recording.segments:
-        fault = _find_segment_fault(segment)
-        if fault:
-            return fault
+        if not segment.rate_hz > 0:
+            return "a segment without a rate"
+        for name, values in (("acc_g", segment.acc_g), ("gyr_dps", segment.gyr_dps)):
+            is_fit = values.dtype == np.float32 and values.shape == (len(segment), 3)
+            if not is_fit or not np.isfinite(values).all():
+                return f"{name} is not float32 of shape (n, 3), all finite"
         if segment.start_us < end_us:
             return "segments overlap, or are not in the order of time"
         end_us = segment.end_us
     is_whole = bool(recording.segments) and end_us <= recording.duration_us + 1
     return "" if is_whole else "no segment, or no duration"
-
-
-def _find_segment_fault(segment: Segment) -> str:
-    if not segment.rate_hz > 0:
-        return "a segment without a rate"
-    for name, values in (("acc_g", segment.acc_g), ("gyr_dps", segment.gyr_dps)):
-        is_fit = values.dtype == np.float32 and values.shape == (len(segment), 3)
-        if not is_fit or not np.isfinite(values).all():
-            return f"{name} is not float32 of shape (n, 3), all finite"
-    return ""

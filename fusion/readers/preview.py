@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.axes import judge_frame, measure_scale
-from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_rests, measure_miss
-from fusion.checks.physics import cut_whole_windows
+from fusion.checks.frame import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
+from fusion.checks.rests import find_rests
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import read_recording
 from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
@@ -22,12 +21,11 @@ from fusion.readers.cwa import read as cwa
 from fusion.readers.cwa.read import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import read as gt3x
 from fusion.readers.gt3x.clock import order_seconds
-from fusion.readers.gt3x.read import DeviceText, find_start, parse_device_text
+from fusion.readers.gt3x.read import find_start, parse_device_text
 from fusion.readers.timebase.clock import format_offset
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, find_missing
+from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
 # Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.
-
 
 Table = NDArray[np.float64]
 
@@ -53,21 +51,18 @@ def measure_sanity(recording: Recording) -> dict[str, object]:
 
 
 def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]:
-    windows, _ = cut_whole_windows(recording.segments)
+    windows = cut_windows(recording.segments)
     evidence = judge_frame(windows, offset_dps, (1.0,))
     if evidence is None:
-        none = (
-            "handedness",
-            "axes",
-            "gyro_scale",
-            "gyro_scale_margin",
-            "unexplained_percent",
-        )
-        return {"turns": 0, **dict.fromkeys(none)}
+        figures = ("handedness", "axes", "gyro_scale", "gyro_scale_margin", "unexplained_percent")
+        return {"turns": 0, **dict.fromkeys(figures)}
+    model = evidence.as_read.model
+    turned = GyroModel(-model.gain, -model.drift_dps, model.offset_g)
+    right, left = (float((measure_miss(windows, one) ** 2).sum()) for one in (model, turned))
     scale = measure_scale(windows, evidence.as_read, 1.0)
     return {
         "turns": evidence.lively,
-        "handedness": round(_score_handedness(windows, evidence.as_read.model), 3),
+        "handedness": round((left - right) / max(left + right, 1e-12), 3),
         "axes": None if evidence.is_doubtful else "+x +y +z" if evidence.chosen.factor > 0 else "-x -y -z",
         "gyro_scale": None if scale is None else round(scale.overall, 3),
         "gyro_scale_margin": None if scale is None else round(2.0 * scale.error, 3),
@@ -75,14 +70,7 @@ def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]
     }
 
 
-def _score_handedness(windows: GravityWindows, model: GyroModel) -> float:
-    turned = GyroModel(-model.gain, -model.drift_dps, model.offset_g)
-    right, left = (float((measure_miss(windows, one) ** 2).sum()) for one in (model, turned))
-    return (left - right) / max(left + right, 1e-12)
-
-
 # The facts of `acromion inspect`: what the reader took the file for, and what is wrong with it.
-
 
 MAX_GAPS = 100
 """The longest ones; the count is always given in full."""
@@ -124,7 +112,17 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
         "acc_range_g": recording.acc_range_g,
         "gyr_range_dps": recording.gyr_range_dps,
         "understood": dict(recording.understood),
-        "warnings": [_describe_flag(flag) for flag in recording.flags],
+        "warnings": [
+            {
+                "code": flag.code,
+                "count": flag.count,
+                "seconds": flag.seconds,
+                "first_s": flag.first_s,
+                "last_s": flag.last_s,
+                "facts": dict(flag.facts),
+            }
+            for flag in recording.flags
+        ],
     }
 
 
@@ -136,19 +134,7 @@ def _describe_span(span: Span) -> dict[str, object]:
     return {"start_s": span.start_us / MICROSECONDS, "length_s": span.duration_us / MICROSECONDS}
 
 
-def _describe_flag(flag: QualityFlag) -> dict[str, object]:
-    return {
-        "code": flag.code,
-        "count": flag.count,
-        "seconds": flag.seconds,
-        "first_s": flag.first_s,
-        "last_s": flag.last_s,
-        "facts": dict(flag.facts),
-    }
-
-
 # The preview: what the first bytes of a file show while the rest is still being sent.
-
 
 MAX_UNPACKED_BYTES = 8 << 20
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
@@ -179,7 +165,8 @@ def preview_head(head: bytes, file_name: str = "", rate_hz: float | None = None)
     if cwa.is_cwa(head):
         return _preview_cwa(head)
     if head.startswith(GZIP_MAGIC):
-        return _preview_text(_inflate(head), file_name.removesuffix(".gz"), rate_hz)
+        content, _ = _inflate(head, _GZIP_WINDOW)
+        return _preview_text(content, file_name.removesuffix(".gz"), rate_hz)
     return _preview_text(head, file_name, rate_hz)
 
 
@@ -231,24 +218,13 @@ def _preview_gt3x(members: dict[str, bytes]) -> Preview:
         log.refuse_unusable()
         timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
         return _summarise(gt3x.build_recording(text, log, timeline))
-    return _preview_device_text(text) if text.values else Preview()
-
-
-def _preview_device_text(text: DeviceText) -> Preview:
-    start = _parse_moment(text, "Start Date")
+    if not text.values:
+        return Preview()
+    unix_s, start = text.unix_s("Start Date"), None
+    with suppress(OverflowError, ValueError):  # no time of the calendar
+        start = None if unix_s is None else find_start(int(unix_s), text.offset_s, counts_utc=False)
     zone = None if text.offset_s is None else format_offset(text.offset_s)
     return Preview("gt9x", None, start, zone, text.serial_hash)
-
-
-def _parse_moment(text: DeviceText, key: str) -> datetime | None:
-    """Read a line of info.txt on the device's clock; None where it is no time of the calendar."""
-    unix_s = text.unix_s(key)
-    if unix_s is None:
-        return None
-    try:
-        return find_start(int(unix_s), text.offset_s, counts_utc=False)
-    except (OverflowError, ValueError):
-        return None
 
 
 def _summarise(recording: Recording) -> Preview:
@@ -271,24 +247,16 @@ def _unpack_members(head: bytes) -> Iterator[tuple[str, bytes]]:
         name = head[name_at : name_at + name_bytes].decode("utf-8", "replace")
         sizes_follow = bool(flags & 0x8)  # then only the packed stream itself says where it ends
         body = head[first:] if sizes_follow else head[first : first + packed]
-        content, used = _unpack(body, method)
+        content, used = (body, len(body)) if method == 0 else _inflate(body, -zlib.MAX_WBITS)
         yield name, content
         at = first + (used + (16 if sizes_follow else 0))
 
 
-def _unpack(body: bytes, method: int) -> tuple[bytes, int]:
-    if method == 0:
-        return body, len(body)
-    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
+def _inflate(body: bytes, window_bits: int) -> tuple[bytes, int]:
+    """Unpack what came, and tell how many bytes it took; nothing if it is broken: it is judged later."""
+    unpacker = zlib.decompressobj(window_bits)
     try:
         content = unpacker.decompress(body, MAX_UNPACKED_BYTES)
-    except zlib.error:  # the whole file will be judged when it is here
+    except zlib.error:
         return b"", len(body)
     return content, len(body) - len(unpacker.unused_data)
-
-
-def _inflate(body: bytes) -> bytes:
-    try:
-        return zlib.decompressobj(_GZIP_WINDOW).decompress(body, MAX_UNPACKED_BYTES)
-    except zlib.error:
-        return b""

@@ -1,6 +1,7 @@
 """What the content of a file is, so that a refusal can name it."""
 
 import re
+from collections.abc import Sequence
 
 from fusion.errors import (
     BlankFile,
@@ -15,14 +16,15 @@ from fusion.errors import (
 )
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.tables.columns import name_missing, parse_column_name, read_axis
-from fusion.readers.tables.header import split_fields
 from fusion.readers.tables.layout import (
     DELIMITERS,
+    MIN_COLUMNS,
     SNIFFED_LINES,
     TextLayout,
     decode_head,
     find_form,
     find_layout,
+    split_fields,
 )
 from fusion.units import ACC_UNITS_G
 
@@ -93,41 +95,33 @@ def explain_refusal(source: Source) -> FusionError:
 def _explain_text(source: Source) -> FusionError:
     if source.extension == ".gt3x":
         return WrongExtension(ext=".gt3x", kind="text", right=".csv")
-    layout = find_layout(decode_head(source))
-    if layout is None and has_column_names(source):
-        return NoSamples()
-    if layout is None:
-        return explain_one_sensor(source) or UnknownFormat(kind="text")
-    return _name_header(source, layout) or UnknownColumns(why="no header", line=layout.first_line + 1)
+    head = decode_head(source)
+    layout, lines = find_layout(head), head.split("\n")
+    if layout is not None:
+        return _name_header(lines, layout) or UnknownColumns(why="no header", line=layout.first_line + 1)
+    for line in lines[:SNIFFED_LINES]:
+        for mark in DELIMITERS:
+            names = [parse_column_name(field) for field in split_fields(line, mark)]
+            if sum(column.channel in ("acc", "gyr") for column in names) >= MIN_COLUMNS:
+                return NoSamples()  # a table without rows
+    return _explain_one_sensor(lines) or UnknownFormat(kind="text")
 
 
-def _name_header(source: Source, layout: TextLayout) -> FusionError | None:
+def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None:
     """The error that shows the line above the rows, where it names every column by unknown names."""
-    above = decode_head(source).split("\n")[: layout.first_line][-1:]
+    above = lines[: layout.first_line][-1:]
     fields = [field.strip() for line in above for field in split_fields(line, layout.delimiter)]
-    if not above or len(fields) != len(layout.sample_rows[0]) or not all(map(_is_name, fields)):
+    if not above or len(fields) != len(layout.sample_rows[0]):
+        return None
+    if not all(any(letter.isalpha() for letter in field) for field in fields):
         return None
     columns = [parse_column_name(field) for field in fields]
     return UnknownColumns(list=above[0].strip()[:200], missing=name_missing(columns))
 
 
-def _is_name(field: str) -> bool:
-    return any(letter.isalpha() for letter in field)
-
-
-def has_column_names(source: Source) -> bool:
-    """Whether a line of the head names six channels or more: a table without rows."""
-    lines = decode_head(source).split("\n")[:SNIFFED_LINES]
-    return any(
-        sum(parse_column_name(field).channel in ("acc", "gyr") for field in split_fields(line, mark)) >= 6
-        for line in lines
-        for mark in DELIMITERS
-    )
-
-
-def explain_one_sensor(source: Source) -> FusionError | None:
+def _explain_one_sensor(lines: Sequence[str]) -> FusionError | None:
     """The error for a table of one sensor, as the apps of phones write one for each; None for any other."""
-    for line in decode_head(source).split("\n")[:SNIFFED_LINES]:
+    for line in lines[:SNIFFED_LINES]:
         for mark in DELIMITERS[:-1]:
             fields = split_fields(line, mark)
             columns = [parse_column_name(field) for field in fields]
@@ -136,8 +130,7 @@ def explain_one_sensor(source: Source) -> FusionError | None:
             if channels and "gyr" not in channels:
                 return NoGyroscope()
             if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):
-                is_acc = any(unit in ACC_UNITS_G for unit in axes.values())
-                if is_acc:
+                if any(unit in ACC_UNITS_G for unit in axes.values()):
                     return NoGyroscope(cure="two tables")
                 return UnknownColumns(why="one sensor", list=line.strip()[:200])
     return None

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.stopped import find_runs, mark_fillers
-from fusion.checks.unmeasured import is_too_frequent, measure_usual
+from fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
+from fusion.numerics.runs import find_runs
 from fusion.readers.room import Room
 from fusion.readers.source import Source
 from fusion.readers.timebase.row_kernels import open_rows
@@ -102,13 +102,10 @@ class SampleColumns:
         """Time of each row."""
         return self._stamps.values
 
-    @property
-    def capacity(self) -> int:
-        """Rows for which there is room."""
-        return len(self.acc)
+    def extend(self, rows: int) -> slice:
+        """Make room for ``rows`` more, to be written by the caller, and return their place.
 
-    def make_room(self, rows: int) -> None:
-        """Make sure that ``rows`` more fit; grows by a sixteenth at least, so that the work stays linear.
+        Grows by a sixteenth at least, so that the work stays linear.
 
         Raises
         ------
@@ -117,19 +114,20 @@ class SampleColumns:
         """
         if self._source is not None:
             check_rows(self.rows, self._source.read_bytes, self._source.size_bytes)
-        needed = self.rows + rows
-        if needed > self.capacity:
-            self._resize(max(needed, self.capacity + self.capacity // 16))
-
-    def reserve(self, rows: int) -> None:
-        """Take room for ``rows`` in all, which costs memory only as it is filled."""
-        if rows > self.capacity:
-            self._resize(rows)
+        first, self.rows, capacity = self.rows, self.rows + rows, len(self.acc)
+        if self.rows > capacity:
+            self._resize(max(self.rows, capacity + capacity // 16))
+        return slice(first, self.rows)
 
     def foresee(self, read_bytes: int, to_come_bytes: int) -> None:
-        """Take room for what is to come, if it holds as many rows a byte as what was read."""
+        """Take room for what is to come, if it holds as many rows a byte as what was read.
+
+        Room costs memory only as it is filled.
+        """
         foreseen_bytes = min(to_come_bytes, MOST_FORESEEN_BYTES)
-        self.reserve(round(1.02 * self.rows * foreseen_bytes / read_bytes))
+        foreseen = round(1.02 * self.rows * foreseen_bytes / read_bytes)
+        if foreseen > len(self.acc):
+            self._resize(foreseen)
 
     def trim(self) -> None:
         """Give back the room that was not used."""

@@ -2,11 +2,16 @@
 
 import hashlib
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import BinaryIO, cast
+from typing import BinaryIO, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+Found = TypeVar("Found")
 
 HEAD_BYTES = 65_536
 CHUNK_BYTES = 4 << 20
@@ -144,12 +149,18 @@ def read_chunks(source: Source, start_byte: int = 0, chunk_bytes: int = CHUNK_BY
         yield chunk
 
 
-def mark_last(pieces: Iterable[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """Pair each piece with whether it is the last."""
-    waiting: bytes | None = None
-    for piece in pieces:
-        if waiting is not None:
-            yield waiting, False
-        waiting = piece
-    if waiting is not None:
-        yield waiting, True
+def scan_pieces(
+    pieces: Iterable[bytes], scan: Callable[[NDArray[np.uint8], bool], tuple[int, Found]]
+) -> Iterator[tuple[NDArray[np.uint8], Found]]:
+    """Scan pieces one by one; what one does not finish is carried into the next.
+
+    ``scan``: given bytes, and whether they are the last, return how many of them it used and what it found.
+    """
+    later = iter(pieces)
+    carried, piece = b"", next(later, None)
+    while piece is not None:
+        following = next(later, None)
+        buffer = np.frombuffer(carried + piece if carried else piece, np.uint8)
+        used, found = scan(buffer, following is None)
+        yield buffer, found
+        carried, piece = buffer[used:].tobytes(), following

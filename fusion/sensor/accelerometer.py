@@ -13,8 +13,10 @@ directions know no axes: a sensor strapped on another way gives the same correct
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fusion.checks.gravity_windows import number_directions
+from fusion.checks.rests import number_directions
+from fusion.numerics.robust import weigh_cauchy
 from fusion.recording import Float64Array
 from fusion.sensor.model import Hats, hold_together, solve_band
 from fusion.sensor.stillness import QuietTable
@@ -62,6 +64,9 @@ class AccelerometerSettings:
     rounds: int = 8
 
 
+SETTINGS = AccelerometerSettings()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerCorrection:
     """``gain @ (acceleration - offset_g(t))``.
@@ -76,7 +81,7 @@ class AccelerometerCorrection:
     offset_g: Float64Array
     gain: Float64Array
     directions: int = 0
-    offset_sd_g: float = AccelerometerSettings().offset_g
+    offset_sd_g: float = SETTINGS.offset_g
 
     def apply(self, acc_g: Float64Array, time_s: float | Float64Array) -> Float64Array:
         """Correct accelerations, shape (3,) or (n, 3), read at a time or at the times (n,)."""
@@ -107,24 +112,22 @@ def leave_accelerometer() -> AccelerometerCorrection:
     return AccelerometerCorrection(np.zeros(1), np.zeros((1, 3)), np.eye(3))
 
 
-def sees_few_directions(stills: QuietTable, settings: AccelerometerSettings | None = None) -> bool:
+def sees_few_directions(stills: QuietTable) -> bool:
     """Whether still moments alone do not tell the offset in every direction."""
-    settings = settings or AccelerometerSettings()
-    return _count_directions(stills, settings) < settings.least_directions
+    return _count_directions(stills) < SETTINGS.least_directions
 
 
-def _count_directions(stills: QuietTable, settings: AccelerometerSettings) -> int:
-    return int(number_directions(_scale(stills.gravity_g), settings.cell_deg).max(initial=-1)) + 1
+def _count_directions(stills: QuietTable) -> int:
+    return int(_number_cells(stills.gravity_g).max(initial=-1)) + 1
 
 
-def _scale(gravity_g: Float64Array) -> Float64Array:
-    return np.asarray(gravity_g / np.maximum(np.linalg.norm(gravity_g, axis=1), 1e-9)[:, None])
+def _number_cells(gravity_g: Float64Array) -> NDArray[np.intp]:
+    unit = gravity_g / np.maximum(np.linalg.norm(gravity_g, axis=1), 1e-9)[:, None]
+    return number_directions(unit, SETTINGS.cell_deg)
 
 
 def calibrate_accelerometer(
-    stills: QuietTable,
-    settings: AccelerometerSettings | None = None,
-    moving: MovingReadings | None = None,
+    stills: QuietTable, moving: MovingReadings | None = None
 ) -> AccelerometerCorrection:
     """Fit offset and gain so that every direction reads 1 g, by damped least squares with Cauchy weights.
 
@@ -133,48 +136,43 @@ def calibrate_accelerometer(
     Returns no correction where there is no still moment, where a bound is passed, where the departure from
     1 g does not become smaller, or where still moments in few directions would have but a little taken off.
     """
-    settings = settings or AccelerometerSettings()
     if len(stills) == 0:
         return leave_accelerometer()
-    is_few = _count_directions(stills, settings) < settings.rest_directions
     if moving is not None:
-        cells = _average_cells(stills, settings, moving)
-        found = _find_correction(cells, settings, is_few=True)
-        if found is not None and cells.directions >= settings.least_directions:
+        found = _find_correction(_average_cells(stills, moving), is_few=True)
+        if found is not None and found.directions >= SETTINGS.least_directions:
             return replace(
-                found, offset_sd_g=min(settings.moving_doubt * found.offset_sd_g, settings.offset_g)
+                found, offset_sd_g=min(SETTINGS.moving_doubt * found.offset_sd_g, SETTINGS.offset_g)
             )
-    found = _find_correction(_average_cells(stills, settings, None), settings, is_few=is_few)
-    return found or leave_accelerometer()
+    is_few = _count_directions(stills) < SETTINGS.rest_directions
+    return _find_correction(_average_cells(stills, None), is_few=is_few) or leave_accelerometer()
 
 
-def _find_correction(
-    cells: "_Cells", settings: AccelerometerSettings, *, is_few: bool
-) -> AccelerometerCorrection | None:
+def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrection | None:
     """None where a bound is passed, or where less is taken off than a good accelerometer is off.
 
     What is taken off counts, not the departure: that of few and lively readings may be their own error, and a
     correction that follows it explains little of it.
     """
-    offset_g, gain = _fit(cells, settings)
+    offset_g, gain = _fit(cells)
     corrected = (cells.reading_g - cells.hats.read(offset_g)) @ gain
     before, after = (
         float(np.mean((np.linalg.norm(table, axis=1) - 1.0) ** 2)) for table in (cells.reading_g, corrected)
     )
     farthest_g, most = np.linalg.norm(offset_g, axis=1).max(), np.abs(np.linalg.eigvalsh(gain) - 1.0).max()
-    least = settings.scale**2 if is_few else 0.0
-    if farthest_g > 3.0 * settings.offset_g or most > 3.0 * settings.scale or before - after <= least:
+    least = SETTINGS.scale**2 if is_few else 0.0
+    if farthest_g > 3.0 * SETTINGS.offset_g or most > 3.0 * SETTINGS.scale or before - after <= least:
         return None
-    left_g = _find_offset_sd(cells, corrected, settings)
+    left_g = _find_offset_sd(cells, corrected)
     return AccelerometerCorrection(cells.knots_s, offset_g, gain, cells.directions, left_g)
 
 
-def _find_offset_sd(cells: "_Cells", corrected: Float64Array, settings: AccelerometerSettings) -> float:
+def _find_offset_sd(cells: "_Cells", corrected: Float64Array) -> float:
     """What the directions seen leave open of an offset that stands still, beside the gain."""
     slope = np.hstack([-corrected, _slope_by_gain(corrected, corrected)])
     departure = np.linalg.norm(corrected, axis=1) - 1.0
-    weight = 1.0 / (cells.variance + (departure / 2.385) ** 2)
-    prior = np.concatenate([np.full(3, settings.offset_g**-2.0), PAIRS / settings.scale**2])
+    weight = weigh_cauchy(departure, cells.variance)
+    prior = np.concatenate([np.full(3, SETTINGS.offset_g**-2.0), PAIRS / SETTINGS.scale**2])
     covariance = np.linalg.inv((weight[:, None] * slope).T @ slope + np.diag(prior))
     return float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
 
@@ -199,17 +197,15 @@ class _Cells:
     hats: Hats = field(repr=False)
 
 
-def _average_cells(
-    stills: QuietTable, settings: AccelerometerSettings, moving: MovingReadings | None
-) -> _Cells:
+def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
     time_s, gravity_g = stills.middle_s, stills.gravity_g
     if moving is not None:
         time_s = np.concatenate([time_s, moving.time_s])
         gravity_g = np.concatenate([gravity_g, moving.gravity_g])
     is_moving = np.arange(len(time_s)) >= len(stills)
-    pieces = max(1, round((time_s.max() - time_s.min()) / settings.knot_s))
+    pieces = max(1, round((time_s.max() - time_s.min()) / SETTINGS.knot_s))
     knots_s = np.linspace(time_s.min(), max(time_s.max(), time_s.min() + 1.0), pieces + 1)
-    direction = number_directions(_scale(gravity_g), settings.cell_deg)
+    direction = _number_cells(gravity_g)
     between = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, pieces - 1)
     cell = (2 * direction + is_moving) * pieces + between
     length_g = np.linalg.norm(gravity_g, axis=1)
@@ -222,15 +218,15 @@ def _average_cells(
     reading_g = mean_g * (median_g / np.maximum(np.linalg.norm(mean_g, axis=1), 1e-9))[:, None]
     middle_s = np.add.reduceat(time_s[order], first) / count
     moves = is_moving[order][first]
-    common_g = np.where(moves, settings.moving_cell_g, settings.cell_g)
-    variance = common_g**2 + np.where(moves, settings.moving_g, settings.still_g) ** 2 / count
+    common_g = np.where(moves, SETTINGS.moving_cell_g, SETTINGS.cell_g)
+    variance = common_g**2 + np.where(moves, SETTINGS.moving_g, SETTINGS.still_g) ** 2 / count
     return _Cells(knots_s, reading_g, variance, int(direction.max()) + 1, Hats(knots_s, middle_s))
 
 
-def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Float64Array, Float64Array]:
+def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:
     """Offsets at the knots (k, 3) and gain (3, 3)."""
     offset_g, gain = np.zeros((len(cells.knots_s), 3)), np.eye(3)
-    for _ in range(settings.rounds):
+    for _ in range(SETTINGS.rounds):
         bare = cells.reading_g - cells.hats.read(offset_g)
         corrected = bare @ gain
         length = np.linalg.norm(corrected, axis=1)
@@ -238,11 +234,11 @@ def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Float64Array, 
         by_offset = -along @ gain
         by_gain = _slope_by_gain(along, bare)
         departure = length - 1.0
-        weight = 1.0 / (cells.variance + (departure / 2.385) ** 2)
+        weight = weigh_cauchy(departure, cells.variance)
         # Linear about the present solution, so that the unknowns are the solution itself.
         present = (by_offset * cells.hats.read(offset_g)).sum(axis=1)
         aim = present + by_gain @ (gain - np.eye(3))[FIRST_AXIS, SECOND_AXIS] - departure
-        offset_g, six = _solve(cells, (by_offset, by_gain, aim, weight), settings)
+        offset_g, six = _solve(cells, by_offset, by_gain, aim, weight)
         gain = np.eye(3)
         gain[FIRST_AXIS, SECOND_AXIS] += six
         gain[SECOND_AXIS, FIRST_AXIS] = gain[FIRST_AXIS, SECOND_AXIS]
@@ -250,14 +246,11 @@ def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Float64Array, 
 
 
 def _solve(
-    cells: _Cells,
-    rows: tuple[Float64Array, Float64Array, Float64Array, Float64Array],
-    settings: AccelerometerSettings,
+    cells: _Cells, by_offset: Float64Array, by_gain: Float64Array, aim: Float64Array, weight: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
     """One round: the knots' offsets are eliminated (they form a band), then the six numbers of the gain."""
-    by_offset, by_gain, aim, weight = rows
-    band = hold_together(cells.knots_s, settings.wander_g_per_root_min)
-    band[0] += 1.0 / (settings.offset_g**2 * len(cells.knots_s))
+    band = hold_together(cells.knots_s, SETTINGS.wander_g_per_root_min)
+    band[0] += 1.0 / (SETTINGS.offset_g**2 * len(cells.knots_s))
     right = np.zeros((1 + len(PAIRS), band.shape[1]))
     heavy = weight[:, None] * by_offset
     cells.hats.add(band, right[0], heavy[:, :, None] * by_offset[:, None, :], heavy * aim[:, None])
@@ -265,6 +258,6 @@ def _solve(
         cells.hats.pull(right[1 + k], heavy * by_gain[:, k, None])
     solved = solve_band(band, right).T
     both = right[1:] @ solved
-    normal = (weight[:, None] * by_gain).T @ by_gain + np.diag(PAIRS / settings.scale**2) - both[:, 1:]
+    normal = (weight[:, None] * by_gain).T @ by_gain + np.diag(PAIRS / SETTINGS.scale**2) - both[:, 1:]
     six = np.linalg.solve(normal, by_gain.T @ (weight * aim) - both[:, 0])
     return (solved[:, 0] - solved[:, 1:] @ six).reshape(-1, 3), np.asarray(six, dtype=np.float64)

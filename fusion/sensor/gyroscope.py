@@ -19,6 +19,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fusion.numba_kernels import kernel
+from fusion.numerics.robust import CAUCHY
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import (
@@ -34,15 +35,14 @@ from fusion.sensor.model import (
     turn_factors,
 )
 from fusion.sensor.nodes import Nodes, reduce_to_nodes
-from fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
+from fusion.sensor.stillness import QuietTable
 
 # What motion itself says about the gyroscope's bias.
 #
 # Inside a window of about twelve seconds the acceleration is rotated into the frame in which the window
 # began. A person goes nowhere far, so the mean of the second half minus the mean of the first should be
 # nil; a remaining bias tilts the frame, and the difference becomes ``(dM b) x g`` with ``dM`` the
-# difference of the mean integrals of the rotation. It is linear in the bias: many windows together give it
-# (FUSION.md section 3).
+# difference of the mean integrals of the rotation. It is linear in the bias: many windows together give it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,15 +69,13 @@ def form_equations(
 ) -> WindowEquations:
     """Place windows over all runs and write down what each says, linearised about ``bias``."""
     parts = [_form_of_run(run, bias, length_s, every_s) for run in nodes]
-    return WindowEquations(
-        np.concatenate([part.time_s for part in parts]),
-        np.concatenate([part.matrix for part in parts]),
-        np.concatenate([part.difference for part in parts]),
-        every_s,
-    )
+    time_s, matrix, difference = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return WindowEquations(time_s, matrix, difference, every_s)
 
 
-def _form_of_run(nodes: Nodes, bias: GyroBias, length_s: float, every_s: float) -> WindowEquations:
+def _form_of_run(
+    nodes: Nodes, bias: GyroBias, length_s: float, every_s: float
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     half = max(1, round(length_s / nodes.period_s / 2.0))
     step = max(1, round(every_s / nodes.period_s))
     first = np.arange(0, len(nodes.acc_g) - 2 * half + 1, step)
@@ -86,19 +84,12 @@ def _form_of_run(nodes: Nodes, bias: GyroBias, length_s: float, every_s: float) 
     remaining = total * RADIANS - nodes.bias_rad[first + half]
     spread, difference, felt = np.zeros((len(first), 3, 3)), *np.zeros((2, len(first), 3))
     room = (np.empty((3, 3)), np.empty((3, 3)))
-    _walk_windows(
-        nodes.acc_g,
-        nodes.turn_rad,
-        first,
-        (half, nodes.period_s),
-        remaining,
-        room,
-        (spread, difference, felt),
-    )
+    steps, out = (half, nodes.period_s), (spread, difference, felt)
+    _walk_windows(nodes.acc_g, nodes.turn_rad, first, steps, remaining, room, out)
     up = felt / (np.linalg.norm(felt, axis=1, keepdims=True) + 1e-12)
     matrix = np.cross(RADIANS * spread, up[:, :, None], axis=1)
     whole = np.asarray(difference + np.einsum("wij,wj->wi", matrix, total), dtype=np.float64)
-    return WindowEquations(middle_s, matrix, whole, every_s)
+    return middle_s, matrix, whole
 
 
 @kernel
@@ -135,7 +126,6 @@ def _walk_windows(
                     spread[w, i, j] += share * turned[i, j]
 
 
-CAUCHY = 2.385
 LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solved
 
 
@@ -163,75 +153,66 @@ class BiasSettings:
     jump_stills: int = 7
 
 
-def estimate_gyro_bias(
-    runs: Sequence[SensorRun],
-    stills: QuietTable | None = None,
-    settings: BiasSettings | None = None,
-) -> GyroBias:
-    """Find the bias of all runs of one recording together; ``stills`` where they are known already.
+BIAS = BiasSettings()
+
+
+def follow_gyro_bias(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
+    """Find the bias of all runs of a recording together, from nodes with a bias near the true one taken off.
 
     Compared to the publication: the paper subtracts the mean of one still period; this is ours, for
     `smoothed`.
     """
-    if stills is None:
-        stills = find_still_moments([reduce_run(run) for run in runs])
-    return follow_gyro_bias(reduce_about_start(runs, stills, settings), stills, settings)
-
-
-def follow_gyro_bias(
-    nodes: Sequence[Nodes], stills: QuietTable, settings: BiasSettings | None = None
-) -> GyroBias:
-    """The same from nodes that have a bias near the true one taken off."""
-    settings = settings or BiasSettings()
     bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
-    knots_s = _break_at(_place_knots(nodes, settings), find_jumps(stills, settings))
-    dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= settings.dense_up_to_s
-    every_s = settings.window_every_s if dense else settings.window_apart_s
-    for _ in range(settings.rounds):
-        windows = form_equations(nodes, bias, settings.window_s, every_s)
-        bias = _solve(knots_s, bias.at(knots_s), stills, windows, settings)
+    knots_s = _place_knots(nodes, stills)
+    dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= BIAS.dense_up_to_s
+    every_s = BIAS.window_every_s if dense else BIAS.window_apart_s
+    for _ in range(BIAS.rounds):
+        windows = form_equations(nodes, bias, BIAS.window_s, every_s)
+        bias = _solve(knots_s, bias.at(knots_s), stills, windows)
     return bias
 
 
-def reduce_about_start(
-    runs: Sequence[SensorRun], stills: QuietTable, settings: BiasSettings | None = None
-) -> list[Nodes]:
+def reduce_about_start(runs: Sequence[SensorRun], stills: QuietTable) -> list[Nodes]:
     """The nodes of all runs with a constant taken off: the median of the still moments, or grown from nil."""
-    settings = settings or BiasSettings()
-    if len(stills) >= settings.least_stills:
+    if len(stills) >= BIAS.least_stills:
         bias = hold_bias(np.median(stills.gyro_dps, axis=0))
     else:
-        bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs], settings)
+        bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs])
     return [reduce_to_nodes(run, bias) for run in runs]
 
 
-def _grow_windows(nodes: Sequence[Nodes], settings: BiasSettings) -> GyroBias:
+def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
     """From nil: windows so short that an offset of tens of deg/s barely turns them, then longer ones."""
     bias = hold_bias(np.zeros(3))
     total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
-    for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, settings.window_s):
+    for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, BIAS.window_s):
         windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
         if len(windows.time_s) > 0:
             bias = hold_bias(_solve_constant(windows, bias.bias_dps[0]))
     return bias
 
 
-def _place_knots(nodes: Sequence[Nodes], settings: BiasSettings) -> Float64Array:
+def _place_knots(nodes: Sequence[Nodes], stills: QuietTable) -> Float64Array:
+    """Knots at even steps, and two at each jump in place of those within a second of it."""
     first_s = nodes[0].start_s
     last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
-    pieces = max(1, round((last_s - first_s) / settings.knot_s))
-    return np.linspace(first_s, last_s, pieces + 1)
+    pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
+    knots_s = np.linspace(first_s, last_s, pieces + 1)
+    for jump_s in find_jumps(stills):
+        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
+        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
+    return knots_s
 
 
-def find_jumps(stills: QuietTable, settings: BiasSettings) -> list[float]:
+def find_jumps(stills: QuietTable) -> list[float]:
     """Times, s, at which the offset jumped: between two still moments."""
-    count = settings.jump_stills
+    count = BIAS.jump_stills
     if len(stills) < 2 * count:
         return []
     medians = np.median(sliding_window_view(stills.gyro_dps, count, axis=0), axis=2)
     change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
     jumps: list[float] = []
-    while len(change_dps) and change_dps.max() > settings.jump_dps:
+    while len(change_dps) and change_dps.max() > BIAS.jump_dps:
         at = _find_middle(change_dps)
         jumps.append(float(stills.middle_s[at + count - 1 : at + count + 1].mean()))
         change_dps[max(0, at - count) : at + count + 1] = 0.0
@@ -245,14 +226,6 @@ def _find_middle(change_dps: Float64Array) -> int:
     first = int(lower[lower < at].max(initial=-1)) + 1
     stop = int(lower[lower > at].min(initial=len(change_dps)))
     return (first + stop - 1) // 2
-
-
-def _break_at(knots_s: Float64Array, jumps_s: list[float]) -> Float64Array:
-    """Two knots at each jump in place of those within a second of it."""
-    for jump_s in jumps_s:
-        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
-        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
-    return knots_s
 
 
 def _weigh(residual: Float64Array) -> Float64Array:
@@ -273,20 +246,18 @@ def _solve_constant(windows: WindowEquations, start_dps: Float64Array) -> Float6
 
 
 def _solve(
-    knots_s: Float64Array,
-    start_dps: Float64Array,
-    stills: QuietTable,
-    windows: WindowEquations,
-    settings: BiasSettings,
+    knots_s: Float64Array, start_dps: Float64Array, stills: QuietTable, windows: WindowEquations
 ) -> GyroBias:
     """One round: all observations together, weights and solution in turn."""
-    overlap = max(1.0, settings.window_s / windows.every_s)
+    overlap = max(1.0, BIAS.window_s / windows.every_s)
+    variance = BIAS.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
     bias = GyroBias(knots_s, start_dps, len(stills), len(windows.time_s))
     in_windows, in_stills = Hats(knots_s, windows.time_s), Hats(knots_s, stills.middle_s)
     for _ in range(5):
         weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
-        still_weight = _weigh_stills(stills, bias, settings)
-        band = hold_together(knots_s, settings.wander_dps_per_root_min)
+        off_dps = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
+        still_weight = 1.0 / (variance * (1.0 + off_dps**2 / (CAUCHY**2 * variance)))
+        band = hold_together(knots_s, BIAS.wander_dps_per_root_min)
         band[0] += LOOSE
         right = LOOSE * start_dps.ravel()
         squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
@@ -296,12 +267,6 @@ def _solve(
         values = solve_band(band, right[None]).reshape(-1, 3)
         bias = GyroBias(knots_s, values, len(stills), len(windows.time_s))
     return bias
-
-
-def _weigh_stills(stills: QuietTable, bias: GyroBias, settings: BiasSettings) -> Float64Array:
-    variance = settings.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
-    off = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
-    return np.asarray(1.0 / (variance * (1.0 + off**2 / (CAUCHY**2 * variance))))
 
 
 # Scale and misalignment of the gyroscope's axes, from how the arm turned from one still moment to the next.
@@ -330,6 +295,9 @@ class GyroScaleSettings:
     rounds: int = 6
 
 
+SCALE = GyroScaleSettings()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroScale:
     """True rate = ``gain`` (3, 3) @ the measured one; ``error``: root mean square of its nine standard
@@ -343,38 +311,33 @@ class GyroScale:
 
 def leave_gyro_scale() -> GyroScale:
     """No correction."""
-    return GyroScale(np.eye(3), GyroScaleSettings().scale)
+    return GyroScale(np.eye(3), SCALE.scale)
 
 
 def estimate_gyro_scale(
-    nodes: Sequence[Nodes],
-    stills: QuietTable,
-    bias: GyroBias,
-    accelerometer: AccelerometerCorrection,
-    settings: GyroScaleSettings | None = None,
+    nodes: Sequence[Nodes], stills: QuietTable, bias: GyroBias, accelerometer: AccelerometerCorrection
 ) -> GyroScale:
     """Compare successive still moments; ``nodes`` with some bias taken off, ``bias`` the true one."""
-    settings = settings or GyroScaleSettings()
     up = accelerometer.find_up(stills.gravity_g, stills.middle_s)
-    parts = [_compare_in_run(run, stills.middle_s, up, bias, settings) for run in nodes]
+    parts = [_compare_in_run(run, stills.middle_s, up, bias) for run in nodes]
     slope, miss, variance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(miss) == 0:
         return leave_gyro_scale()
-    errors, standard_error = _fit(slope, miss, variance, settings)
-    if standard_error > settings.believed_error or np.linalg.norm(errors, 2) > settings.most:
+    errors, standard_error = _fit(slope, miss, variance)
+    if standard_error > SCALE.believed_error or np.linalg.norm(errors, 2) > SCALE.most:
         return leave_gyro_scale()
     return GyroScale(np.eye(3) + errors, standard_error, len(miss))
 
 
 def _compare_in_run(
-    nodes: Nodes, middle_s: Float64Array, up: Float64Array, bias: GyroBias, settings: GyroScaleSettings
+    nodes: Nodes, middle_s: Float64Array, up: Float64Array, bias: GyroBias
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Slopes (w, 3, 9), misses (w, 3) and variances (w,) of the pairs of still moments inside a run."""
     place = np.round((middle_s - nodes.start_s) / nodes.period_s).astype(np.int64)
     inside = np.flatnonzero((place >= 0) & (place < len(nodes.acc_g)))
     gap_s = np.diff(middle_s[inside])
-    near = np.flatnonzero(gap_s < settings.longest_s)
-    near = near[:: -(-len(near) // settings.most_pairs) or 1]
+    near = np.flatnonzero(gap_s < SCALE.longest_s)
+    near = near[:: -(-len(near) // SCALE.most_pairs) or 1]
     first, second = inside[near], inside[near + 1]
     left_rad = bias.at(middle_s[first] + gap_s[near] / 2.0) * RADIANS - nodes.bias_rad[place[first]]
     frame, drift, turned = np.zeros((len(near), 3, 3)), np.zeros((len(near), 3, 9)), np.zeros(len(near))
@@ -383,17 +346,15 @@ def _compare_in_run(
     )
     slope = np.cross(drift, up[first][:, :, None], axis=1)
     miss = np.einsum("wij,wj->wi", frame, up[second]) - up[first]
-    variance = settings.still_g**2 + (np.radians(settings.bias_dps) * gap_s[near]) ** 2
-    return slope, miss, variance + (settings.turn_share * turned) ** 2
+    variance = SCALE.still_g**2 + (np.radians(SCALE.bias_dps) * gap_s[near]) ** 2
+    return slope, miss, variance + (SCALE.turn_share * turned) ** 2
 
 
-def _fit(
-    slope: Float64Array, miss: Float64Array, variance: Float64Array, settings: GyroScaleSettings
-) -> tuple[Float64Array, float]:
+def _fit(slope: Float64Array, miss: Float64Array, variance: Float64Array) -> tuple[Float64Array, float]:
     """Damped least squares with Cauchy weights; the gain less one, (3, 3), and its standard error."""
-    prior = np.eye(9) / settings.scale**2
+    prior = np.eye(9) / SCALE.scale**2
     weight, solution, normal = 1.0 / variance, np.zeros(9), prior
-    for _ in range(settings.rounds):
+    for _ in range(SCALE.rounds):
         normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + prior
         solution = np.linalg.solve(normal, np.einsum("w,wij,wi->j", weight, slope, miss, optimize=True))
         square = ((miss - slope @ solution) ** 2).sum(axis=1)

@@ -237,11 +237,6 @@ class SensorRun:
     def __len__(self) -> int:
         return len(self.acc_g)
 
-    @property
-    def duration_s(self) -> float:
-        """Samples times the period."""
-        return len(self) / self.rate_hz
-
 
 def view_segment(segment: Segment) -> SensorRun:
     """View a segment as a run, without a copy."""

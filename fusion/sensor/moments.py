@@ -41,56 +41,45 @@ class Moments:
         return Moments(self.time_s[::step], self.up[::step])
 
 
-def find_calm_moments(blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection) -> Moments:
-    """Return the moments at which the mean acceleration of 2 s is within 0.1 g of gravity."""
-    return _join([_find_calm(run, accelerometer) for run in blocks])
+def find_moments(
+    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
+) -> tuple[Moments, Moments]:
+    """Return the calm moments, and those of them at which the wearer seems to walk.
+
+    Calm: the mean acceleration of 2 s is within 0.1 g of gravity.
+    Walking: five windows of 2 s in a row or more, each shaken as by steps (standard deviation of the
+    acceleration, the three axes together, 0.15 to 0.8 g) and within 15 deg of the one before. Some carrying
+    and work at a bench passes for it, so that only the commonest direction of many tells. In ordinary gait it
+    lies 14 to 18 deg from the arm's axis (optical capture of 16 styles, 5 to 42 over all), and 2.5 to 7 from
+    the same person's relaxed stance; on the two worn upper arms among the project's recordings (45 s of
+    walking) 6 and 10.
+    """
+    calm, striding = [], []
+    for run in blocks:
+        time_s, acc_g, sd_g = _average_blocks(run)
+        up = accelerometer.apply(acc_g, time_s)
+        length = np.linalg.norm(up, axis=1)
+        moments = Moments(time_s, up / np.maximum(length, 1e-9)[:, None])
+        is_calm = np.abs(length - 1.0) < CALM_WITHIN_G
+        calm.append(moments.select(is_calm))
+        is_shaken = is_calm & (sd_g > STRIDING_SD_G[0]) & (sd_g < STRIDING_SD_G[1])
+        striding.append(moments.select(_find_walks(moments.up, is_shaken)))
+    return _join(calm), _join(striding)
 
 
-def _find_calm(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
-    time_s, acc_g, _ = _average_blocks(run)
-    up, calm = _take_calm(time_s, acc_g, accelerometer)
-    return Moments(time_s[calm], up[calm])
+def _find_walks(up: Float64Array, is_shaken: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    is_steady = np.zeros(len(up), dtype=np.bool_)
+    is_near = (up[1:] * up[:-1]).sum(axis=1) > cos_deg(STRIDING_WITHIN_DEG)
+    is_steady[1:] = is_shaken[1:] & is_shaken[:-1] & is_near
+    # A run of k windows has k - 1 steady steps; number the runs and keep the long ones.
+    number = np.cumsum(~is_steady)
+    length = np.bincount(number)[number] if len(number) else number
+    return np.asarray(is_shaken & (length >= STRIDING_WINDOWS))
 
 
 def _join(found: Sequence[Moments]) -> Moments:
     times, ups = [one.time_s for one in found], [one.up for one in found]
     return Moments(np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 3)), *ups]))
-
-
-def find_striding_moments(
-    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
-) -> Moments:
-    """Return those calm moments at which the wearer seems to walk.
-
-    Five windows of 2 s in a row or more, each shaken as by steps (standard deviation of the acceleration, the
-    three axes together, 0.15 to 0.8 g) and within 15 deg of the one before. Some carrying and work at a bench
-    passes for it, so that only the commonest direction of many tells. In ordinary gait it lies 14 to 18 deg
-    from the arm's axis (optical capture of 16 styles, 5 to 42 over all), and 2.5 to 7 from the same person's
-    relaxed stance; on the two worn upper arms among the project's recordings (45 s of walking) 6 and 10.
-    """
-    return _join([_find_striding(run, accelerometer) for run in blocks])
-
-
-def _find_striding(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
-    time_s, acc_g, sd_g = _average_blocks(run)
-    up, calm = _take_calm(time_s, acc_g, accelerometer)
-    calm &= (sd_g > STRIDING_SD_G[0]) & (sd_g < STRIDING_SD_G[1])
-    steady = np.zeros(len(up), dtype=np.bool_)
-    steady[1:] = calm[1:] & calm[:-1] & ((up[1:] * up[:-1]).sum(axis=1) > cos_deg(STRIDING_WITHIN_DEG))
-    # A run of k windows has k - 1 steady steps; number the runs and keep the long ones.
-    number = np.cumsum(~steady)
-    length = np.bincount(number)[number] if len(number) else number
-    walks = calm & (length >= STRIDING_WINDOWS)
-    return Moments(time_s[walks], up[walks])
-
-
-def _take_calm(
-    time_s: Float64Array, acc_g: Float64Array, accelerometer: AccelerometerCorrection
-) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Return unit directions, and which of them are calm."""
-    up = accelerometer.apply(acc_g, time_s)
-    length = np.linalg.norm(up, axis=1)
-    return up / np.maximum(length, 1e-9)[:, None], np.asarray(np.abs(length - 1.0) < CALM_WITHIN_G)
 
 
 def _average_blocks(run: QuarterSeconds) -> tuple[Float64Array, Float64Array, Float64Array]:

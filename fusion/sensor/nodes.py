@@ -21,6 +21,8 @@ from fusion.sensor.model import RADIANS, GyroBias, SensorRun, bend, carry, turn_
 
 NODE_RATE_HZ = 20.0
 LEAST_NODES = 30
+TAPS = -RADIANS / 12.0, RADIANS * (14.0 / 12.0), RADIANS * (-1.0 / 12.0)
+"""What the row before, the row and the row after give to its rate, rad/s for a deg/s."""
 SMALL = (1.0, 0.5)  # the factors of a small turn: second order is enough within a node
 
 
@@ -30,38 +32,28 @@ class Nodes:
 
     ``acc_g`` (j, 3) mean acceleration; ``turn_rad`` (j, 3) rotation vector from the node before (the first
     is nil); ``bias_rad`` (j, 3) the gyroscope's bias taken off, rad/s; ``gyro_gain`` (3, 3) what the rest
-    was multiplied with. ``start_s`` is the time of the first node in the file; ``rows`` those of the run.
+    was multiplied with. ``start_s`` is the time of the first node in the file.
     """
 
     start_s: float
     period_s: float
     rows_per_node: int
-    rows: int
-    lag_rows: float
     acc_g: Float64Array
     turn_rad: Float64Array
     bias_rad: Float64Array
     gyro_gain: Float64Array
 
 
-def reduce_to_nodes(
-    run: SensorRun, bias: GyroBias, node_rate_hz: float = NODE_RATE_HZ, gyro_lag_s: float = 0.0
-) -> Nodes:
-    """Take an odd number of rows to a node, about ``node_rate_hz``; every row in a run of few samples.
-
-    ``gyro_lag_s``: how late the gyroscope's filter is behind the accelerometer's; its rate is read that much
-    later.
-    """
+def reduce_to_nodes(run: SensorRun, bias: GyroBias, node_rate_hz: float = NODE_RATE_HZ) -> Nodes:
+    """Take an odd number of rows to a node, about ``node_rate_hz``; every row in a run of few samples."""
     rows = 2 * int((run.rate_hz / node_rate_hz - 1.0) / 2.0 + 0.25) + 1 if node_rate_hz < run.rate_hz else 1
     rows = rows if len(run) >= LEAST_NODES * rows else 1
     start_s, period_s, count = run.start_s + rows // 2 / run.rate_hz, rows / run.rate_hz, len(run) // rows
     bias_rad = bias.at(start_s + period_s * np.arange(count))
     bias_rad *= RADIANS
     acc_g, turn_rad = np.zeros((2, count, 3))
-    lag_rows = min(1.0, gyro_lag_s * run.rate_hz)
-    steps = (rows, 1.0 / run.rate_hz, _place_taps(lag_rows))
-    _reduce(run.acc_g, run.gyr_dps, bias_rad, steps, acc_g, turn_rad)
-    return Nodes(start_s, period_s, rows, len(run), lag_rows, acc_g, turn_rad, bias_rad, np.eye(3))
+    _reduce(run.acc_g, run.gyr_dps, bias_rad, (rows, 1.0 / run.rate_hz, TAPS), acc_g, turn_rad)
+    return Nodes(start_s, period_s, rows, acc_g, turn_rad, bias_rad, np.eye(3))
 
 
 def correct_nodes(
@@ -128,13 +120,7 @@ def spread_rows(
     the last node also serves the rows left over.
     """
     gain = tuple(tuple(row) for row in nodes.gyro_gain.tolist())
-    steps = (nodes.rows_per_node, 1.0 / rate_hz, _place_taps(nodes.lag_rows), gain)
-    _spread(gyr_dps, nodes.bias_rad, steps, up, first, out)
-
-
-def _place_taps(lag_rows: float) -> tuple[float, float, float]:
-    """What the row before, the row and the row after give to its rate, rad/s for a deg/s."""
-    return -RADIANS / 12.0, RADIANS * (14.0 / 12.0 - lag_rows), RADIANS * (lag_rows - 1.0 / 12.0)
+    _spread(gyr_dps, nodes.bias_rad, (nodes.rows_per_node, 1.0 / rate_hz, TAPS, gain), up, first, out)
 
 
 @inner

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
+from fusion.checks.summary import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.numba_kernels import inner, kernel
-from fusion.recording import Float64Array, FloatArray
+from fusion.recording import Float64Array, FloatArray, Segment
 from fusion.sensor.accelerometer import (
     AccelerometerCorrection,
     MovingReadings,
@@ -138,15 +138,9 @@ def bridge_saturation(
 ) -> list[SensorRun]:
     """Repair clipped stretches up to 0.3 s; a run without any is given back as it is, otherwise a copy.
 
-    ``blocks`` are the same runs reduced (they know the extremes). Without a known range a channel is clipped
-    where it rests at its extreme of the whole recording for three rows or more, as in
-    ``fusion.quality.time_account``.
+    ``blocks`` are the same runs reduced (they know the extremes).
     """
-    pairs = list(zip(runs, blocks, strict=True))
-    acc = [Channel(run.acc_g, part.acc_ends, part.rows_per_block) for run, part in pairs]
-    gyr = [Channel(run.gyr_dps, part.gyr_ends, part.rows_per_block) for run, part in pairs]
-    acc_limits = find_limits(acc, acc_range_g, LEAST_ACC_RANGE_G)
-    gyr_limits = find_limits(gyr, gyr_range_dps, LEAST_GYR_RANGE_DPS)
+    acc_limits, gyr_limits = find_limits(runs, blocks, acc_range_g, gyr_range_dps)
     if not (np.isfinite(acc_limits).any() or np.isfinite(gyr_limits).any()):
         return list(runs)
     return [
@@ -159,34 +153,47 @@ def bridge_saturation(
     ]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Channel:
-    """One sensor of one run: samples (n, 3), and lowest and highest (6, m) of each block of rows."""
+def find_limits(
+    runs: Sequence[SensorRun | Segment],
+    blocks: Sequence[QuarterSeconds],
+    acc_range_g: float | None,
+    gyr_range_dps: float | None,
+) -> tuple[Float64Array, Float64Array]:
+    """Return the values from which each axis of accelerometer and gyroscope is clipped.
 
-    samples: FloatArray
-    ends: Float64Array
-    rows_per_block: int
+    Sizes towards either side, (2, 3) each; infinite where nothing is clipped. Where the file tells the full
+    scale, a sample within 0.1 % of it is clipped. Where it does not, a channel is taken to be clipped at its
+    extreme of the whole recording if it rests exactly there for three rows or more and no sensor has so small
+    a range (2 g, 245 deg/s).
+    """
+    acc = [(run.acc_g, part.acc_ends, part.rows_per_block) for run, part in zip(runs, blocks, strict=True)]
+    gyr = [(run.gyr_dps, part.gyr_ends, part.rows_per_block) for run, part in zip(runs, blocks, strict=True)]
+    return (
+        _find_limits(acc, acc_range_g, LEAST_ACC_RANGE_G),
+        _find_limits(gyr, gyr_range_dps, LEAST_GYR_RANGE_DPS),
+    )
 
 
-def find_limits(channels: Sequence[Channel], full_scale: float | None, least: float) -> Float64Array:
-    """Values from which an axis is clipped, towards either side and as sizes, (2, 3); infinite where none."""
-    low = np.min([channel.ends[:3].min(axis=1) for channel in channels], axis=0)
-    high = np.max([channel.ends[3:].max(axis=1) for channel in channels], axis=0)
+def _find_limits(
+    channels: Sequence[tuple[FloatArray, Float64Array, int]], full_scale: float | None, least: float
+) -> Float64Array:
+    """Find the limits of one sensor: samples (n, 3), ends (6, m) of each block of rows, rows of a block."""
+    low = np.min([ends[:3].min(axis=1) for _, ends, _ in channels], axis=0)
+    high = np.max([ends[3:].max(axis=1) for _, ends, _ in channels], axis=0)
     size = np.stack([-low, high])
     if full_scale is not None:
         limit = RANGE_SHARE * full_scale
         return np.where(size >= limit, limit, np.inf)
     limits = np.full((2, 3), np.inf)
     for side, axis in np.argwhere(size >= least).tolist():
-        extreme = (low, high)[side][axis]
-        if max(_measure_rest(channel, 3 * side + axis, float(extreme)) for channel in channels) >= FLAT_ROWS:
+        extreme = float((low, high)[side][axis])
+        rests = (
+            _count_rest(samples, axis, extreme, np.flatnonzero(ends[3 * side + axis] == extreme), rows)
+            for samples, ends, rows in channels
+        )
+        if max(rests) >= FLAT_ROWS:
             limits[side, axis] = size[side, axis]
     return limits
-
-
-def _measure_rest(channel: Channel, column: int, extreme: float) -> int:
-    blocks = np.flatnonzero(channel.ends[column] == extreme)
-    return int(_count_rest(channel.samples, column % 3, extreme, blocks, channel.rows_per_block))
 
 
 @kernel

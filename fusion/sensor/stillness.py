@@ -116,7 +116,17 @@ def summarise_windows(
     ``together``: the standard deviations are those of all three axes together, which do not depend on how the
     sensor is strapped on; otherwise of the axis that varies most, as published rules have it.
     """
-    return _join([_summarise_run(run, duration_s, together=together) for run in blocks])
+    tables = [_summarise_run(run, duration_s, together=together) for run in blocks]
+    if len(tables) == 1:
+        return tables[0]
+    return QuietTable(
+        np.concatenate([table.start_s for table in tables]),
+        tables[0].duration_s,
+        np.concatenate([table.gravity_g for table in tables]),
+        np.concatenate([table.gyro_dps for table in tables]),
+        np.concatenate([table.acc_sd_g for table in tables]),
+        np.concatenate([table.gyro_sd_dps for table in tables]),
+    )
 
 
 def _summarise_run(blocks: QuarterSeconds, duration_s: float, *, together: bool) -> QuietTable:
@@ -162,32 +172,15 @@ class StillRules:
     largest_bias_dps: float = 60.0
 
 
-def find_still_moments(blocks: Sequence[QuarterSeconds], rules: StillRules | None = None) -> QuietTable:
+RULES = StillRules()
+
+
+def find_still_moments(blocks: Sequence[QuarterSeconds]) -> QuietTable:
     """Non-overlapping still moments of all runs, in time order."""
-    rules = rules or StillRules()
-    table = summarise_windows(blocks, rules.still_s, together=True)
-    quiet = (table.acc_sd_g < rules.acc_sd_g) & (table.gyro_sd_dps < rules.gyro_sd_dps)
-    rows = np.flatnonzero(quiet)
-    rows = rows[np.linalg.norm(table.gyro_dps[rows], axis=1) < rules.largest_bias_dps]
-    return keep_apart(table.select(rows))
-
-
-def _join(tables: list[QuietTable]) -> QuietTable:
-    """Put the tables of several runs one after the other."""
-    if len(tables) == 1:
-        return tables[0]
-    return QuietTable(
-        np.concatenate([table.start_s for table in tables]),
-        tables[0].duration_s,
-        np.concatenate([table.gravity_g for table in tables]),
-        np.concatenate([table.gyro_dps for table in tables]),
-        np.concatenate([table.acc_sd_g for table in tables]),
-        np.concatenate([table.gyro_sd_dps for table in tables]),
-    )
-
-
-def keep_apart(table: QuietTable) -> QuietTable:
-    """Take windows that do not overlap, in time order."""
+    every = summarise_windows(blocks, RULES.still_s, together=True)
+    rows = np.flatnonzero((every.acc_sd_g < RULES.acc_sd_g) & (every.gyro_sd_dps < RULES.gyro_sd_dps))
+    rows = rows[np.linalg.norm(every.gyro_dps[rows], axis=1) < RULES.largest_bias_dps]
+    table = every.select(rows)
     following = np.searchsorted(table.start_s, table.start_s + table.duration_s - 1e-6).tolist()
     chosen, row = [], 0
     while row < len(following):

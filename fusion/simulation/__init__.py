@@ -1,6 +1,6 @@
 """A room of its own: a working day, the arm's exact elevation, and the files an imperfect sensor writes."""
 
-from fusion.simulation.recordings import write_recordings, write_shift
-from fusion.simulation.shift import ShiftArrays, SimulatedShift, simulate_shift
+from fusion.simulation.files import write_recordings, write_shift
+from fusion.simulation.shift import SimulatedShift, simulate_shift
 
-__all__ = ["ShiftArrays", "SimulatedShift", "simulate_shift", "write_recordings", "write_shift"]
+__all__ = ["SimulatedShift", "simulate_shift", "write_recordings", "write_shift"]

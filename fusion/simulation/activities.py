@@ -1,15 +1,94 @@
-"""What a worker does in a day, one function for each: it writes movements until its time is up.
+"""Who works, and what a worker does in a day: each activity writes movements until its time is up.
 
 Angles and tempi are plausible, not measured: chosen so that a day comes out near published ones
 (hairdressers: median 22 deg, 6.8 % of the time above 60 deg; Wahlström 2010).
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from fusion.simulation.body import Channel, Motion
-from fusion.simulation.people import TYPICAL, Person, shift_posture
+
+# How people differ in what the pose depends on: the way they stand, walk and repeat a posture.
+#
+# The figures are those of recorded motion (docs/validation.md, "Simulated people"): relaxed stance 8 to 15
+# deg from plumb; in walking, gravity's mean mostly 14 to 18 deg off the arm's axis, 5 to 42 over all, 2.5 to
+# 7 from the same person's stance, 15 to 23 in those who walk briskly.
+
+STANCE_DEG, STANCE_PLANE_DEG = (8.0, 15.0), (-110.0, -10.0)
+APART_DEG, BRISK_APART_DEG = (2.5, 7.0), (15.0, 23.0)
+OUTWARD_SD_DEG = 30.0
+"""Walking leads the arm further from plumb than standing does; so much to either side of that."""
+BRISK_SHARE = 0.2
+REPEAT_DEG, SWAY_DEG = (1.5, 4.0), (0.1, 0.4)
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """One worker.
+
+    Attributes
+    ----------
+    stance_deg, stance_plane_deg
+        How far from plumb the arm hangs in relaxed standing, and in which plane.
+    repeat_deg
+        Standard deviation of each of the two components of that posture, from one time to the next.
+    sway_deg
+        Size of the sway of an idle arm.
+    gait_deg, gait_plane_deg
+        The same of the mean posture in walking.
+    step_hz, swing_deg, heave_m
+        Steps a second, half the swing of the arm, half the rise and fall of the trunk.
+    """
+
+    stance_deg: float
+    stance_plane_deg: float
+    repeat_deg: float
+    sway_deg: float
+    gait_deg: float
+    gait_plane_deg: float
+    step_hz: float
+    swing_deg: float
+    heave_m: float
+
+
+TYPICAL = Person(11.0, -60.0, 2.5, 0.3, 15.0, -50.0, 1.8, 15.0, 0.02)
+
+
+def draw_person(chance: np.random.Generator, *, is_brisk: bool | None = None) -> Person:
+    """Draw a worker; one in five walks so briskly that steps do not look like those of others."""
+    if is_brisk is None:
+        is_brisk = bool(chance.random() < BRISK_SHARE)
+    stance_deg, plane_deg = chance.uniform(*STANCE_DEG), chance.uniform(*STANCE_PLANE_DEG)
+    apart_deg = chance.uniform(*(BRISK_APART_DEG if is_brisk else APART_DEG))
+    gait_deg, turned_deg = shift_posture(
+        stance_deg, 0.0, apart_deg, float(np.radians(chance.normal(0.0, OUTWARD_SD_DEG)))
+    )
+    return Person(
+        stance_deg=stance_deg,
+        stance_plane_deg=plane_deg,
+        repeat_deg=chance.uniform(*REPEAT_DEG),
+        sway_deg=chance.uniform(*SWAY_DEG),
+        gait_deg=gait_deg,
+        gait_plane_deg=plane_deg + turned_deg,
+        step_hz=chance.uniform(2.1, 2.4) if is_brisk else chance.uniform(1.7, 1.95),
+        swing_deg=chance.uniform(27.0, 40.0) if is_brisk else chance.uniform(10.0, 20.0),
+        heave_m=chance.uniform(0.03, 0.04) if is_brisk else chance.uniform(0.015, 0.025),
+    )
+
+
+def shift_posture(deg: float, plane_deg: float, by_deg: float, towards_rad: float) -> tuple[float, float]:
+    """Give elevation and plane of a posture that lies ``by_deg`` from another, deg.
+
+    ``towards_rad``: 0 further from plumb in the same plane. Small angles are taken for lengths in a plane.
+    """
+    plane = np.radians(plane_deg)
+    outward, across = deg + by_deg * np.cos(towards_rad), by_deg * np.sin(towards_rad)
+    turned = plane + np.arctan2(across, outward)
+    return float(np.hypot(outward, across)), float(np.degrees(turned))
+
 
 # Writes a score while time passes, as a choreographer would: move this there, wait, meanwhile sway.
 
@@ -77,7 +156,18 @@ class Choreography:
 
 Activity = Callable[[Choreography, float, np.random.Generator], None]
 
-HANGING = {Channel.FLEXION: 0.0, Channel.PLANE: 0.0, Channel.ELEVATION: 0.0, Channel.AXIAL: 0.0}
+
+def place_arm(flexion_deg: float, plane_deg: float, elevation_deg: float, axial_deg: float) -> Pose:
+    """Return where trunk and arm are."""
+    return {
+        Channel.FLEXION: flexion_deg,
+        Channel.PLANE: plane_deg,
+        Channel.ELEVATION: elevation_deg,
+        Channel.AXIAL: axial_deg,
+    }
+
+
+HANGING = place_arm(0.0, 0.0, 0.0, 0.0)
 
 
 def relax(body: Choreography, chance: np.random.Generator) -> Pose:
@@ -87,7 +177,7 @@ def relax(body: Choreography, chance: np.random.Generator) -> Pose:
     deg, plane_deg = shift_posture(
         person.stance_deg, person.stance_plane_deg, by_deg, chance.uniform(0.0, 2.0 * np.pi)
     )
-    return {Channel.FLEXION: 0.0, Channel.PLANE: plane_deg, Channel.ELEVATION: deg, Channel.AXIAL: 0.0}
+    return place_arm(0.0, plane_deg, deg, 0.0)
 
 
 def tremble(body: Choreography, duration_s: float, deg: float, chance: np.random.Generator) -> None:
@@ -163,12 +253,12 @@ def assemble(body: Choreography, duration_s: float, chance: np.random.Generator)
     end_s = body.time_s + duration_s
     tremble(body, duration_s, 0.4, chance)
     while body.time_s < end_s:
-        pose = {
-            Channel.FLEXION: chance.normal(6.0, 3.0),
-            Channel.PLANE: chance.uniform(-60.0, 20.0),
-            Channel.ELEVATION: float(np.clip(chance.normal(36.0, 11.0), 12.0, 75.0)),
-            Channel.AXIAL: chance.uniform(-40.0, 30.0),
-        }
+        pose = place_arm(
+            chance.normal(6.0, 3.0),
+            chance.uniform(-60.0, 20.0),
+            float(np.clip(chance.normal(36.0, 11.0), 12.0, 75.0)),
+            chance.uniform(-40.0, 30.0),
+        )
         duration = chance.uniform(0.4, 1.1)
         body.move(duration, pose)
         body.wait(duration * chance.uniform(0.7, 1.0) + chance.exponential(1.5))
@@ -178,12 +268,12 @@ def pause(body: Choreography, duration_s: float, chance: np.random.Generator) ->
     """Wait for a machine: the arm rests on the bench or a rail, one place after another."""
     end_s = body.time_s + duration_s
     while body.time_s < end_s:
-        pose = {
-            Channel.FLEXION: chance.normal(8.0, 5.0),
-            Channel.PLANE: chance.uniform(-90.0, 30.0),
-            Channel.ELEVATION: chance.uniform(8.0, 60.0),
-            Channel.AXIAL: chance.uniform(-60.0, 60.0),
-        }
+        pose = place_arm(
+            chance.normal(8.0, 5.0),
+            chance.uniform(-90.0, 30.0),
+            chance.uniform(8.0, 60.0),
+            chance.uniform(-60.0, 60.0),
+        )
         body.go(chance.uniform(0.8, 1.4), pose)
         hold_still(body, chance.uniform(3.0, 12.0), chance)
 
@@ -193,12 +283,12 @@ def work_overhead(body: Choreography, duration_s: float, chance: np.random.Gener
     end_s = body.time_s + duration_s
     tremble(body, duration_s, 0.6, chance)
     while body.time_s < end_s:
-        raised = {
-            Channel.FLEXION: chance.normal(-3.0, 3.0),
-            Channel.PLANE: chance.uniform(-70.0, 10.0),
-            Channel.ELEVATION: chance.uniform(70.0, 135.0),
-            Channel.AXIAL: chance.uniform(-30.0, 50.0),
-        }
+        raised = place_arm(
+            chance.normal(-3.0, 3.0),
+            chance.uniform(-70.0, 10.0),
+            chance.uniform(70.0, 135.0),
+            chance.uniform(-30.0, 50.0),
+        )
         body.go(chance.uniform(0.6, 1.2), raised)
         body.wait(chance.exponential(4.0))
         body.go(chance.uniform(0.6, 1.2), {Channel.ELEVATION: chance.uniform(15.0, 45.0), Channel.AXIAL: 0.0})
@@ -238,12 +328,12 @@ def rest(body: Choreography, duration_s: float, chance: np.random.Generator) -> 
     """Sit with the arm on the table or in the lap; change the posture now and then."""
     end_s = body.time_s + duration_s
     while body.time_s < end_s:
-        pose = {
-            Channel.FLEXION: chance.normal(0.0, 8.0),
-            Channel.PLANE: chance.uniform(-50.0, 20.0),
-            Channel.ELEVATION: chance.uniform(10.0, 45.0),
-            Channel.AXIAL: chance.uniform(-30.0, 60.0),
-        }
+        pose = place_arm(
+            chance.normal(0.0, 8.0),
+            chance.uniform(-50.0, 20.0),
+            chance.uniform(10.0, 45.0),
+            chance.uniform(-30.0, 60.0),
+        )
         body.go(chance.uniform(0.9, 1.8), pose)
         hold_still(body, min(chance.uniform(8.0, 45.0), max(3.0, end_s - body.time_s)), chance)
 

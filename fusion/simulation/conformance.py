@@ -47,49 +47,23 @@ class TestSignal:
         return time_s, np.asarray(self.curve(time_s), np.float64)
 
 
-def _swing(time_s: Float64Array) -> Float64Array:
-    """45 deg plus and minus 40 deg, a swing about every 4 s."""
-    return np.asarray(45 + 40 * np.sin(2 * pi * time_s / SWING_S), np.float64)
-
-
-def _hold(time_s: Float64Array) -> Float64Array:
-    """10 deg for 60 s, then 70 deg for 30 s, and again."""
-    return np.where(time_s % 90 < 60, 10.0, 70.0)
-
-
-def _day(time_s: Float64Array) -> Float64Array:
-    """20 deg for five hours, but ten minutes at 100 deg after two."""
-    return np.where((time_s >= 7200) & (time_s < 7800), 100.0, 20.0)
-
-
-def _ripple(time_s: Float64Array) -> Float64Array:
-    """60 deg plus and minus 3 deg, a ripple every 2 s: it never crosses the hysteresis."""
-    return np.asarray(60 + 3 * np.sin(2 * pi * time_s / 2), np.float64)
-
-
-def _hole(time_s: Float64Array) -> Float64Array:
-    """35 deg for 20 min, nothing for 20 min, 75 deg for 20 min: what is missing is neither."""
-    return np.where(time_s < 1200, 35.0, np.where(time_s < 2400, np.nan, 75.0))
-
-
 def _above_sine(threshold_deg: float) -> float:
     """Share of the time, percent, that 45 + 40 sin is at or above a threshold."""
     return 100 * (0.5 - asin((threshold_deg - 45) / 40) / pi)
 
 
 def _shares(above_30: float, above_60: float, above_90: float) -> tuple[Expected, ...]:
-    values = {30: above_30, 60: above_60, 90: above_90}
     return tuple(
         Expected(f"time_above_{threshold}_percent", "%", value, SHARE_POINTS)
-        for threshold, value in values.items()
+        for threshold, value in ((30, above_30), (60, above_60), (90, above_90))
     )
 
 
 SIGNALS = (
     TestSignal(
-        "swing",
+        "swing",  # 45 deg plus and minus 40 deg, about every 4 s
         3600.0,
-        _swing,
+        lambda time_s: 45 + 40 * np.sin(2 * pi * time_s / SWING_S),
         (
             *_shares(_above_sine(30), _above_sine(60), 0.0),
             Expected("entries_above_60_per_h", "per h", 3600 / SWING_S, 1.0),
@@ -97,9 +71,9 @@ SIGNALS = (
         ),
     ),
     TestSignal(
-        "hold",
+        "hold",  # 10 deg for 60 s, then 70 deg for 30 s, and again
         3600.0,
-        _hold,
+        lambda time_s: np.where(time_s % 90 < 60, 10.0, 70.0),
         (
             *_shares(100 / 3, 100 / 3, 0.0),
             Expected("entries_above_60_per_h", "per h", 40.0, 0.5),
@@ -107,9 +81,9 @@ SIGNALS = (
         ),
     ),
     TestSignal(
-        "day",
+        "day",  # 20 deg for five hours, but ten minutes at 100 deg after two
         5 * 3600.0,
-        _day,
+        lambda time_s: np.where((time_s >= 7200) & (time_s < 7800), 100.0, 20.0),
         (
             *_shares(100 / 30, 100 / 30, 100 / 30),
             Expected("entries_above_60_per_h", "per h", 0.2, 0.01),
@@ -119,15 +93,15 @@ SIGNALS = (
         ),
     ),
     TestSignal(
-        "ripple",
+        "ripple",  # 60 deg plus and minus 3 deg, every 2 s: it never crosses the hysteresis
         3600.0,
-        _ripple,
+        lambda time_s: 60 + 3 * np.sin(2 * pi * time_s / 2),
         (*_shares(100.0, 50.0, 0.0), Expected("entries_above_60_per_h", "per h", 0.0, 0.0)),
     ),
     TestSignal(
-        "hole",
+        "hole",  # 35 deg for 20 min, nothing for 20 min, 75 deg for 20 min: what is missing is neither
         3600.0,
-        _hole,
+        lambda time_s: np.where(time_s < 1200, 35.0, np.where(time_s < 2400, np.nan, 75.0)),
         (
             *_shares(100.0, 50.0, 0.0),
             Expected("analysed_s", "s", 2400.0, EDGE_S),

@@ -168,7 +168,7 @@ def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random
     warmer_k = (temperature_c - CALIBRATION_K)[:, None]
     walk_dps = part.gyr_walk_dps_per_sqrt_h * np.sqrt(KNOT_S / 3600)
     return SensorErrors(
-        mounting=_draw_mounting(chance),
+        mounting=draw_mounting(chance),
         acc_gain=_draw_gain(part.acc_scale, part.misalignment, chance),
         gyr_gain=_draw_gain(part.gyr_scale, part.misalignment, chance),
         acc_offset_g=_draw_evenly(part.acc_offset_g, chance),
@@ -179,16 +179,6 @@ def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random
         temperature_c=temperature_c,
         acc_noise_g=part.acc_noise_g_per_sqrt_hz * float(np.sqrt(bandwidth_hz)),
         gyr_noise_dps=part.gyr_noise_dps_per_sqrt_hz * float(np.sqrt(bandwidth_hz)),
-    )
-
-
-def draw_perfect(duration_s: float, chance: np.random.Generator) -> SensorErrors:
-    """Draw only a mounting: a sensor without error, noise or limit of resolution."""
-    knots = int(duration_s / KNOT_S) + 2
-    still, nothing = np.zeros((knots, 3)), np.zeros(3)
-    temperature_c = np.full(knots, CALIBRATION_K)
-    return SensorErrors(
-        _draw_mounting(chance), np.eye(3), np.eye(3), nothing, nothing, still, still, temperature_c, 0.0, 0.0
     )
 
 
@@ -214,7 +204,7 @@ def quantise(values: Float64Array, unit_per_lsb: float, full_scale: float) -> Ra
     return np.clip(counts, -limit, limit).astype(np.int16)
 
 
-def _draw_mounting(chance: np.random.Generator) -> Float64Array:
+def draw_mounting(chance: np.random.Generator) -> Float64Array:
     """Strap it on: its y axis about along the arm, turned any way about it, tilted by a few degrees."""
     along_y = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     tilt_deg = chance.normal(0.0, 3.0, 3)

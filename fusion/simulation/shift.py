@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.recording import Float64Array
-from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, hold_still, relax
+from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography, draw_person, hold_still, relax
 from fusion.simulation.body import ArmState, Body, Motion, feel, play
-from fusion.simulation.people import draw_person
 from fusion.simulation.sensor import (
     PARTS,
     Device,
@@ -19,7 +17,6 @@ from fusion.simulation.sensor import (
     Readings,
     SensorErrors,
     draw_errors,
-    draw_perfect,
     quantise,
     sense,
 )
@@ -78,21 +75,6 @@ class SampleBlock:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShiftArrays:
-    """A whole recording in memory.
-
-    ``acc_g`` and ``gyr_dps``: shape (n, 3), float32, rounded and clipped as the part does (not where the
-    sensor is perfect); ``elevation_deg``: shape (n,), exact.
-    """
-
-    rate_hz: float
-    start: datetime
-    acc_g: NDArray[np.float32]
-    gyr_dps: NDArray[np.float32]
-    elevation_deg: Float64Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class SimulatedShift:
     """A day that can be played as often as wanted, always alike.
 
@@ -108,7 +90,6 @@ class SimulatedShift:
     plan: tuple[PlannedActivity, ...]
     motion: Motion
     errors: SensorErrors
-    perfect: bool
     body: Body
 
     @property
@@ -139,28 +120,9 @@ class SimulatedShift:
             quantise(readings.gyr_dps, part.gyr_dps_per_lsb, part.gyr_range_dps),
         )
 
-    def in_arrays(self) -> ShiftArrays:
-        """Play the whole day into memory (36 bytes a sample)."""
-        acc_g = np.empty((self.sample_count, 3), np.float32)
-        gyr_dps = np.empty((self.sample_count, 3), np.float32)
-        elevation_deg = np.empty(self.sample_count)
-        for block in self.blocks():
-            rows = slice(block.first_sample, block.first_sample + len(block.time_s))
-            acc_g[rows], gyr_dps[rows] = self._seen(block.readings)
-            elevation_deg[rows] = block.state.elevation_deg
-        return ShiftArrays(self.rate_hz, self.start, acc_g, gyr_dps, elevation_deg)
-
-    def _seen(self, readings: Readings) -> tuple[Float64Array, Float64Array]:
-        """Give what a reader of the file would see."""
-        if self.perfect:
-            return readings.acc_g, readings.gyr_dps
-        acc, gyr = self.count(readings)
-        acc_g = acc.astype(np.float64) * self.part.acc_g_per_lsb
-        return acc_g, gyr.astype(np.float64) * self.part.gyr_dps_per_lsb
-
 
 def simulate_shift(
-    device: Device, duration_h: float, seed: int, rate_hz: float | None = None, *, perfect: bool = False
+    device: Device, duration_h: float, seed: int, rate_hz: float | None = None
 ) -> SimulatedShift:
     """Simulate a day of work with a sensor on the right upper arm.
 
@@ -172,33 +134,26 @@ def simulate_shift(
         Decides everything: the person, the day, the specimen of the sensor, the noise. Same seed, same bytes.
     rate_hz
         Nominal rate (the part's own if None); the true rate is off by the part's clock error.
-    perfect
-        No sensor error, noise or resolution (the mounting and the true rate stay).
     """
     duration_s = float(max(1, round(duration_h * 3600.0)))
     plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))
-    return wear_sensor(device, seed, _end_at(plan, duration_s), motion, perfect=perfect, rate_hz=rate_hz)
+    recorded = tuple(
+        replace(entry, end_s=min(entry.end_s, duration_s)) for entry in plan if entry.start_s < duration_s
+    )
+    return wear_sensor(device, seed, recorded, motion, rate_hz)
 
 
 def wear_sensor(
-    device: Device,
-    seed: int,
-    plan: tuple[PlannedActivity, ...],
-    motion: Motion,
-    *,
-    perfect: bool = False,
-    rate_hz: float | None = None,
+    device: Device, seed: int, plan: tuple[PlannedActivity, ...], motion: Motion, rate_hz: float | None = None
 ) -> SimulatedShift:
     """Strap a specimen of the sensor on, from the first second of the plan to its last."""
     part, duration_s = PARTS[device], plan[-1].end_s
     nominal_hz = rate_hz or part.nominal_rate_hz
     chance = np.random.default_rng([seed, 2])
     true_hz = nominal_hz * (1.0 + chance.uniform(*part.rate_error))
-    errors = draw_perfect(duration_s, chance) if perfect else draw_errors(part, true_hz, duration_s, chance)
+    errors = draw_errors(part, true_hz, duration_s, chance)
     count = int(np.ceil(duration_s * true_hz))
-    return SimulatedShift(
-        device, seed, nominal_hz, true_hz, count, START, plan, motion, errors, perfect, Body()
-    )
+    return SimulatedShift(device, seed, nominal_hz, true_hz, count, START, plan, motion, errors, Body())
 
 
 def plan_day(duration_s: float, chance: np.random.Generator) -> tuple[tuple[PlannedActivity, ...], Motion]:
@@ -229,11 +184,6 @@ def work(
         name, bout_s = _choose_work(scale, chance, is_on_foot=is_on_foot)
         plan.append(_perform(body, name, min(bout_s, max(3.0, until_s - body.time_s)), chance))
     return plan
-
-
-def _end_at(plan: tuple[PlannedActivity, ...], end_s: float) -> tuple[PlannedActivity, ...]:
-    """Cut the plan where the recording ends."""
-    return tuple(replace(entry, end_s=min(entry.end_s, end_s)) for entry in plan if entry.start_s < end_s)
 
 
 def _choose_work(scale: float, chance: np.random.Generator, *, is_on_foot: bool) -> tuple[str, float]:

@@ -10,6 +10,7 @@ from fusion.simulation import simulate_shift
 from tests.badfiles.arm import Matrix, minute
 from tests.badfiles.table_files import canon, changed, stamped
 from tests.factories import move_arm
+from tests.simulated_shifts import make_perfect, play_shift
 
 SWING_HZ, SWING_DEG, PAUSE_AT_S = 0.25, 30.0, 28.0
 DESK_S = 720
@@ -51,7 +52,7 @@ def left_on_a_desk() -> bytes:
 @cache
 def put_back_turned() -> bytes:
     """Work, six minutes switched off at lunch, and work with the sensor a quarter turn about its x axis."""
-    made = simulate_shift("gt9x", 1.5, 1, WORK_HZ, perfect=True).in_arrays()
+    made = play_shift(make_perfect(simulate_shift("gt9x", 1.5, 1, WORK_HZ)))
     work = with_noise(np.hstack([made.acc_g, made.gyr_dps]).astype(float))
     half = len(work) // 2
     work[half:] = work[half:, [0, 2, 1, 3, 5, 4]] * (1, -1, 1, 1, -1, 1)

@@ -1,22 +1,22 @@
-"""``validation.json``: how far two measurements agree, under the names outsiders rely on (CONTRACT §2)."""
+"""A comparison and a study of several as JSON and CSV, under the names that programs rely on."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from app.report.export.csv import Row, encode_table
 from app.report.figures import round_all
 from app.report.words.subject import Software, clean_text
+from fusion.source_paper import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
-    from fusion.agreement import Agreement, Alignment, Comparison, Limits, Side, Stratum, TaskAgreement
-
-
-# ``validation.csv``: one row for each task, each class of elevation and speed, and for everything.
+    from app.errors import StudyProblem
+    from fusion.agreement import Agreement, AgreementCell, AgreementEntry, Comparison, Limits, Side, Stratum
 
 
 STATISTICS = (
@@ -36,28 +36,18 @@ COLUMNS = ("subject", "device", "kind", "name", "lower", "upper", "paper_task", 
 
 
 def encode_agreement_table(validation: Mapping[str, Any]) -> bytes:
-    """Write the statistics as CSV; empty is "not computable"."""
-    return encode_table(COLUMNS, list_rows(validation))
+    """Write ``validation.csv``: a row for each task and class of elevation and speed, and for everything.
 
-
-def list_rows(validation: Mapping[str, Any]) -> Iterator[Row]:
-    """Give the rows: ``kind`` is overall, task, elevation or speed; edges in deg or deg/s."""
-    shared = {"subject": validation["subject"], "device": validation["recording"]["device"]}
-    yield {**shared, "kind": "overall", "name": "overall", **_take(validation["overall"])}
-    for task in validation["tasks"]:
-        own = {key: task[key] for key in ("name", "paper_task", "repetitions")}
-        yield {**shared, "kind": "task", **own, **_take(task)}
+    ``kind`` is overall, task, elevation or speed; edges are in deg or deg/s; empty is "not computable".
+    """
+    rows: list[Row] = [{"kind": "overall", "name": "overall", **validation["overall"]}]
+    rows += [{"kind": "task", **task} for task in validation["tasks"]]
     for kind, key, unit in (("elevation", "by_elevation", "deg"), ("speed", "by_speed", "dps")):
         for stratum in validation[key]:
             edges = {edge: stratum[f"{edge}_{unit}"] for edge in ("lower", "upper")}
-            yield {**shared, "kind": kind, "name": kind, **edges, **_take(stratum)}
-
-
-def _take(statistics: Mapping[str, Any]) -> Row:
-    return {name: statistics[name] for name in STATISTICS}
-
-
-# Who and what was compared, and which software answers.
+            rows.append({"kind": kind, "name": kind, **stratum, **edges})
+    shared = {"subject": validation["subject"], "device": validation["recording"]["device"]}
+    return encode_table(COLUMNS, (shared | row for row in rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,16 +64,37 @@ class ComparisonSubject:
 
 
 SCHEMA = "acromion.validation/1"
+STUDY_SCHEMA = "acromion.study/1"
+SPREADS = ("r", "rmse_deg", "mean_absolute_error_deg", "bias_deg")
 
 
 def build_validation(comparison: Comparison, subject: ComparisonSubject) -> dict[str, Any]:
     """Lay the comparison out; NaN becomes None, numbers are rounded to six decimals."""
+    alignment = comparison.alignment
     built: dict[str, Any] = round_all(
         {
             "schema": SCHEMA,
-            "alignment": _describe_alignment(comparison.alignment),
-            "overall": describe_agreement(comparison.overall),
-            "tasks": [_describe_task(task) for task in comparison.tasks],
+            "alignment": {
+                "offset_s": alignment.offset_s,
+                "drift_ppm": alignment.drift_ppm,
+                "drift_margin_ppm": alignment.drift_margin_ppm,
+                "r": alignment.r,
+                "offset_given": alignment.is_offset_given,
+                "drift_given": alignment.is_drift_given,
+                "drift_fitted": alignment.is_drift_fitted,
+                "windows": [{"start_s": w.start_s, "lag_s": w.lag_s, "r": w.r} for w in alignment.windows],
+            },
+            "overall": _describe_agreement(comparison.overall),
+            "tasks": [
+                {
+                    "name": clean_text(task.name),
+                    **_describe_agreement(task.agreement),
+                    "repetitions": task.repetitions,
+                    "paper_task": task.paper_task,
+                    "repeated_measures": _describe_limits(task.limits),
+                }
+                for task in comparison.tasks
+            ],
             "by_elevation": [_describe_stratum(s, "deg") for s in comparison.by_elevation],
             "by_speed": [_describe_stratum(s, "dps") for s in comparison.by_speed],
             "exposure": [
@@ -109,26 +120,17 @@ def encode_validation(validation: Mapping[str, Any]) -> bytes:
     return text.encode("utf-8") + b"\n"
 
 
-def describe_agreement(agreement: Agreement) -> dict[str, Any]:
-    """Give every statistic of some rows."""
+def _describe_agreement(agreement: Agreement) -> dict[str, Any]:
+    *shared, samples, duration_s = STATISTICS
     return {
-        "r": agreement.r,
-        "rmse_deg": agreement.rmse_deg,
-        "mean_absolute_error_deg": agreement.mean_absolute_error_deg,
-        "bias_deg": agreement.bias_deg,
-        "loa_low_deg": agreement.loa_low_deg,
-        "loa_high_deg": agreement.loa_high_deg,
-        "sd_deg": agreement.sd_deg,
-        "icc": agreement.icc,
-        "concordance": agreement.concordance,
+        **{name: getattr(agreement, name) for name in shared},
         "quasi_static": agreement.is_quasi_static,
-        "samples": agreement.count,
-        "duration_s": agreement.duration_s,
+        samples: agreement.count,
+        duration_s: agreement.duration_s,
     }
 
 
-def describe_limits(limits: Limits) -> dict[str, Any]:
-    """Give limits of agreement with repeated measures."""
+def _describe_limits(limits: Limits) -> dict[str, Any]:
     return {
         "bias_deg": limits.bias_deg,
         "loa_low_deg": limits.low_deg,
@@ -138,33 +140,10 @@ def describe_limits(limits: Limits) -> dict[str, Any]:
     }
 
 
-def _describe_alignment(alignment: Alignment) -> dict[str, Any]:
-    return {
-        "offset_s": alignment.offset_s,
-        "drift_ppm": alignment.drift_ppm,
-        "drift_margin_ppm": alignment.drift_margin_ppm,
-        "r": alignment.r,
-        "offset_given": alignment.is_offset_given,
-        "drift_given": alignment.is_drift_given,
-        "drift_fitted": alignment.is_drift_fitted,
-        "windows": [{"start_s": w.start_s, "lag_s": w.lag_s, "r": w.r} for w in alignment.windows],
-    }
-
-
-def _describe_task(task: TaskAgreement) -> dict[str, Any]:
-    return {
-        "name": clean_text(task.name),
-        **describe_agreement(task.agreement),
-        "repetitions": task.repetitions,
-        "paper_task": task.paper_task,
-        "repeated_measures": describe_limits(task.limits),
-    }
-
-
 def _describe_stratum(stratum: Stratum, unit: str) -> dict[str, Any]:
     upper = stratum.upper if math.isfinite(stratum.upper) else None
     edges = {f"lower_{unit}": stratum.lower, f"upper_{unit}": upper, "percent": stratum.percent}
-    return edges | describe_agreement(stratum.agreement)
+    return edges | _describe_agreement(stratum.agreement)
 
 
 def _describe_side(side: Side, file_name: str) -> dict[str, Any]:
@@ -175,3 +154,85 @@ def _describe_side(side: Side, file_name: str) -> dict[str, Any]:
         "duration_s": side.duration_s,
         "understood": {name: clean_text(value) for name, value in side.understood.items()},
     }
+
+
+# ------------------------------------------------------------------ a study
+
+
+def build_study_json(
+    entries: Sequence[AgreementEntry],
+    cells: Sequence[AgreementCell],
+    problems: Sequence[StudyProblem],
+    method: str,
+    software: Software,
+) -> bytes:
+    """Write every figure of the study; ``id`` is a hash of them all."""
+    study: dict[str, Any] = round_all(
+        {
+            "schema": STUDY_SCHEMA,
+            "method": method,
+            "table": [_describe_cell(cell) for cell in cells],
+            "comparisons": [_describe_entry(entry) for entry in entries],
+            "problems": [
+                {"file": clean_text(p.name), "code": p.code, "facts": dict(p.facts)} for p in problems
+            ],
+            "software": asdict(software),
+        }
+    )
+    study["id"] = hashlib.sha256(json.dumps(study, sort_keys=True).encode()).hexdigest()[:16]
+    return encode_validation(study)
+
+
+def _describe_cell(cell: AgreementCell) -> dict[str, Any]:
+    spreads = {name: asdict(getattr(cell, name)) for name in SPREADS}
+    return {
+        "task": clean_text(cell.task),
+        "paper_task": cell.paper_task,
+        "device": cell.device,
+        "people": cell.people,
+        **spreads,
+        "repeated_measures": _describe_limits(cell.limits),
+        "paper": find_paper_row(cell),
+    }
+
+
+def find_paper_row(cell: AgreementCell) -> dict[str, float | None] | None:
+    """Return the paper's figures for this task and device, where it has them."""
+    paper = TABLE_1.get(cell.device, {}).get(cell.paper_task or 0)
+    if paper is None:
+        return None
+    r = None if cell.paper_task in QUASI_STATIC else paper.r
+    return {"r": r, "rmse_deg": paper.rmse_deg, "mean_absolute_error_deg": paper.absolute_deg}
+
+
+def _describe_entry(entry: AgreementEntry) -> dict[str, Any]:
+    return {
+        "person": clean_text(entry.person),
+        "device": entry.device,
+        "task": clean_text(entry.task),
+        "paper_task": entry.paper_task,
+        **_describe_agreement(entry.agreement),
+    }
+
+
+def encode_cells(cells: Sequence[AgreementCell]) -> bytes:
+    """Write one row for each task and device: means, standard deviations, limits, the paper's figures."""
+    names = ["task", "paper_task", "device", "people"]
+    names += [f"{name}_{part}" for name in SPREADS for part in ("mean", "sd")]
+    names += ["loa_low_deg", "loa_high_deg", "paper_r", "paper_rmse_deg", "paper_mean_absolute_error_deg"]
+    return encode_table(names, [_make_row(cell) for cell in cells])
+
+
+def _make_row(cell: AgreementCell) -> Row:
+    described: dict[str, Any] = round_all(_describe_cell(cell))
+    spreads = {f"{name}_{part}": described[name][part] for name in SPREADS for part in ("mean", "sd")}
+    limits = {name: described["repeated_measures"][name] for name in ("loa_low_deg", "loa_high_deg")}
+    paper = {f"paper_{name}": value for name, value in (described["paper"] or {}).items()}
+    own = {name: described[name] for name in ("task", "paper_task", "device", "people")}
+    return {**own, **spreads, **limits, **paper}
+
+
+def encode_entries(entries: Sequence[AgreementEntry]) -> bytes:
+    """Write one row for each person, task and device."""
+    rows: list[Row] = [round_all(_describe_entry(entry)) for entry in entries]
+    return encode_table([name for name in rows[0] if name != "quasi_static"], rows)

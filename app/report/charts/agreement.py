@@ -2,37 +2,259 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from app.report.agreement.study_tables import find_paper_row
+import numpy as np
+
+from app.report.agreement.export import find_paper_row
 from app.report.charts import svg
-from app.report.charts.svg import NARROW, WIDE
-from app.report.model import Chart, Table
-from app.report.words.numbers import format_angle
+from app.report.charts.svg import NARROW, Plot, Span
+from app.report.model import Chart
+from app.report.words.numbers import format_angle, format_elapsed, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 
 if TYPE_CHECKING:
-    from fusion.agreement import AgreementCell, AgreementEntry
+    from numpy.typing import NDArray
+
+    from fusion.agreement import Agreement, AgreementCell, AgreementEntry, Pairs
+
+    Vector = NDArray[np.float64]
+
+SHOWN_S = 30.0
+MOST_POINTS = 600
+STEPS = 60
+"""Stretches of the error over time."""
+COLUMNS, ROWS = 60, 40
+"""Of the cells of Bland and Altman's plot."""
+_PLOT = Plot(38, 0, 24)
+_DEGREES = (0.0, 180.0)
+Tick = tuple[float, str]
+
+# ------------------------------------------------------------------ the three charts of one comparison
 
 
-# The figure of a study: each person's error in each task, their mean, and the paper's.
+def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: Language) -> Chart:
+    """Plot the difference over the mean of both, as a density, with bias and limits of agreement."""
+    middle = (pairs.ours_deg + pairs.reference_deg) / 2.0
+    error = pairs.ours_deg - pairs.reference_deg
+    reach = _round_up(float(np.quantile(np.abs(error), 0.999)), overall.loa_high_deg, -overall.loa_low_deg)
+    ends_deg = (-reach, reach)
+    counts = np.histogram2d(
+        np.clip(middle, *_DEGREES), np.clip(error, *ends_deg), (COLUMNS, ROWS), (_DEGREES, ends_deg)
+    )[0].astype(int)
+    entry, limits = words["bland_altman"], (overall.loa_low_deg, overall.loa_high_deg)
+    edges = (format_angle(value, language, 1) for value in (overall.bias_deg, *limits))
+    facts = dict(zip(("bias", "low", "high"), edges, strict=True))
+    marks = (
+        (overall.loa_high_deg, fill(entry["high"], facts)),
+        (overall.bias_deg, fill(entry["bias"], facts)),
+        (overall.loa_low_deg, fill(entry["low"], facts)),
+    )
+    axes = _Axes(entry["across"], entry["upwards"], _mark_angles(language), _mark_errors(reach, language))
+
+    def draw(told: tuple[str, str], width_px: float) -> str:
+        plot = replace(_PLOT, right_px=width_px - 8, bottom_px=214, across=_DEGREES, upwards=ends_deg)
+        body = [
+            *_draw_cells(counts, plot),
+            *_draw_axes(plot, axes),
+            *(part for mark in marks for part in _draw_mark(plot, *mark)),
+        ]
+        return svg.picture(width_px, plot.bottom_px + 34, f"ba{width_px:.0f}", told, body)
+
+    cells = (overall.bias_deg, overall.sd_deg, *limits)
+    row = (entry["row"], *(format_angle(value, language, 2) for value in cells))
+    alternative = fill(entry["alternative"], facts)
+    return Chart.draw((entry["title"], alternative), draw, entry["columns"], (row,), entry["note"])
 
 
-ROW = 19
-TOP = 26
-STEPS_DEG = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
+def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Chart:
+    """Show both angles in the half minute in which they differ most."""
+    start_s = find_worst(pairs)
+    end_s = start_s + SHOWN_S
+    shown, entry = pairs.cut(start_s, end_s), words["overlay"]
+    rmse_deg = float(np.sqrt(np.mean((shown.ours_deg - shown.reference_deg) ** 2)))
+    facts = {"start": format_elapsed(start_s), "rmse": format_angle(rmse_deg, language, 1)}
+    step = max(1, sum(len(run) for run in shown.runs) // MOST_POINTS)
+    reference, ours = (
+        [list(zip(*(part[::step].tolist() for part in run), strict=True)) for run in runs]
+        for runs in (
+            [(run.time_s, run.reference_deg) for run in shown.runs],
+            [(run.time_s, run.ours_deg) for run in shown.runs],
+        )
+    )
+    ticks = [(start_s + at, format_number(at, 0, language)) for at in range(0, int(SHOWN_S) + 1, 5)]
+    axes = _Axes(fill(entry["across"], facts), entry["upwards"], ticks, _mark_angles(language))
+    plot = replace(_PLOT, bottom_px=194, across=(start_s, end_s))
+    rows = (  # one for each second
+        (
+            format_number(float(run.time_s[at]), 1, language),
+            *(format_angle(float(one[at]), language, 1) for one in (run.reference_deg, run.ours_deg)),
+        )
+        for run in shown.runs
+        for at in range(0, len(run), max(1, round(run.rate_hz)))
+    )
+    return Chart.draw(
+        (entry["title"], fill(entry["alternative"], facts)),
+        _draw_two_lines("ov", (entry["reference"], reference), (entry["ours"], ours), plot, axes),
+        entry["columns"],
+        rows,
+    )
+
+
+def find_worst(pairs: Pairs) -> float:
+    """Return the start of the 30 s, cut in steps of 15 s, with the largest mean square difference."""
+    time_s = np.concatenate([run.time_s for run in pairs.runs])
+    squares = (pairs.ours_deg - pairs.reference_deg) ** 2
+    half_s, first_s = SHOWN_S / 2, float(time_s[0])
+    places = ((time_s - first_s) // half_s).astype(np.int64)
+    sums = np.bincount(places, squares)
+    both = sums[:-1] + sums[1:] if len(sums) > 1 else sums
+    return first_s + half_s * int(np.argmax(both))
+
+
+def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Chart | None:
+    """Show the mean difference and the root mean square through the whole common time; not under a minute."""
+    time_s = np.concatenate([run.time_s for run in pairs.runs])
+    start_s, end_s = float(time_s[0]), float(time_s[-1])
+    if end_s - start_s < 2 * SHOWN_S:
+        return None
+    edges, error = np.linspace(start_s, end_s, STEPS + 1), pairs.ours_deg - pairs.reference_deg
+    places = np.clip(np.searchsorted(edges, time_s, "right") - 1, 0, STEPS - 1)
+    counts = np.bincount(places, minlength=STEPS).astype(np.float64)
+    counts[counts == 0] = np.nan  # nothing was measured
+    means = np.bincount(places, error, STEPS) / counts
+    sizes = np.sqrt(np.bincount(places, error**2, STEPS) / counts)
+    reach = _round_up(*np.abs(means[np.isfinite(means)]), *sizes[np.isfinite(sizes)])
+    entry, middles = words["error_over_time"], (edges[:-1] + edges[1:]) / 2
+    ticks = [(at, format_elapsed(at)) for at in np.linspace(start_s, end_s, 4).tolist()]
+    axes = _Axes(entry["across"], entry["upwards"], ticks, _mark_errors(reach, language))
+    plot = replace(_PLOT, bottom_px=144, across=(start_s, end_s), upwards=(-reach, reach))
+    lines = (entry["rmse"], _break(middles, sizes)), (entry["bias"], _break(middles, means))
+    rows = (
+        (format_elapsed(at), format_angle(mean, language, 2), format_angle(size, language, 2))
+        for at, mean, size in zip(middles.tolist(), means.tolist(), sizes.tolist(), strict=True)
+    )
+    return Chart.draw(
+        (entry["title"], entry["alternative"]),
+        _draw_two_lines("et", *lines, plot, axes),
+        entry["columns"],
+        rows,
+    )
+
+
+def _round_up(*values: float) -> float:
+    """Return the next whole step of 1, 2 or 5 times a power of ten above all values."""
+    most = max((value for value in values if np.isfinite(value)), default=1.0)
+    power = 10.0 ** np.floor(np.log10(max(most, 0.1)))
+    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= most * 1.05 or step == 10))
+
+
+def _mark_angles(language: Language) -> list[Tick]:
+    return [(angle, format_angle(angle, language)) for angle in range(0, 181, 30)]
+
+
+def _mark_errors(reach_deg: float, language: Language) -> list[Tick]:
+    decimals, errors_deg = 0 if reach_deg >= 2 else 1, (part * reach_deg for part in (-1, -0.5, 0, 0.5, 1))
+    return [(error_deg, format_angle(error_deg, language, decimals)) for error_deg in errors_deg]
+
+
+def _break(middles: Vector, values: Vector) -> list[list[Span]]:
+    runs: list[list[Span]] = [[]]
+    for x, y in zip(middles.tolist(), values.tolist(), strict=True):
+        if np.isfinite(y):
+            runs[-1].append((x, y))
+        elif runs[-1]:
+            runs.append([])
+    return runs
+
+
+# ------------------------------------------------------------------ their parts
 
 
 @dataclass(frozen=True, slots=True)
-class _Rows:
-    """What is drawn: the cells of one device, and each task's errors, one for each person."""
+class _Axes:
+    """Names of the axes, and the values at which they are marked."""
 
-    device: str
-    cells: Sequence[AgreementCell]
-    errors_deg: dict[str, list[float]]
+    across: str
+    upwards: str
+    across_ticks: Sequence[Tick]
+    upwards_ticks: Sequence[Tick]
+
+
+def _draw_axes(plot: Plot, axes: _Axes) -> list[str]:
+    dash = f'{svg.RULE} stroke-width="0.6" stroke-dasharray="2 3"'
+    body = [
+        svg.text(0, 11, axes.upwards),
+        svg.text(plot.right_px, plot.bottom_px + 31, axes.across, "soft", "end"),
+    ]
+    for value, label in axes.upwards_ticks:
+        y = plot.y(value)
+        body.append(svg.line(plot.left_px, y, plot.right_px, y, dash))
+        body.append(svg.text(plot.left_px - 5, y + 3.8, label, "soft", "end"))
+    for value, label in axes.across_ticks:
+        x = plot.x(value)
+        anchor = "end" if x > plot.right_px - 1 else "middle"
+        body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, svg.RULE))
+        body.append(svg.text(x, plot.bottom_px + 16, label, "soft", anchor))
+    return [*body, plot.draw_floor()]
+
+
+def _draw_cells(counts: NDArray[np.int_], plot: Plot) -> Iterable[str]:
+    """Draw how many rows fall into each cell: a shade for each share of the fullest five times the last."""
+    wide, high = (plot.right_px - plot.left_px) / COLUMNS, (plot.bottom_px - plot.top_px) / ROWS
+    for column, row in np.argwhere(counts).tolist():
+        share = counts[column, row] / counts.max()
+        shade = sum(share >= limit for limit in (1 / 625, 1 / 125, 1 / 25, 1 / 5))
+        place = (plot.left_px + column * wide, plot.bottom_px - (row + 1) * high, wide + 0.1, high + 0.1)
+        yield svg.rect(*place, f'fill="{svg.RAMP[shade]}"')
+
+
+def _draw_mark(plot: Plot, value: float, label: str) -> list[str]:
+    y, length = plot.y(value), svg.estimate_width(label)
+    stroke = f'{svg.ACCENT} stroke-width="1.2" stroke-dasharray="5 3"'
+    return [
+        svg.line(plot.left_px, y, plot.right_px, y, stroke),
+        svg.rect(plot.right_px - length - 4, y - 12, length + 4, 11, svg.PLATE),
+        svg.text(plot.right_px - 2, y - 3, label, "strong", "end"),
+    ]
+
+
+def _draw_two_lines(
+    key: str,
+    reference: tuple[str, list[list[Span]]],
+    ours: tuple[str, list[list[Span]]],
+    plot: Plot,
+    axes: _Axes,
+) -> Callable[[tuple[str, str], float], str]:
+    """Draw curves of unbroken runs: the reference wide and light, ours thin and dark upon it."""
+    strokes = (
+        f'{svg.ACCENT_CURVE} stroke-width="3" stroke-opacity="0.55"',
+        f'{svg.CURVE} stroke-width="1.3"',
+    )
+
+    def draw(words: tuple[str, str], width_px: float) -> str:
+        placed = replace(plot, right_px=width_px - 8)
+        body, x, bottom = _draw_axes(placed, axes), plot.left_px, plot.bottom_px
+        for (label, runs), stroke in zip((reference, ours), strokes, strict=True):
+            joined = f'{stroke} stroke-linejoin="round"'
+            body += [placed.follow(run, joined) for run in runs if len(run) > 1]
+            body.append(svg.path(f"M{svg.number(x)} {svg.number(bottom + 29)}l18 0", stroke))
+            body.append(svg.text(x + 23, bottom + 33, label))
+            x += 40 + svg.estimate_width(label)
+        return svg.picture(width_px, bottom + 40, f"{key}{width_px:.0f}", words, body)
+
+    return draw
+
+
+# ------------------------------------------------------------------ a study: each person's error in each task
+
+
+ROW_PX = 19
+TOP_PX = 26
+STEPS_DEG = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
 
 
 def draw_study(
@@ -43,234 +265,81 @@ def draw_study(
     language: Language,
 ) -> Chart:
     """Draw a row for each task of a device: a ring for each person, a bar at their mean, the paper's mark."""
-    entry = words["study_figure"]
-    shown = [cell for cell in cells if cell.device == device]
-    name = find_device_name(load_wording(language), device)
-    title = fill(entry["title"], {"device": name})
-    labels = (title, fill(entry["alternative"], {"device": name}))
-    errors_deg = {
-        cell.task: [e.agreement.rmse_deg for e in entries if (e.task, e.device) == (cell.task, device)]
-        for cell in shown
-    }
-    rows = _Rows(device, shown, errors_deg)
-    drawn = {width: _draw(rows, width, labels, entry, language) for width in (WIDE, NARROW)}
-    table = tuple((clean_text(cell.task), *_format_row(cell, language)) for cell in shown)
-    return Chart(*labels, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
-
-
-def _format_row(cell: AgreementCell, language: Language) -> tuple[str, str]:
-    paper = find_paper_row(cell)
-    return (
-        format_angle(cell.rmse_deg.mean, language, 2),
-        format_angle(paper["rmse_deg"] if paper else None, language, 2),
+    entry, name = words["study_figure"], find_device_name(load_wording(language), device)
+    rows = [
+        _StudyRow(
+            clean_text(cell.task),
+            [e.agreement.rmse_deg for e in entries if (e.task, e.device) == (cell.task, device)],
+            cell.rmse_deg.mean,
+            paper["rmse_deg"] if (paper := find_paper_row(cell)) else None,
+        )
+        for cell in cells
+        if cell.device == device
+    ]
+    return Chart.draw(
+        (fill(entry["title"], {"device": name}), fill(entry["alternative"], {"device": name})),
+        lambda labels, width_px: _draw_study(
+            rows, f"st-{device}-{width_px:.0f}", labels, entry, language, width_px
+        ),
+        entry["columns"],
+        (
+            (row.task, *(format_angle(deg, language, 2) for deg in (row.mean_deg, row.paper_deg)))
+            for row in rows
+        ),
     )
 
 
-def _draw(rows: _Rows, width_px: float, labels: tuple[str, str], entry: Words, language: Language) -> str:
-    left = 190.0 if width_px > NARROW else 110.0
-    papers = [paper["rmse_deg"] or 0.0 for cell in rows.cells if (paper := find_paper_row(cell))]
-    most = max([*papers, *(value for values in rows.errors_deg.values() for value in values), 0.5])
+@dataclass(frozen=True, slots=True)
+class _StudyRow:
+    """One task: the errors of each person, their mean, and the paper's."""
+
+    task: str
+    errors_deg: Sequence[float]
+    mean_deg: float
+    paper_deg: float | None
+
+
+def _draw_study(
+    rows: Sequence[_StudyRow],
+    key: str,
+    labels: tuple[str, str],
+    entry: Words,
+    language: Language,
+    width_px: float,
+) -> str:
+    left, bottom = 190.0 if width_px > NARROW else 110.0, TOP_PX + ROW_PX * len(rows)
+    papers = [row.paper_deg for row in rows if row.paper_deg is not None]
+    most = max([*papers, *(error_deg for row in rows for error_deg in row.errors_deg), 0.5])
     step = next((step for step in STEPS_DEG if most / step <= 6), STEPS_DEG[-1])
-    scale = (width_px - left - 14) / (most * 1.03)
-    bottom = TOP + ROW * len(rows.cells)
-    body = _draw_axis(left, bottom, scale, (step, most), language)
-    for at, cell in enumerate(rows.cells):
-        y = TOP + ROW * (at + 0.5)
-        body.append(svg.text(0, y + 4, svg.shorten(clean_text(cell.task), left - 8), "ink"))
-        body += _draw_row(cell, rows.errors_deg[cell.task], (left, y, scale))
-    body += _draw_legend(min(left, 60.0), bottom + 36, entry)
-    return svg.picture(width_px, bottom + 44, f"st-{rows.device}-{width_px:.0f}", labels, body)
-
-
-def _draw_axis(
-    left_px: float, bottom_px: float, px_per_deg: float, span: tuple[float, float], language: Language
-) -> list[str]:
-    step, most = span
-    dash = f'class="rule" stroke="{svg.SOFT}" stroke-width="0.6" stroke-dasharray="2 3"'
-    body = []
+    px_per_deg = (width_px - left - 14) / (most * 1.03)
+    dash, body = f'{svg.RULE} stroke-width="0.6" stroke-dasharray="2 3"', []
     for k in range(int(most / step) + 1):
-        x, label = left_px + k * step * px_per_deg, format_angle(k * step, language, 0 if step >= 1 else 2)
-        body.append(svg.line(x, TOP - 4, x, bottom_px, dash))
-        body.append(svg.text(x, bottom_px + 15, label, "soft", "middle"))
-    return body
-
-
-def _draw_row(cell: AgreementCell, values: Sequence[float], place: tuple[float, float, float]) -> list[str]:
-    left, y, scale = place
-    body = [_draw_ring(left + value * scale, y) for value in values]
-    body.append(_draw_bar(left + cell.rmse_deg.mean * scale, y))
-    paper = find_paper_row(cell)
-    return [*body, _draw_diamond(left + (paper["rmse_deg"] or 0.0) * scale, y)] if paper else body
+        x, label = left + k * step * px_per_deg, format_angle(k * step, language, 0 if step >= 1 else 2)
+        body.append(svg.line(x, TOP_PX - 4, x, bottom, dash))
+        body.append(svg.text(x, bottom + 15, label, "soft", "middle"))
+    for rank, row in enumerate(rows):
+        y = TOP_PX + ROW_PX * (rank + 0.5)
+        body.append(svg.text(0, y + 4, svg.shorten(row.task, left - 8), "ink"))
+        body += [_draw_ring(left + error_deg * px_per_deg, y) for error_deg in row.errors_deg]
+        body.append(_draw_bar(left + row.mean_deg * px_per_deg, y))
+        if row.paper_deg is not None:
+            body.append(_draw_diamond(left + row.paper_deg * px_per_deg, y))
+    x, y = min(left, 60.0), bottom + 36
+    for name, draw in (("person", _draw_ring), ("mean", _draw_bar), ("paper", _draw_diamond)):
+        body += [draw(x, y - 4), svg.text(x + 9, y, entry[name])]
+        x += 26 + svg.estimate_width(entry[name])
+    return svg.picture(width_px, bottom + 44, key, labels, body)
 
 
 def _draw_ring(x_px: float, y_px: float) -> str:
     arcs = "a3.2 3.2 0 1 0 6.4 0a3.2 3.2 0 1 0 -6.4 0"
-    stroke = f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="1.2"'
-    return svg.path(f"M{svg.number(x_px - 3.2)} {svg.number(y_px)}{arcs}", stroke)
+    return svg.path(f"M{svg.number(x_px - 3.2)} {svg.number(y_px)}{arcs}", f'{svg.CURVE} stroke-width="1.2"')
 
 
 def _draw_bar(x_px: float, y_px: float) -> str:
-    return svg.line(
-        x_px, y_px - 7, x_px, y_px + 7, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="2.4"'
-    )
+    return svg.line(x_px, y_px - 7, x_px, y_px + 7, f'{svg.MEDIAN} stroke-width="2.4"')
 
 
 def _draw_diamond(x_px: float, y_px: float) -> str:
     colour = f'class="accent-line" fill="{svg.ORANGE}" stroke="{svg.ORANGE}"'
     return svg.path(f"M{svg.number(x_px - 4.5)} {svg.number(y_px)}l4.5 -4.5l4.5 4.5l-4.5 4.5Z", colour)
-
-
-def _draw_legend(left_px: float, y_px: float, entry: Words) -> list[str]:
-    body = []
-    signs = ((entry["person"], _draw_ring), (entry["mean"], _draw_bar), (entry["paper"], _draw_diamond))
-    for label, draw in signs:
-        body += [draw(left_px, y_px - 4), svg.text(left_px + 9, y_px, label)]
-        left_px += 26 + svg.estimate_width(label)
-    return body
-
-
-AxisTitles = tuple[str, str]
-COLUMNS, ROWS = 60, 40
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """Where values fall on the sheet: ``across`` and ``upwards`` are (low, high)."""
-
-    left_px: float
-    right_px: float
-    top_px: float
-    bottom_px: float
-    across: tuple[float, float]
-    upwards: tuple[float, float]
-
-    def x(self, value: float) -> float:
-        """Give the place of a value, kept inside."""
-        low, high = self.across
-        return self.left_px + (self.right_px - self.left_px) * min(
-            max((value - low) / (high - low), 0.0), 1.0
-        )
-
-    def y(self, value: float) -> float:
-        """Give the place of a value, kept inside."""
-        low, high = self.upwards
-        return self.bottom_px - (self.bottom_px - self.top_px) * min(
-            max((value - low) / (high - low), 0.0), 1.0
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Axes:
-    """Names of the axes, and the values at which they are marked."""
-
-    across: str
-    upwards: str
-    across_ticks: Sequence[tuple[float, str]]
-    upwards_ticks: Sequence[tuple[float, str]]
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One or more unbroken runs of points (x, y), in one stroke."""
-
-    label: str
-    runs: Sequence[Sequence[tuple[float, float]]]
-    is_reference: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Density:
-    """How many rows fall into each cell (column, row), of ``COLUMNS`` by ``ROWS``; and the marked lines."""
-
-    cells: Sequence[tuple[int, int, int]]
-    marks: Sequence[tuple[float, str]]
-
-
-def frame_plot(
-    width_px: float, height_px: float, across: tuple[float, float], upwards: tuple[float, float]
-) -> Frame:
-    """Lay the frame of a drawing of this width."""
-    return Frame(38, width_px - 8, 24, 24 + height_px, across, upwards)
-
-
-def draw_density(key: str, density: Density, frame: Frame, axes: Axes, words: AxisTitles) -> str:
-    """Draw shaded cells, the darker the more rows, under lines at the bias and the limits."""
-    most = max((count for _, _, count in density.cells), default=1)
-    wide, high = (frame.right_px - frame.left_px) / COLUMNS, (frame.bottom_px - frame.top_px) / ROWS
-    cells = [
-        svg.rect(
-            frame.left_px + column * wide,
-            frame.bottom_px - (row + 1) * high,
-            wide + 0.1,
-            high + 0.1,
-            f'fill="{svg.RAMP[_shade(count, most)]}"',
-        )
-        for column, row, count in density.cells
-    ]
-    body = [
-        *cells,
-        *_draw_axes(frame, axes),
-        *(part for mark in density.marks for part in _draw_mark(frame, mark)),
-    ]
-    return svg.picture(frame.right_px + 8, frame.bottom_px + 34, key, words, body)
-
-
-def _shade(count: int, most: int) -> int:
-    """Five shades, each for a share of the fullest cell five times that of the one before."""
-    share = count / most
-    return sum(share >= limit for limit in (1 / 625, 1 / 125, 1 / 25, 1 / 5))
-
-
-def _draw_mark(frame: Frame, mark: tuple[float, str]) -> list[str]:
-    value, label = mark
-    y = frame.y(value)
-    stroke = f'class="accent-line" stroke="{svg.ORANGE}" stroke-width="1.2" stroke-dasharray="5 3"'
-    length = svg.estimate_width(label)
-    plate = svg.rect(frame.right_px - length - 4, y - 12, length + 4, 11, f'class="paper" fill="{svg.PAPER}"')
-    words = svg.text(frame.right_px - 2, y - 3, label, "strong", "end")
-    return [svg.line(frame.left_px, y, frame.right_px, y, stroke), plate, words]
-
-
-def draw_lines(key: str, lines: Sequence[Line], frame: Frame, axes: Axes, words: AxisTitles) -> str:
-    """Draw curves: the reference wide and light, ours thin and dark upon it."""
-    body = _draw_axes(frame, axes)
-    at = frame.left_px
-    for line in lines:
-        stroke = _choose_stroke(is_reference=line.is_reference)
-        body += [_draw_run(run, frame, stroke) for run in line.runs if len(run) > 1]
-        body.append(svg.path(f"M{svg.number(at)} {svg.number(frame.bottom_px + 29)}l18 0", stroke))
-        body.append(svg.text(at + 23, frame.bottom_px + 33, line.label))
-        at += 40 + svg.estimate_width(line.label)
-    return svg.picture(frame.right_px + 8, frame.bottom_px + 40, key, words, body)
-
-
-def _choose_stroke(*, is_reference: bool) -> str:
-    if is_reference:
-        return f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="3" stroke-opacity="0.55"'
-    return f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="1.3"'
-
-
-def _draw_run(run: Sequence[tuple[float, float]], frame: Frame, stroke: str) -> str:
-    points = (f"{svg.number(frame.x(x))} {svg.number(frame.y(y))}" for x, y in run)
-    return svg.path("M" + "L".join(points), f'{stroke} stroke-linejoin="round"')
-
-
-def _draw_axes(frame: Frame, axes: Axes) -> list[str]:
-    rule = f'class="rule" stroke="{svg.SOFT}"'
-    dash = f'{rule} stroke-width="0.6" stroke-dasharray="2 3"'
-    body = [
-        svg.text(0, 11, axes.upwards),
-        svg.text(frame.right_px, frame.bottom_px + 31, axes.across, "soft", "end"),
-    ]
-    for value, label in axes.upwards_ticks:
-        y = frame.y(value)
-        body += [
-            svg.line(frame.left_px, y, frame.right_px, y, dash),
-            svg.text(frame.left_px - 5, y + 3.8, label, "soft", "end"),
-        ]
-    for value, label in axes.across_ticks:
-        x = frame.x(value)
-        anchor = "end" if x > frame.right_px - 1 else "middle"
-        body.append(svg.line(x, frame.bottom_px, x, frame.bottom_px + 4, rule))
-        body.append(svg.text(x, frame.bottom_px + 16, label, "soft", anchor))
-    return [*body, svg.line(frame.left_px, frame.bottom_px, frame.right_px, frame.bottom_px, rule)]

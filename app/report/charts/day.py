@@ -4,16 +4,29 @@ The 15 minutes with the most time above 60 deg are vermillion and bracketed, the
 triangle, excluded time is hatched, missing time stays white between dotted edges: grey paper loses nothing.
 """
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Literal
 
-from app.report.analysis.day import Block, Day, Mark, MinuteBand
+import numpy as np
+
 from app.report.charts import svg
-from app.report.charts.svg import NARROW
+from app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
+from app.report.findings import Findings
+from app.report.model import Chart
+from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
+from app.report.words.wording import Words, fill, join_clauses
+from fusion.conventions import MAIN_THRESHOLD_DEG
+from fusion.exposure.types import MinuteProfile
+from fusion.recording import MICROSECONDS
+from fusion.recording import Span as LeftOut
 
-TOP_DEG = 180.0
-GUIDES_DEG = (30, 60, 90)
+MINUTE_S = 60.0
+WORST_WINDOW_S = 900
+SHORTEST_MARK_S = 30.0
+"""Shorter stretches are narrower than a line on the page; they stand in the time account."""
 LONG_S = 7200.0
 """Beyond two hours minutes stand so close that a thinner median leaves the band to be seen."""
 
@@ -22,9 +35,132 @@ _LANE_PX = 22.0
 _SHORTEST_NAME = 5
 """Signs of a name, its rank included, that are worth writing."""
 
-_INNER = f'class="band" fill="{svg.RAMP[1]}"'
-_OUTER = f'{_INNER} fill-opacity="0.45"'
+_OUTER = f'{svg.BAND} fill-opacity="0.45"'
 _TICK_STEPS_S = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
+
+# ------------------------------------------------------------------ the day as it is drawn
+
+
+@dataclass(frozen=True, slots=True)
+class MinuteBand:
+    """One minute of the day: P10, median and P90 of the elevation in it."""
+
+    start_s: float
+    end_s: float
+    low_deg: float
+    middle_deg: float
+    high_deg: float
+
+
+Run = tuple[MinuteBand, ...]
+"""Minutes without a hole between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A stretch without analysed time, and what to call it. What is left out is hatched."""
+
+    start_s: float
+    end_s: float
+    kind: Literal["left out", "missing"]
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A period with a name under the timeline; ``rank`` is 1 to 3 where it has the most time above 60 deg."""
+
+    start_s: float
+    end_s: float
+    label: str
+    rank: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Day:
+    """Everything the timeline needs.
+
+    ``longest_start_s`` is when the longest continuous time above 60 deg began; ``blocks`` stand under the
+    plot.
+    """
+
+    duration_s: float
+    clock: Clock
+    runs: tuple[Run, ...]
+    marks: tuple[Mark, ...]
+    worst: Span | None
+    longest_start_s: float | None = None
+    blocks: tuple[Block, ...] = ()
+
+
+def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
+    """Build the timeline of a recording."""
+    duration_s = findings.recording.duration_us / MICROSECONDS
+    runs = _build_runs(findings.exposure.minutes, duration_s)
+    left_out = merge_spans(findings.exclusions)
+    marks = [Mark(a, b, "left out", format_reason(reason, words)) for a, b, reason in left_out]
+    covered = sorted([(b.start_s, b.end_s) for run in runs for b in run] + [(a, b) for a, b, _ in left_out])
+    reached_s = 0.0  # what neither a minute with values nor a stretch left out covers is missing
+    for start_s, end_s in (*covered, (duration_s, duration_s)):
+        if start_s > reached_s:
+            marks.append(Mark(reached_s, start_s, "missing", words["day"]["missing"]))
+        reached_s = max(reached_s, end_s)
+    shown = (mark for mark in marks if mark.end_s - mark.start_s >= SHORTEST_MARK_S)
+    worst = (
+        (w.start_s, w.start_s + w.length_s)
+        for w in findings.exposure.peak_windows
+        if w.length_s == WORST_WINDOW_S and w.start_s is not None and w.percent_above_60
+    )
+    stays = (e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
+    return Day(
+        duration_s=duration_s,
+        clock=clock,
+        runs=runs,
+        marks=tuple(sorted(shown, key=lambda mark: mark.start_s)),
+        worst=next(worst, None),
+        longest_start_s=next((stay.longest_start_s for stay in stays), None),
+    )
+
+
+def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
+    """Move a day onto a longer axis that begins ``by_s`` earlier; time outside it is marked ``absent``."""
+    runs = tuple(
+        tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
+    )
+    marks = [replace(m, start_s=m.start_s + by_s, end_s=m.end_s + by_s) for m in day.marks]
+    outside = ((0.0, by_s), (by_s + day.duration_s, duration_s))
+    marks += [Mark(a, b, "missing", absent) for a, b in outside if b - a >= SHORTEST_MARK_S]
+    return Day(duration_s, clock, runs, tuple(sorted(marks, key=lambda mark: mark.start_s)), None)
+
+
+def format_reason(reason: str, words: Words) -> str:
+    """Write a reason for leaving time out; an unknown one (a diary's own word) stays as it is."""
+    return str(words["reason"].get(reason, reason or words["day"]["left_out"]))
+
+
+def merge_spans(spans: Iterable[LeftOut]) -> list[tuple[float, float, str]]:
+    """Join stretches of one reason that touch or overlap; seconds, in time order."""
+    merged: list[tuple[int, int, str]] = []
+    for span in sorted(spans, key=lambda s: (s.reason, s.start_us)):
+        if merged and merged[-1][2] == span.reason and span.start_us <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(merged[-1][1], span.end_us), span.reason)
+        else:
+            merged.append((span.start_us, span.end_us, span.reason))
+    return sorted((a / MICROSECONDS, b / MICROSECONDS, reason) for a, b, reason in merged)
+
+
+def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:
+    kept = np.isfinite(minutes.p50_deg) & (minutes.analysed_s > 0)
+    columns = (minutes.start_s, minutes.p10_deg, minutes.p50_deg, minutes.p90_deg)
+    runs: list[list[MinuteBand]] = []
+    for start_s, *angles_deg in zip(*(column[kept].tolist() for column in columns), strict=True):
+        if not runs or start_s > runs[-1][-1].end_s + 1e-6:
+            runs.append([])
+        runs[-1].append(MinuteBand(start_s, min(start_s + MINUTE_S, duration_s), *angles_deg))
+    return tuple(map(tuple, runs))
+
+
+# ------------------------------------------------------------------ with words and table
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,81 +179,113 @@ class DayLabels:
     """P25 to P75, where the band is drawn lighter around it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Plot:
-    """Where seconds and degrees fall on the sheet."""
+def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words: Words) -> Chart:
+    """Build the timeline of the day, with the periods under it."""
+    exposure, entry, language = findings.exposure, words["day"], clock.language
+    day = replace(build_timeline(findings, clock, words), blocks=blocks)
+    percent = next((w.percent_above_60 for w in exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
+    stay = next(e for e in exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
+    marks = (f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks)
+    facts = {
+        "start": clock.format(0),
+        "end": clock.format(day.duration_s),
+        **{f"p{p}": format_angle(exposure.percentiles_deg.get(p), language) for p in (10, 50, 90)},
+        "marks": join_clauses(marks, language),
+    }
+    labels = replace(
+        build_day_labels(entry["title"], fill(entry["alternative"], facts), words),
+        worst=fill(entry["worst"], {"percent": format_percent(percent, language)}),
+        longest=fill(entry["longest"], {"duration": format_duration(stay.longest_s, language)}),
+    )
+    chart = Chart.draw(
+        (labels.title, labels.description),
+        lambda _, width_px: draw_day(day, labels, width_px),
+        entry["columns"],
+        (_tell_band(band, clock) for run in day.runs for band in run),
+    )
+    return replace(chart, table=replace(chart.table, note=entry["table_note"]))
 
-    left_px: float
-    right_px: float
-    top_px: float
-    bottom_px: float
-    duration_s: float
 
-    def x(self, time_s: float) -> float:
-        share = min(max(time_s / self.duration_s, 0.0), 1.0)
-        return self.left_px + (self.right_px - self.left_px) * share
+def build_two_days(days: Sequence[tuple[str, Day]], entry: Words, words: Words) -> Chart:
+    """Build two days, one above the other, on one clock; each is named at its top left."""
+    _, last = days[-1]
+    clock = last.clock
+    facts = {"start": clock.format(0), "end": clock.format(last.duration_s)}
+    labels = build_day_labels(entry["title"], fill(entry["alternative"], facts), words)
+    return Chart.draw(
+        (labels.title, labels.description),
+        lambda _, width_px: _draw_two_days(days, labels, width_px),
+        entry["columns"],
+        ((name, *_tell_band(band, clock)) for name, day in days for run in day.runs for band in run),
+    )
 
-    def y(self, angle_deg: float) -> float:
-        return self.bottom_px - (self.bottom_px - self.top_px) * angle_deg / TOP_DEG
+
+def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
+    """Return the words of a timeline; those of its legend are the same in every report."""
+    told = (words["day"][name] for name in ("band", "median", "left_out", "missing"))
+    return DayLabels(title, description, *told)
+
+
+def _tell_band(band: MinuteBand, clock: Clock) -> tuple[str, ...]:
+    angles_deg = (band.low_deg, band.middle_deg, band.high_deg)
+    return clock.format(band.start_s), *(format_angle(deg, clock.language) for deg in angles_deg)
+
+
+# ------------------------------------------------------------------ one day, or two
 
 
 def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     """Draw elevation through the day: each minute's P10 to P90, its median, the tasks, the gaps."""
     key = f"day{width_px:.0f}"
-    plot = _Plot(36, width_px - 4, 22, 156 if width_px > NARROW else 190, max(day.duration_s, 1.0))
+    plot = _lay_out(day, 36, width_px - 4, 22, 156 if width_px > NARROW else 190)
     axis = replace(plot, bottom_px=plot.bottom_px + (_LANE_PX if day.blocks else 0.0))
-    legend, height = _draw_day_legend((day,), labels, axis.bottom_px + 38, key, width_px)
+    legend, height = _draw_legend((day,), labels, axis.bottom_px + 38, key, width_px)
     body = [
         svg.define_hatch(key),
         *_draw_panel(day, plot, key),
         *(stroke for block in day.blocks for stroke in _draw_block(block, plot)),
         *_draw_time_axis(day, axis),
-        *_draw_bracket(day, plot),
-        *_draw_longest(day, plot),
-        *legend,
     ]
-    return svg.picture(width_px, height, key, (labels.title, labels.description), body)
+    if day.worst is not None:
+        start, end = map(plot.x, day.worst)
+        body.append(_draw_bracket(start, end, plot.top_px))
+    if day.longest_start_s is not None:  # over the bracket
+        body.append(_draw_triangle(plot.x(day.longest_start_s), plot.top_px - 9))
+    return svg.picture(width_px, height, key, (labels.title, labels.description), body + legend)
 
 
-def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: float) -> str:
-    """Draw days one above the other, on one clock; each is named at its top left."""
-    key = f"days{width_px:.0f}"
-    height = 120.0 if width_px > NARROW else 130.0
-    body, plot = [svg.define_hatch(key)], _Plot(32, width_px - 4, 0, 0, 1.0)
+def _draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: float) -> str:
+    key, height = f"days{width_px:.0f}", 120.0 if width_px > NARROW else 130.0
+    body, plot = [svg.define_hatch(key)], Plot(0, 0)
     for rank, (name, day) in enumerate(days):
         top = 18 + rank * (height + 28)
-        plot = _Plot(32, width_px - 4, top, top + height, max(day.duration_s, 1.0))
-        body += _draw_panel(day, plot, key)
-        body.append(svg.text(plot.left_px, top - 6, name, "strong"))
-    shown = tuple(day for _, day in days)
-    legend, bottom = _draw_day_legend(shown, labels, plot.bottom_px + 38, key, width_px)
-    body += _draw_time_axis(days[-1][1], plot) + legend
+        plot = _lay_out(day, 32, width_px - 4, top, top + height)
+        body += [*_draw_panel(day, plot, key), svg.text(plot.left_px, top - 6, name, "strong")]
+    every = [day for _, day in days]
+    legend, bottom = _draw_legend(every, labels, plot.bottom_px + 38, key, width_px)
+    body += _draw_time_axis(every[-1], plot) + legend
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
+
+
+def _lay_out(day: Day, left_px: float, right_px: float, top_px: float, bottom_px: float) -> Plot:
+    return Plot(left_px, right_px, top_px, bottom_px, across=(0.0, max(day.duration_s, 1.0)))
+
+
+# ------------------------------------------------------------------ several days over one another
 
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
     """Several days on one clock.
 
-    Attributes
-    ----------
-    name
-        Of which arm, say.
-    day
-        P10 to P90 and median by quarter hour; missing where too few days are.
-    inner
-        P25 to P75, in the same runs.
-    counts
-        Quarter hours with the days that they rest upon: start and end, s on the axis, and days.
-    days
-        All days.
-    counts_label
-        Words of the lane of counts.
+    ``day``: P10 to P90 and median by quarter hour, missing where too few days are; ``inner``: P25 to P75, in
+    the same runs. ``counts``: quarter hours with the days that they rest upon: start and end, s on the axis,
+    and days, of ``days`` in all.
     """
 
     name: str
     day: Day
-    inner: tuple[tuple[MinuteBand, ...], ...]
+    inner: tuple[Run, ...]
     counts: tuple[tuple[float, float, int], ...]
     days: int
     counts_label: str
@@ -133,30 +301,26 @@ def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float)
     body, bottom = [svg.define_hatch(key)], 0.0
     for rank, overlay in enumerate(panels):
         left, top = (rank % across) * (room + 16), 24 + (rank // across) * 224.0
-        plot = _Plot(left + 36, left + room - 4, top, top + 130, max(overlay.day.duration_s, 1.0))
-        body += [svg.text(left, top - 13, overlay.name, "strong"), *_draw_overlay(overlay, plot, key)]
+        plot, day = _lay_out(overlay.day, left + 36, left + room - 4, top, top + 130), overlay.day
+        body += [
+            svg.text(left, top - 13, overlay.name, "strong"),
+            *_draw_guides(plot),
+            *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
+            *(_draw_band(run, plot, _OUTER) for run in day.runs),
+            *(_draw_band(run, plot, svg.BAND) for run in overlay.inner),
+            *(_draw_median(run, plot, 1.8) for run in day.runs),
+            *_draw_time_axis(day, plot),
+            *_draw_counts(overlay, plot),
+        ]
         bottom = plot.bottom_px + 76
-    legend, height = _draw_day_legend([panel.day for panel in panels], labels, bottom, key, width_px)
+    legend, height = _draw_legend([panel.day for panel in panels], labels, bottom, key, width_px)
     return svg.picture(width_px, height, key, (labels.title, labels.description), body + legend)
 
 
-def _draw_overlay(overlay: Overlay, plot: _Plot, key: str) -> list[str]:
-    day = overlay.day
-    return [
-        *_draw_guides(plot),
-        *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
-        *(_draw_band(run, plot, _OUTER) for run in day.runs),
-        *(_draw_band(run, plot) for run in overlay.inner),
-        *(_draw_median(run, plot, 1.8) for run in day.runs),
-        *_draw_time_axis(day, plot),
-        *_draw_counts(overlay, plot),
-    ]
-
-
-def _draw_counts(overlay: Overlay, plot: _Plot) -> list[str]:
+def _draw_counts(overlay: Overlay, plot: Plot) -> list[str]:
     """Draw a bar for each quarter hour, as high as its share of all days."""
     bottom = plot.bottom_px + 56
-    body = [svg.line(plot.left_px, bottom, plot.right_px, bottom, f'class="rule" stroke="{svg.SOFT}"')]
+    body = [svg.line(plot.left_px, bottom, plot.right_px, bottom, svg.RULE)]
     for start_s, end_s, days in overlay.counts:
         x, height = plot.x(start_s), 18.0 * days / max(overlay.days, 1)
         place = (x, bottom - height, max(plot.x(end_s) - x - 0.5, 0.5), height)
@@ -165,157 +329,150 @@ def _draw_counts(overlay: Overlay, plot: _Plot) -> list[str]:
     return [*body, svg.text(plot.left_px, bottom - 22, overlay.counts_label)]
 
 
-def _draw_panel(day: Day, plot: _Plot, key: str) -> list[str]:
-    return [
+# ------------------------------------------------------------------ the parts of a panel
+
+
+def _draw_panel(day: Day, plot: Plot, key: str) -> list[str]:
+    """Draw minutes as steps, for a value belongs to its whole minute; over and under them the gaps."""
+    weight = 0.9 if plot.across[1] > LONG_S else 1.5
+    body = [
         *_draw_guides(plot),
         *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
-        *(stroke for run in day.runs for stroke in _draw_run(run, plot)),
-        *(stroke for mark in day.marks for stroke in _draw_mark_label(mark, plot)),
     ]
+    for run in day.runs:
+        body += [_draw_band(run, plot, svg.BAND), _draw_median(run, plot, weight)]
+    return body + [stroke for mark in day.marks for stroke in _draw_mark_label(mark, plot)]
 
 
-def _draw_guides(plot: _Plot) -> list[str]:
+def _draw_guides(plot: Plot) -> list[str]:
     body = []
-    for degrees in range(0, 181, 30):
+    for degrees in (0, *GUIDES_DEG, 120, 180):
         y = plot.y(degrees)
         if degrees in GUIDES_DEG:
             weight = "1" if degrees == 60 else "0.7"
-            dash = f'class="rule" stroke="{svg.SOFT}" stroke-width="{weight}" stroke-dasharray="3 3"'
+            dash = f'{svg.RULE} stroke-width="{weight}" stroke-dasharray="3 3"'
             body.append(svg.line(plot.left_px, y, plot.right_px, y, dash))
         kind = "strong" if degrees == 60 else "soft"
-        if degrees % 60 == 0 or degrees in GUIDES_DEG:
-            body.append(svg.text(plot.left_px - 5, y + 3.8, f"{degrees}°", kind, "end"))
-    frame = f'class="rule" stroke="{svg.SOFT}"'
-    return [*body, svg.line(plot.left_px, plot.bottom_px, plot.right_px, plot.bottom_px, frame)]
+        body.append(svg.text(plot.left_px - 5, y + 3.8, f"{degrees}°", kind, "end"))
+    return [*body, plot.draw_floor()]
 
 
-def _draw_mark(mark: Mark, plot: _Plot, key: str) -> list[str]:
+def _draw_mark(mark: Mark, plot: Plot, key: str) -> list[str]:
     x, end = plot.x(mark.start_s), plot.x(mark.end_s)
-    height = plot.bottom_px - plot.top_px
-    ground = svg.rect(x, plot.top_px, end - x, height, f'class="paper" fill="{svg.PAPER}"')
-    edge = f'class="rule" stroke="{svg.SOFT}" stroke-width="0.7" stroke-dasharray="1.5 2"'
-    edges = [svg.line(at, plot.top_px, at, plot.bottom_px, edge) for at in (x, end)]
-    if mark.kind == "missing":
-        return [ground, *edges]
-    hatch = svg.rect(x, plot.top_px, end - x, height, f'fill="url(#{key}-h)" fill-opacity="0.55"')
-    return [ground, hatch]
+    place = (x, plot.top_px, end - x, plot.bottom_px - plot.top_px)
+    ground = svg.rect(*place, svg.PLATE)
+    if mark.kind == "left out":
+        return [ground, svg.rect(*place, f'fill="url(#{key}-h)" fill-opacity="0.55"')]
+    edge = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="1.5 2"'
+    return [ground, *(svg.line(at, plot.top_px, at, plot.bottom_px, edge) for at in (x, end))]
 
 
-def _draw_mark_label(mark: Mark, plot: _Plot) -> list[str]:
+def _draw_mark_label(mark: Mark, plot: Plot) -> list[str]:
     """Write what the stretch is: across where there is room, upwards in a narrow one, else nothing."""
     x, room = (plot.x(mark.start_s) + plot.x(mark.end_s)) / 2, plot.x(mark.end_s) - plot.x(mark.start_s)
     length = svg.estimate_width(mark.label) + 8
     y = (plot.top_px + plot.bottom_px) / 2
-    plate = f'class="paper" fill="{svg.PAPER}"'
     words = svg.text(x, y + 3.8, mark.label, "ink", "middle")
     if room >= length:
-        return [svg.rect(x - length / 2, y - 8, length, 16, plate), words]
+        return [svg.rect(x - length / 2, y - 8, length, 16, svg.PLATE), words]
     if room < 11.5 or length > plot.bottom_px - plot.top_px:
         return []
     turned = f'<g transform="rotate(-90 {svg.number(x)} {svg.number(y)})">'
-    return [turned, svg.rect(x - length / 2, y - 5.5, length, 11, plate), words, "</g>"]
+    return [turned, svg.rect(x - length / 2, y - 5.5, length, 11, svg.PLATE), words, "</g>"]
 
 
-def _draw_run(run: tuple[MinuteBand, ...], plot: _Plot) -> list[str]:
-    """Draw minutes as steps, for a value belongs to its whole minute."""
-    return [_draw_band(run, plot), _draw_median(run, plot, 0.9 if plot.duration_s > LONG_S else 1.5)]
-
-
-def _draw_band(run: tuple[MinuteBand, ...], plot: _Plot, attributes: str = _INNER) -> str:
-    upper, lower = _step_through(run, [band.high_deg for band in run], plot), _step_back(run, plot)
+def _draw_band(run: Run, plot: Plot, attributes: str) -> str:
+    last = run[-1]
+    back = "".join(
+        f"V{svg.number(plot.y(band.low_deg))}H{svg.number(plot.x(band.start_s))}" for band in reversed(run)
+    )
+    upper = _step_through(run, [band.high_deg for band in run], plot)
+    lower = f"{svg.number(plot.x(last.end_s))} {svg.number(plot.y(last.low_deg))}{back}"
     return svg.path(f"M{upper}L{lower}Z", attributes)
 
 
-def _draw_median(run: tuple[MinuteBand, ...], plot: _Plot, weight: float) -> str:
+def _draw_median(run: Run, plot: Plot, weight: float) -> str:
     middle = _step_through(run, [band.middle_deg for band in run], plot)
-    stroke = f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="{weight}"'
-    return svg.path(f"M{middle}", f'{stroke} stroke-linejoin="round"')
+    return svg.path(f"M{middle}", f'{svg.CURVE} stroke-width="{weight}" stroke-linejoin="round"')
 
 
-def _step_through(run: tuple[MinuteBand, ...], degrees: Sequence[float], plot: _Plot) -> str:
+def _step_through(run: Run, degrees: Sequence[float], plot: Plot) -> str:
     steps = [f"{svg.number(plot.x(run[0].start_s))} {svg.number(plot.y(degrees[0]))}"]
     for band, value in zip(run, degrees, strict=True):
         steps.append(f"V{svg.number(plot.y(value))}H{svg.number(plot.x(band.end_s))}")
     return "".join(steps)
 
 
-def _step_back(run: tuple[MinuteBand, ...], plot: _Plot) -> str:
-    last = run[-1]
-    first = f"{svg.number(plot.x(last.end_s))} {svg.number(plot.y(last.low_deg))}"
-    steps = (
-        f"V{svg.number(plot.y(band.low_deg))}H{svg.number(plot.x(band.start_s))}" for band in reversed(run)
-    )
-    return first + "".join(steps)
-
-
-def _draw_time_axis(day: Day, plot: _Plot) -> list[str]:
-    room = svg.estimate_width("00:00:00") + 10
-    step = _choose_tick_step(day.duration_s, int((plot.right_px - plot.left_px) // room))
-    first = day.clock.seconds_to_whole_hour() % step
-    body, at = [], first
+def _draw_time_axis(day: Day, plot: Plot) -> list[str]:
+    """Mark the finest round step for whose labels there is room, from the first whole hour on."""
+    most = int((plot.right_px - plot.left_px) // (svg.estimate_width("00:00:00") + 10))
+    fitting = (step for step in _TICK_STEPS_S if day.duration_s / step <= max(most, 1))
+    step = next(fitting, _TICK_STEPS_S[-1])
+    body, at = [], day.clock.seconds_to_whole_hour() % step
     while at <= day.duration_s:
-        x = plot.x(at)
-        label = day.clock.format_tick(at)
+        x, label = plot.x(at), day.clock.format_tick(at)
         half = svg.estimate_width(label) / 2
         place = min(max(x, half), plot.right_px + 4 - half)
-        body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, f'class="rule" stroke="{svg.SOFT}"'))
+        body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, svg.RULE))
         body.append(svg.text(place, plot.bottom_px + 16, label, "soft", "middle"))
         at += step
     return body
 
 
-def _choose_tick_step(duration_s: float, most: int) -> int:
-    """Take the finest round step with at most ``most`` ticks."""
-    fitting = (step for step in _TICK_STEPS_S if duration_s / step <= max(most, 1))
-    return next(fitting, _TICK_STEPS_S[-1])
-
-
-def _draw_block(block: Block, plot: _Plot) -> list[str]:
+def _draw_block(block: Block, plot: Plot) -> list[str]:
     """Draw a period under the plot, with its rank and as much of its name as fits."""
     x, end, y = plot.x(block.start_s), plot.x(block.end_s), plot.bottom_px + 2
-    ground = (
-        f'class="bar edge" fill="{svg.RAMP[0]}"' if block.rank else f'class="paper edge" fill="{svg.PAPER}"'
-    )
-    frame = svg.rect(x, y, max(end - x, 1.0), _LANE_PX - 4, f'{ground} stroke="{svg.SOFT}"')
+    kind, colour = ("bar edge", svg.RAMP[0]) if block.rank else ("paper edge", svg.PAPER)
+    frame = f'class="{kind}" fill="{colour}" stroke="{svg.SOFT}"'
     rank = str(block.rank or "")
     told = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
     if len(told) < _SHORTEST_NAME:
         told = rank if svg.estimate_width(rank) <= end - x else ""
-    return [frame, svg.text((x + end) / 2, y + 13, told, "onlight" if block.rank else "ink", "middle")]
+    return [
+        svg.rect(x, y, max(end - x, 1.0), _LANE_PX - 4, frame),
+        svg.text((x + end) / 2, y + 13, told, "onlight" if block.rank else "ink", "middle"),
+    ]
 
 
-def _draw_bracket(day: Day, plot: _Plot) -> list[str]:
-    """Bracket the 15 minutes with the most time above 60 deg, above the plot."""
-    if day.worst is None:
-        return []
-    x, end = (plot.x(seconds) for seconds in day.worst)
-    return [_draw_bracket_at(x, end, plot.top_px)]
-
-
-def _draw_bracket_at(start_px: float, end_px: float, bottom_px: float) -> str:
+def _draw_bracket(start_px: float, end_px: float, bottom_px: float) -> str:
+    """Bracket the 15 minutes with the most time above 60 deg."""
     low, high = svg.number(bottom_px), svg.number(bottom_px - 6)
     commands = f"M{svg.number(start_px)} {low}V{high}H{svg.number(end_px)}V{low}"
-    return svg.path(commands, f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="2"')
+    return svg.path(commands, f'{svg.ACCENT_CURVE} stroke-width="2"')
 
 
-def _draw_longest(day: Day, plot: _Plot) -> list[str]:
-    """Point a triangle at the longest continuous time above 60 deg, over the bracket."""
-    if day.longest_start_s is None:
-        return []
-    return [_draw_triangle_at(plot.x(day.longest_start_s), plot.top_px - 9)]
-
-
-def _draw_triangle_at(x_px: float, bottom_px: float) -> str:
+def _draw_triangle(x_px: float, bottom_px: float) -> str:
     commands = f"M{svg.number(x_px)} {svg.number(bottom_px)}l-5 -9h10Z"
     return svg.path(commands, f'class="mark" fill="{svg.RAMP[3]}"')
 
 
-def _draw_day_legend(
+def _draw_legend(
     days: Sequence[Day], labels: DayLabels, y_px: float, key: str, width_px: float
 ) -> tuple[list[str], float]:
-    """Explain what is drawn, and only that; give the strokes and where the drawing ends."""
+    """Explain what is drawn, and only that; return the strokes and where the drawing ends."""
+    kinds = {mark.kind for day in days for mark in day.marks}
+    median = f'{svg.MEDIAN} stroke-width="1.8"'
+
+    def box(attributes: str) -> Callable[[float, float], str]:
+        return lambda x, y: svg.rect(x, y - 9, 15, 10, attributes)
+
+    keys: list[tuple[bool, str, Callable[[float, float], str]]] = [
+        (True, labels.band, box(_OUTER if labels.inner else svg.BAND)),
+        (True, labels.inner, box(svg.BAND)),
+        (True, labels.median, lambda x, y: svg.line(x, y - 4, x + 15, y - 4, median)),
+        (
+            "left out" in kinds,
+            labels.left_out,
+            box(f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'),
+        ),
+        ("missing" in kinds, labels.missing, box(f'{svg.EDGE} stroke-dasharray="1.5 2"')),
+        (days[0].worst is not None, labels.worst, lambda x, y: _draw_bracket(x, x + 15, y)),
+        (days[0].longest_start_s is not None, labels.longest, lambda x, y: _draw_triangle(x + 7, y)),
+    ]
     body, x = [], 0.5
-    for words, draw in _list_keys(days, labels, key):
+    for is_drawn, words, draw in keys:
+        if not is_drawn or not words:
+            continue
         first, *others = svg.break_lines(words, width_px - 20)
         length = 20 + svg.estimate_width(first) + 8
         if x > 1 and x + length > width_px:
@@ -324,33 +481,3 @@ def _draw_day_legend(
         body += [svg.text(x + 20, y_px + 15 * k, line) for k, line in enumerate(others, 1)]
         x, y_px = x + length, y_px + 15 * len(others)
     return body, y_px + 6
-
-
-def _list_keys(
-    days: Sequence[Day], labels: DayLabels, key: str
-) -> list[tuple[str, Callable[[float, float], str]]]:
-    kinds = {mark.kind for day in days for mark in day.marks}
-    hatch = f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'
-    dots = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-dasharray="1.5 2"'
-    keys = (
-        (True, labels.band, partial(_draw_key, attributes=_OUTER if labels.inner else _INNER)),
-        (True, labels.inner, partial(_draw_key, attributes=_INNER)),
-        (True, labels.median, partial(_draw_key, attributes="")),
-        ("left out" in kinds, labels.left_out, partial(_draw_key, attributes=hatch)),
-        ("missing" in kinds, labels.missing, partial(_draw_key, attributes=dots)),
-        (days[0].worst is not None, labels.worst, lambda x, y: _draw_bracket_at(x, x + 15, y)),
-        (
-            days[0].longest_start_s is not None,
-            labels.longest,
-            lambda x, y: _draw_triangle_at(x + 7, y),
-        ),
-    )
-    return [(words, draw) for is_drawn, words, draw in keys if is_drawn and words]
-
-
-def _draw_key(x_px: float, y_px: float, attributes: str) -> str:
-    if attributes:
-        return svg.rect(x_px, y_px - 9, 15, 10, attributes)
-    return svg.line(
-        x_px, y_px - 4, x_px + 15, y_px - 4, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="1.8"'
-    )

@@ -5,120 +5,135 @@ Amplitude probability distribution function (Jonsson 1982): the curve rises from
 what the error of the N-pose may add to it is hatched.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.report.charts import svg
-from app.report.charts.svg import NARROW
+import numpy as np
 
-TOP_DEG = 180
-GUIDES_DEG = (30, 60, 90)
+from app.report.charts import svg
+from app.report.charts.svg import GUIDES_DEG, NARROW, Plot, Span
+from app.report.model import Chart
+from app.report.words.numbers import format_angle, format_angle_range, format_classes, format_number
+from app.report.words.wording import Language, Words, fill
+from fusion.exposure.types import Eva, Exposure
+
+MARKED_PERCENTILES = (10, 50, 90, 99)
+_CELLS_PER_DEG = 10
+_PERCENTS = (0.0, 100.0)
+
+
+def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Chart, ...]:
+    """Build what can be drawn of the distribution: nothing without analysed time."""
+    apdf = (_build_apdf(exposure, words["apdf"], language),) if exposure.histogram_s.sum() > 0 else ()
+    eva = (_build_eva(exposure.eva, words["eva"], language),) if exposure.eva.percent.size else ()
+    return apdf + eva
+
+
+def share_below(exposure: Exposure) -> tuple[float, ...]:
+    """Return the share of the time below each whole degree from 0 to 180, percent."""
+    below_s = np.concatenate([[0.0], np.cumsum(exposure.histogram_s)])[::_CELLS_PER_DEG]
+    return tuple((100 * below_s / below_s[-1]).tolist())
+
+
+# ------------------------------------------------------------------ the curve
 
 
 @dataclass(frozen=True, slots=True)
-class MarkedPercentile:
+class _MarkedPercentile:
     """A percentile on the curve; ``interval``, and where the N-pose's error may raise it to, in degrees."""
 
     percent: int
     angle_deg: float
-    interval: tuple[float, float] | None
+    interval: Span | None
     label: str
-    raised_deg: float | None = None
+    raised_deg: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Distribution:
-    """``below_percent[d]``: share of the time below d degrees, d from 0 to 180."""
+def _build_apdf(exposure: Exposure, entry: Words, language: Language) -> Chart:
+    below, marks = share_below(exposure), []
+    for percent in MARKED_PERCENTILES:
+        if percent not in exposure.percentiles_deg:
+            continue
+        angle_deg = exposure.percentiles_deg[percent]
+        interval = exposure.intervals.get(f"elevation_p{percent}_deg")
+        facts = {"percent": str(percent), "angle": format_angle(angle_deg, language)}
+        told = f" ({format_angle_range(interval, language)})" if interval else ""
+        ends = (interval.low, interval.high) if interval else None
+        raised_deg = interval.high_pose if interval else None
+        marks.append(
+            _MarkedPercentile(percent, angle_deg, ends, fill(entry["mark"], facts) + told, raised_deg)
+        )
+    is_raised = any(mark.raised_deg is not None for mark in marks)
 
-    below_percent: Sequence[float]
-    marks: tuple[MarkedPercentile, ...]
-    axes: tuple[str, str]
-    """Names of the axes: across, and up."""
+    def draw(words: tuple[str, str], width_px: float) -> str:
+        bottom, key = 200 if width_px > NARROW else 230, f"apdf{width_px:.0f}"
+        plot = Plot(40, width_px - 8, 22, bottom, upwards=_PERCENTS)
+        dash = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="3 3"'
+        across, upwards = entry["axes"]
+        body = [
+            *([svg.define_hatch(key)] if is_raised else []),
+            *(svg.line(plot.x(deg), plot.top_px, plot.x(deg), bottom, dash) for deg in GUIDES_DEG),
+            *_mark_percents(plot),
+            *(_label_angle(angle, plot) for angle in range(0, 181, 30)),
+            svg.text(plot.right_px, bottom + 30, across, "soft", "end"),
+            svg.text(0, 10, upwards),
+            svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
+            plot.draw_floor(),
+            plot.follow(enumerate(below), f'{svg.CURVE} stroke-width="1.8" stroke-linejoin="round"'),
+            *(stroke for mark in marks for stroke in _draw_mark(mark, plot, key)),
+        ]
+        return svg.picture(width_px, bottom + 34, key, words, body)
+
+    return Chart.draw(
+        (entry["title"], fill(entry["alternative"], {"list": ", ".join(mark.label for mark in marks)})),
+        draw,
+        entry["columns"],
+        ((f"{deg}°", format_number(below[deg], 1, language)) for deg in range(10, 181, 10)),
+        entry["pose_note"] if is_raised else "",
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class _Plot:
-    left_px: float
-    right_px: float
-    top_px: float
-    bottom_px: float
-
-    def x(self, angle_deg: float) -> float:
-        return self.left_px + (self.right_px - self.left_px) * angle_deg / TOP_DEG
-
-    def y(self, percent: float) -> float:
-        return self.bottom_px - (self.bottom_px - self.top_px) * percent / 100
-
-
-def draw_apdf(shown: Distribution, words: tuple[str, str], width_px: float) -> str:
-    """Draw the curve with its percentiles; guide lines at 30, 60 and 90 deg."""
-    plot, key = _Plot(40, width_px - 8, 22, 200 if width_px > NARROW else 230), f"apdf{width_px:.0f}"
-    is_hatched = any(mark.raised_deg is not None for mark in shown.marks)
-    body = [
-        *([svg.define_hatch(key)] if is_hatched else []),
-        *_draw_frame(plot, shown.axes),
-        _draw_curve(shown.below_percent, plot),
-        *(stroke for mark in shown.marks for stroke in _draw_mark(mark, plot, key)),
-    ]
-    return svg.picture(width_px, plot.bottom_px + 34, key, words, body)
-
-
-def _draw_frame(plot: _Plot, axes: tuple[str, str]) -> list[str]:
-    rule = f'class="rule" stroke="{svg.SOFT}"'
-    dash = f'{rule} stroke-width="0.7" stroke-dasharray="3 3"'
-    body = [svg.line(plot.x(angle), plot.top_px, plot.x(angle), plot.bottom_px, dash) for angle in GUIDES_DEG]
+def _mark_percents(plot: Plot) -> list[str]:
+    body = []
     for percent in (0, 25, 50, 75, 100):
         y = plot.y(percent)
-        body.append(svg.line(plot.left_px - 4, y, plot.left_px, y, rule))
+        body.append(svg.line(plot.left_px - 4, y, plot.left_px, y, svg.RULE))
         body.append(svg.text(plot.left_px - 7, y + 3.8, f"{percent}", "soft", "end"))
-    for angle in range(0, TOP_DEG + 1, 30):
-        kind = "strong" if angle == 60 else "soft"
-        anchor = "end" if angle == TOP_DEG else "middle"
-        x = min(plot.x(angle), plot.right_px + 6) if angle == TOP_DEG else plot.x(angle)
-        body.append(svg.text(x, plot.bottom_px + 15, f"{angle}°", kind, anchor))
-    across, upwards = axes
-    body.append(svg.text(plot.right_px, plot.bottom_px + 30, across, "soft", "end"))
-    body.append(svg.text(0, 10, upwards))
-    body.append(svg.line(plot.left_px, plot.top_px, plot.left_px, plot.bottom_px, rule))
-    return [*body, svg.line(plot.left_px, plot.bottom_px, plot.right_px, plot.bottom_px, rule)]
+    return body
 
 
-def _draw_curve(below_percent: Sequence[float], plot: _Plot) -> str:
-    points = (
-        f"{svg.number(plot.x(degrees))} {svg.number(plot.y(percent))}"
-        for degrees, percent in enumerate(below_percent)
-    )
-    stroke = f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="1.8"'
-    return svg.path("M" + "L".join(points), f'{stroke} stroke-linejoin="round"')
+def _label_angle(angle: int, plot: Plot) -> str:
+    kind, anchor = "strong" if angle == 60 else "soft", "end" if angle == 180 else "middle"
+    return svg.text(plot.x(angle), plot.bottom_px + 15, f"{angle}°", kind, anchor)
 
 
-def _draw_mark(mark: MarkedPercentile, plot: _Plot, key: str) -> list[str]:
-    """Mark the point; its label stands to the right, where the curve has already risen above it."""
+def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
+    """Mark the point; its label stands to the right, where the curve has already risen above it.
+
+    A label stands beside a low percentile and below a high one, where the curve is flat; a plate hides the
+    guides.
+    """
     x, y = plot.x(mark.angle_deg), plot.y(mark.percent)
     body, end = [], x
     if mark.interval is not None:
         low, end = (plot.x(value) for value in mark.interval)
-        bar = f'class="accent-line" stroke="{svg.ORANGE}" stroke-width="1.6"'
-        body = [
-            svg.line(low, y, end, y, bar),
-            *(svg.line(at, y - 3, at, y + 3, bar) for at in (low, end)),
-        ]
+        body = svg.range_bar(low, end, y)
     if mark.raised_deg is not None and plot.x(mark.raised_deg) > end:
         raised = plot.x(mark.raised_deg)
         body += svg.hatch(end, y - 3, raised - end, 6, key)
         end = raised
     dot = f"M{svg.number(x - 4)} {svg.number(y)}l4 -4l4 4l-4 4Z"
-    body.append(svg.path(dot, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'))
-    return [*body, *_label(mark, x if mark.percent > 50 else max(x, end), y, plot)]
-
-
-def _label(mark: MarkedPercentile, x_px: float, y_px: float, plot: _Plot) -> list[str]:
-    """Write beside a low percentile, below a high one, where the curve is flat; a plate hides the guides."""
-    length = svg.estimate_width(mark.label)
-    place = min(x_px + 8, plot.right_px - length)
-    baseline = y_px + (15 if mark.percent > 50 else 3.8)
-    plate = svg.rect(place - 2, baseline - 9, length, 11, f'class="paper" fill="{svg.PAPER}"')
-    return [plate, svg.text(place, baseline, mark.label, "strong")]
+    length, is_high = svg.estimate_width(mark.label), mark.percent > 50
+    place = min((x if is_high else max(x, end)) + 8, plot.right_px - length)
+    baseline = y + (15 if is_high else 3.8)
+    return [
+        *body,
+        svg.path(dot, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'),
+        svg.rect(place - 2, baseline - 9, length, 11, svg.PLATE),
+        svg.text(place, baseline, mark.label, "strong"),
+    ]
 
 
 # ------------------------------------------------------------------ two distributions in one picture
@@ -127,70 +142,47 @@ def _label(mark: MarkedPercentile, x_px: float, y_px: float, plot: _Plot) -> lis
 
 
 _STYLES = (
-    f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="2"',
-    f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="2" stroke-dasharray="6 3"',
+    f'{svg.CURVE} stroke-width="2"',
+    f'{svg.ACCENT_CURVE} stroke-width="2" stroke-dasharray="6 3"',
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """``below_percent[d]``: share of the time below d degrees, d from 0 to 180."""
+def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, language: Language) -> Chart:
+    """Build both distributions in one picture, to one scale; guide lines at 30, 60 and 90 deg."""
+    (first, _), (second, _) = named
+    below = [share_below(exposure) for _, exposure in named]
 
-    name: str
-    below_percent: Sequence[float]
-
-
-def draw_two_curves(
-    curves: tuple[Curve, Curve], axes: tuple[str, str], words: tuple[str, str], width_px: float
-) -> str:
-    """Draw both curves to one scale; guide lines at 30, 60 and 90 deg."""
-    left, right, top, bottom = 40.0, width_px - 8, 40.0, 210.0 if width_px > NARROW else 240.0
-
-    def place(angle_deg: float, percent: float) -> str:
-        x = left + (right - left) * angle_deg / TOP_DEG
-        return f"{svg.number(x)} {svg.number(bottom - (bottom - top) * percent / 100)}"
-
-    body = _draw_curve_frame(left, right, top, bottom, axes)
-    for curve, style in zip(curves, _STYLES, strict=True):
-        points = (place(degrees, percent) for degrees, percent in enumerate(curve.below_percent))
-        body.append(svg.path("M" + "L".join(points), style))
-    body += _draw_curve_names(curves, left)
-    return svg.picture(width_px, bottom + 34, f"curves{width_px:.0f}", words, body)
-
-
-def _draw_curve_frame(
-    left_px: float, right_px: float, top_px: float, bottom_px: float, axes: tuple[str, str]
-) -> list[str]:
-    rule = f'class="rule" stroke="{svg.SOFT}"'
-    body = [
-        svg.line(left_px, top_px, left_px, bottom_px, rule),
-        svg.line(left_px, bottom_px, right_px, bottom_px, rule),
-    ]
-    for percent in (0, 25, 50, 75, 100):
-        y = bottom_px - (bottom_px - top_px) * percent / 100
-        body += [
-            svg.line(left_px - 4, y, left_px, y, rule),
-            svg.text(left_px - 7, y + 3.8, f"{percent}", "soft", "end"),
+    def draw(words: tuple[str, str], width_px: float) -> str:
+        bottom = 210.0 if width_px > NARROW else 240.0
+        plot = Plot(40.0, width_px - 8, 40.0, bottom, upwards=_PERCENTS)
+        dash = f'{svg.RULE} stroke-width="0.7" stroke-dasharray="3 3"'
+        body = [
+            svg.line(plot.left_px, plot.top_px, plot.left_px, bottom, svg.RULE),
+            plot.draw_floor(),
+            *_mark_percents(plot),
         ]
-    for angle in range(0, TOP_DEG + 1, 30):
-        x = left_px + (right_px - left_px) * angle / TOP_DEG
-        if angle in GUIDES_DEG:
-            body.append(
-                svg.line(x, top_px, x, bottom_px, f'{rule} stroke-width="0.7" stroke-dasharray="3 3"')
-            )
-        anchor = "end" if angle == TOP_DEG else "middle"
-        shown = min(x, right_px + 6) if angle == TOP_DEG else x
-        body.append(svg.text(shown, bottom_px + 15, f"{angle}°", "strong" if angle == 60 else "soft", anchor))
-    across, upwards = axes
-    return [*body, svg.text(right_px, bottom_px + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
+        for angle in range(0, 181, 30):
+            if angle in GUIDES_DEG:
+                body.append(svg.line(plot.x(angle), plot.top_px, plot.x(angle), bottom, dash))
+            body.append(_label_angle(angle, plot))
+        across, upwards = entry["axes"]
+        body += [svg.text(plot.right_px, bottom + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
+        body += [plot.follow(enumerate(curve), style) for curve, style in zip(below, _STYLES, strict=True)]
+        x = plot.left_px
+        for name, style in zip((first, second), _STYLES, strict=True):
+            body += [svg.line(x, 6, x + 26, 6, style), svg.text(x + 31, 10, name, "ink")]
+            x += 31 + svg.estimate_width(name) + 16
+        return svg.picture(width_px, bottom + 34, f"curves{width_px:.0f}", words, body)
 
-
-def _draw_curve_names(curves: tuple[Curve, Curve], left_px: float) -> list[str]:
-    body, x = [], left_px
-    for curve, style in zip(curves, _STYLES, strict=True):
-        body += [svg.line(x, 6, x + 26, 6, style), svg.text(x + 31, 10, curve.name, "ink")]
-        x += 31 + svg.estimate_width(curve.name) + 16
-    return body
+    return Chart.draw(
+        (entry["title"], fill(entry["alternative"], {"first": first, "second": second})),
+        draw,
+        (entry["column"], first, second),
+        (
+            (f"{deg}°", *(format_number(curve[deg], 1, language) for curve in below))
+            for deg in range(10, 181, 10)
+        ),
+    )
 
 
 # ------------------------------------------------------------------ exposure variation
@@ -204,99 +196,75 @@ SHADES_PERCENT = (0.05, 1.0, 3.0, 6.0, 12.0)
 
 
 @dataclass(frozen=True, slots=True)
-class HeatMap:
-    """Cells (rows: elevation, low to high; columns: duration) in percent and as text; sums of both ways."""
-
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    percent: Sequence[Sequence[float]]
-    told: tuple[tuple[str, ...], ...]
-    row_sums: tuple[str, ...]
-    column_sums: tuple[str, ...]
-    axes: tuple[str, str, str]
-    """Names: of the rows, of the columns, of the sums."""
-
-
-@dataclass(frozen=True, slots=True)
 class _Grid:
-    """One drawing: rows from top to bottom, columns from left to right."""
+    """Rows from the top, columns from the left; cells in percent and as text, sums of both ways."""
 
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    percent: Sequence[Sequence[float]]
-    told: Sequence[Sequence[str]]
-    row_sums: tuple[str, ...]
-    column_sums: tuple[str, ...]
-    corner: str
-    above: str
-    sums: str
+    rows: Sequence[str]
+    columns: Sequence[str]
+    cells: Sequence[Sequence[tuple[float, str]]]
+    row_sums: Sequence[str]
+    column_sums: Sequence[str]
 
 
-def draw_eva(shown: HeatMap, words: tuple[str, str], width_px: float) -> str:
+def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
+    def tell(values: Sequence[float]) -> tuple[str, ...]:
+        return tuple(format_number(float(value), 1, language) for value in values)
+
+    rows, columns = format_classes(eva.angle_edges_deg, "°"), format_classes(eva.duration_edges_s, "\u202fs")
+    cells = [list(zip(row.tolist(), tell(row), strict=True)) for row in eva.percent]
+    row_sums, column_sums = tell(eva.percent.sum(axis=1)), tell(eva.percent.sum(axis=0))
+    highest_first = _Grid(rows[::-1], columns, cells[::-1], row_sums[::-1], column_sums)
+    plain = [name.removesuffix("°") for name in rows]  # the sign stands once, so that names do not touch
+    turned = _Grid(columns, plain, list(zip(*cells, strict=True)), column_sums, row_sums)
+    told = ", ".join(
+        f"{name}: {', '.join(told for _, told in row)}" for name, row in zip(rows, cells, strict=True)
+    )
+    by_rows, _, sums = entry["axes"]
+    return Chart.draw(
+        (entry["title"], fill(entry["alternative"], {"columns": ", ".join(columns), "list": told})),
+        lambda words, width_px: _draw_eva(
+            turned if width_px <= NARROW else highest_first, entry["axes"], words, width_px
+        ),
+        (by_rows, *columns, sums),
+        (
+            (name, *(told for _, told in row), total)
+            for name, row, total in zip(rows, cells, row_sums, strict=True)
+        ),
+        entry["note"],
+    )
+
+
+def _draw_eva(grid: _Grid, axes: Sequence[str], words: tuple[str, str], width_px: float) -> str:
     """Draw the map; on a telephone turned, so that its numbers stay as large."""
-    is_turned = width_px <= NARROW
-    grid = _turn(shown) if is_turned else _keep(shown)
-    left = max(svg.estimate_width(name) for name in (*grid.rows, grid.sums)) + 8
+    by_rows, by_columns, sums = axes
+    left = max(svg.estimate_width(name) for name in (*grid.rows, sums)) + 8
     cell = (width_px - left) / (len(grid.columns) + 1)
-    corner = svg.text(left - 4, 25, grid.corner, anchor="end") if is_turned else svg.text(0, 25, grid.corner)
-    body = [corner, svg.text(0 if is_turned else left, 10, grid.above)]
-    for rank, name in enumerate((*grid.columns, grid.sums)):
-        body.append(svg.text(left + (rank + 0.5) * cell, 25, name, "soft", "middle"))
-    for rank in range(len(grid.rows)):
-        body += _draw_row(grid, rank, left, cell)
+    middles = [left + (rank + 0.5) * cell for rank in range(len(grid.columns) + 1)]
+    if width_px <= NARROW:
+        body = [svg.text(left - 4, 25, "°", anchor="end"), svg.text(0, 10, by_columns)]
+    else:
+        body = [svg.text(0, 25, by_rows), svg.text(left, 10, by_columns)]
+    for x, name in zip(middles, (*grid.columns, sums), strict=True):
+        body.append(svg.text(x, 25, name, "soft", "middle"))
+    for rank, (name, row) in enumerate(zip(grid.rows, grid.cells, strict=True)):
+        y = 32 + rank * 22.0
+        body.append(svg.text(0, y + 15, name, "ink"))
+        for place, (percent, told) in enumerate(row):
+            body += _draw_cell(left + place * cell, y, cell, percent, told)
+        body.append(svg.text(middles[-1], y + 15, grid.row_sums[rank], "ink", "middle"))
     y = 32 + len(grid.rows) * 22 + 15
-    body.append(svg.text(0, y, grid.sums))
-    for rank, told in enumerate(grid.column_sums):
-        body.append(svg.text(left + (rank + 0.5) * cell, y, told, "ink", "middle"))
+    body.append(svg.text(0, y, sums))
+    for x, told in zip(middles, grid.column_sums, strict=False):
+        body.append(svg.text(x, y, told, "ink", "middle"))
     return svg.picture(width_px, y + 6, f"eva{width_px:.0f}", words, body)
-
-
-def _keep(shown: HeatMap) -> _Grid:
-    """Put the highest elevation on top."""
-    return _Grid(
-        shown.rows[::-1],
-        shown.columns,
-        shown.percent[::-1],
-        shown.told[::-1],
-        shown.row_sums[::-1],
-        shown.column_sums,
-        corner=shown.axes[0],
-        above=shown.axes[1],
-        sums=shown.axes[2],
-    )
-
-
-def _turn(shown: HeatMap) -> _Grid:
-    """Put elevation across; its sign stands once, in the corner, so that the names do not touch."""
-    return _Grid(
-        shown.columns,
-        tuple(name.removesuffix("°") for name in shown.rows),
-        list(zip(*shown.percent, strict=True)),
-        list(zip(*shown.told, strict=True)),
-        shown.column_sums,
-        shown.row_sums,
-        corner="°",
-        above=shown.axes[1],
-        sums=shown.axes[2],
-    )
-
-
-def _draw_row(grid: _Grid, rank: int, left_px: float, cell_px: float) -> list[str]:
-    y = 32 + rank * 22.0
-    body = [svg.text(0, y + 15, grid.rows[rank], "ink")]
-    for place, (percent, told) in enumerate(zip(grid.percent[rank], grid.told[rank], strict=True)):
-        body += _draw_cell(left_px + place * cell_px, y, cell_px, percent, told)
-    middle = left_px + (len(grid.columns) + 0.5) * cell_px
-    return [*body, svg.text(middle, y + 15, grid.row_sums[rank], "ink", "middle")]
 
 
 def _draw_cell(x_px: float, y_px: float, cell_px: float, percent: float, told: str) -> list[str]:
     shade = sum(percent >= least for least in SHADES_PERCENT) - 1
-    ground = 'class="paper" fill="#ffffff"' if shade < 0 else f'class="bar" fill="{svg.RAMP[shade]}"'
-    edge = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-width="0.4"'
+    ground = svg.PLATE if shade < 0 else f'class="bar" fill="{svg.RAMP[shade]}"'
     kind = "soft" if shade < 0 else "onlight" if shade < 2 else "light"
     return [
         svg.rect(x_px, y_px, cell_px, 22, ground),
-        svg.rect(x_px, y_px, cell_px, 22, edge),
+        svg.rect(x_px, y_px, cell_px, 22, f'{svg.EDGE} stroke-width="0.4"'),
         svg.text(x_px + cell_px / 2, y_px + 15, told, kind, "middle"),
     ]

@@ -1,5 +1,7 @@
 """The SVG elements of the charts. Text is always escaped; numbers are rounded to a tenth."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from html import escape as escape_text
 
 INK = "#1c2833"
@@ -94,11 +96,8 @@ def break_lines(words: str, room_px: float) -> list[str]:
 
 def hatch(x_px: float, y_px: float, width_px: float, height_px: float, key: str) -> list[str]:
     """Hatch a framed stretch, by the definition of :func:`define_hatch`."""
-    edge = f'class="edge" fill="none" stroke="{SOFT}" stroke-width="0.6"'
-    return [
-        rect(x_px, y_px, width_px, height_px, f'fill="url(#{key}-h)"'),
-        rect(x_px, y_px, width_px, height_px, edge),
-    ]
+    place = (x_px, y_px, width_px, height_px)
+    return [rect(*place, f'fill="url(#{key}-h)"'), rect(*place, f'{EDGE} stroke-width="0.6"')]
 
 
 def define_hatch(key: str) -> str:
@@ -108,3 +107,65 @@ def define_hatch(key: str) -> str:
         f'<defs><pattern id="{key}-h" width="5" height="5" patternUnits="userSpaceOnUse" '
         f'patternTransform="rotate(45)">{stroke}</pattern></defs>'
     )
+
+
+# ------------------------------------------------------------------ what several charts share
+
+Span = tuple[float, float]
+GUIDES_DEG = (30, 60, 90)
+
+RULE = f'class="rule" stroke="{SOFT}"'
+EDGE = f'class="edge" fill="none" stroke="{SOFT}"'
+BAND = f'class="band" fill="{RAMP[1]}"'
+PLATE = f'class="paper" fill="{PAPER}"'
+MEDIAN = f'class="median" stroke="{RAMP[3]}"'
+CURVE = f'class="median" fill="none" stroke="{RAMP[3]}"'
+ACCENT = f'class="accent-line" stroke="{ORANGE}"'
+ACCENT_CURVE = f'class="accent-line" fill="none" stroke="{ORANGE}"'
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Where values fall on the sheet; ``across`` and ``upwards`` are their ends, low and high."""
+
+    left_px: float
+    right_px: float
+    top_px: float = 0.0
+    bottom_px: float = 0.0
+    across: Span = (0.0, 180.0)
+    upwards: Span = (0.0, 180.0)
+
+    def x(self, value: float) -> float:
+        """Return the place of a value, kept inside."""
+        return self.left_px + (self.right_px - self.left_px) * _share(value, *self.across)
+
+    def y(self, value: float) -> float:
+        """Return the place of a value, kept inside."""
+        return self.bottom_px - (self.bottom_px - self.top_px) * _share(value, *self.upwards)
+
+    def follow(self, points: Iterable[Span], attributes: str) -> str:
+        """Draw a curve through points (x, y)."""
+        places = (f"{number(self.x(x))} {number(self.y(y))}" for x, y in points)
+        return path("M" + "L".join(places), attributes)
+
+    def draw_floor(self) -> str:
+        """Draw the line on which the plot stands."""
+        return line(self.left_px, self.bottom_px, self.right_px, self.bottom_px, RULE)
+
+
+def _share(value: float, low: float, high: float) -> float:
+    return min(max((value - low) / (high - low), 0.0), 1.0)
+
+
+def swatch(x_px: float, y_px: float, rank: int) -> str:
+    """Draw a small square in a colour of the ramp, for a legend."""
+    return rect(
+        x_px, y_px - 9, 10, 10, f'class="edge" fill="{RAMP[rank]}" stroke="{SOFT}" stroke-width="0.8"'
+    )
+
+
+def range_bar(low_px: float, high_px: float, y_px: float, weight: str = "1.6") -> list[str]:
+    """Draw a range with a mark at each end."""
+    stroke = f'{ACCENT} stroke-width="{weight}"'
+    ends = (line(x_px, y_px - 3, x_px, y_px + 3, stroke) for x_px in (low_px, high_px))
+    return [line(low_px, y_px, high_px, y_px, stroke), *ends]

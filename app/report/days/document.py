@@ -9,9 +9,9 @@ from statistics import fmean
 from typing import Any
 
 from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
-from app.report.export.csv import Row, encode_table
+from app.report.export.csv import encode_table
 from app.report.figures import round_all
-from app.report.pairs import describe_source
+from app.report.pairs import describe_source, name_method
 from fusion.comparison import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
 from fusion.conventions import FEWEST_PEOPLE
 from fusion.days import (
@@ -93,35 +93,23 @@ def _describe_arm(arm: ArmDays) -> dict[str, Any]:
 
 
 def _describe_day(day: MeasuredDay) -> dict[str, Any]:
-    findings = day.kept.findings
+    findings, ranges = day.kept.findings, {name: day.find_interval(name) for name in FIGURES}
     return {
         **describe_source(day.kept),
         "device": findings.recording.device,
-        "method": f"{findings.method.name} {findings.method.version}" if findings.method else None,
+        "method": name_method(findings) or None,
         "pose": findings.calibration.pose if findings.calibration else None,
         "left_out": day.left_out,
         "figures": day.list_figures(),
-        "ranges": {name: _spell_range(day.find_interval(name)) for name in FIGURES},
+        "ranges": {name: asdict(interval) if interval else None for name, interval in ranges.items()},
     }
-
-
-def _spell_range(interval: Interval | None) -> dict[str, float | None] | None:
-    return None if interval is None else asdict(interval)
 
 
 def _describe_band(band: ClockBand) -> dict[str, Any]:
     angles: Mapping[int, float] = band.percentiles_deg or {}
-    return {
-        "clock": format_quarter(band.start_s),
-        "days": band.days,
-        **{f"p{p}_deg": angles.get(p) for p in PERCENTS},
-    }
-
-
-def format_quarter(start_s: float) -> str:
-    """Write when a quarter hour begins: "07:45"."""
-    hours, rest = divmod(round(start_s), 3600)
-    return f"{hours:02d}:{rest // 60:02d}"
+    hours, rest = divmod(round(band.start_s), 3600)
+    clock = f"{hours:02d}:{rest // 60:02d}"
+    return {"clock": clock, "days": band.days, **{f"p{p}_deg": angles.get(p) for p in PERCENTS}}
 
 
 def _spell(figure: DayMean | GroupSpread | GroupChange | Telling | Trend) -> dict[str, Any]:
@@ -133,7 +121,7 @@ def _spell(figure: DayMean | GroupSpread | GroupChange | Telling | Trend) -> dic
 
 
 def _spell_pose(ends: PoseEnds | None) -> dict[str, float | None]:
-    return {"low_pose": ends[0], "high_pose": ends[1]} if ends else {"low_pose": None, "high_pose": None}
+    return dict(zip(("low_pose", "high_pose"), ends or (None, None), strict=True))
 
 
 # ------------------------------------------------------------------ what the report needs, too
@@ -179,7 +167,7 @@ def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict
 
 
 def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
-    """Give the mean over people of the ends of the range that holds the pose's error, each person once."""
+    """Return the mean over people of the ends of the range that holds the pose's error, each person once."""
     arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
     ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
     if not ends or len(ends) < len(arms):
@@ -188,7 +176,7 @@ def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: S
 
 
 def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, dict[str, Any]]]]:
-    """Give the change of each arm, after less before, by figure; nothing without a change."""
+    """Return the change of each arm, after less before, by figure; nothing without a change."""
     if "after" not in studied.stages:
         return
     for side in studied.sides:
@@ -199,79 +187,59 @@ def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, 
 
 
 def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> dict[str, list[float]]:
-    """Give the figure of each person's days that count; people without any are left out."""
+    """Return the figure of each person's days that count; people without any are left out."""
     arms = (arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
     values = {arm.subject: arm.list_values(name) for arm in arms}
     return {subject: days for subject, days in values.items() if days}
 
 
 def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
+    """Compare people before and after: one by the days, a group by the range of its change."""
     before, after = (_collect(studied, name, side, stage) for stage in ("before", "after"))
-    change = compare_people(before, after)
+    change, detectable, verdict = compare_people(before, after), None, "unknown"
     if change is None or (studied.is_group and change.people < FEWEST_PEOPLE):
         return None
-    detectable = _find_detectable(name, before, after) if change.people == 1 else None
-    return {**_spell(change), "detectable": detectable, "verdict": _judge(change, detectable)}
-
-
-def _find_detectable(
-    name: str, before: Mapping[str, list[float]], after: Mapping[str, list[float]]
-) -> float | None:
-    """Give the least change of the one person that days do not make, by their own deviation where known."""
-    code = next(code for code in before if code in after)
-    pooled = pool_deviation([before[code], after[code]])
-    sd = BETWEEN_DAY_SD.get(name)
-    if pooled and pooled[1] >= LEAST_OWN_DAYS - 1:
-        sd = pooled[0]
-    return None if sd is None else find_detectable_between(sd, len(before[code]), len(after[code]))
-
-
-def _judge(change: GroupChange, detectable: float | None) -> str:
-    """One person's change is judged by the days, a group's by its own range."""
+    if change.people == 1:  # the least change that days do not make, by their own deviation where known
+        code, sd = next(code for code in before if code in after), BETWEEN_DAY_SD.get(name)
+        pooled = pool_deviation([before[code], after[code]])
+        if pooled and pooled[1] >= LEAST_OWN_DAYS - 1:
+            sd = pooled[0]
+        if sd is not None:
+            detectable = find_detectable_between(sd, len(before[code]), len(after[code]))
     if change.change_range is not None:
         holds_none = change.change_range.low <= 0.0 <= change.change_range.high
-        return "not larger" if holds_none else "larger"
-    if detectable is None:
-        return "unknown"
-    return "larger" if abs(change.change) > detectable else "not larger"
+        verdict = "not larger" if holds_none else "larger"
+    elif detectable is not None:
+        verdict = "larger" if abs(change.change) > detectable else "not larger"
+    return {**_spell(change), "detectable": detectable, "verdict": verdict}
 
 
 # ------------------------------------------------------------------ tables
 
 
+_DAY_COLUMNS = (
+    *("subject", "side", "stage", "start", "file_name", "sha256", "report_id", "device", "method", "pose"),
+    *("verdict", "analysed_s", "left_out"),
+    *FIGURES,
+)
+_OVERLAY_COLUMNS = ("subject", "side", "stage", "clock", "days", *(f"p{p}_deg" for p in PERCENTS))
+
+
 def encode_day_table(studied: StudiedDays) -> bytes:
     """Write ``profile.csv``: a row for each day."""
-    names = [
-        "subject",
-        "side",
-        "stage",
-        "start",
-        "file_name",
-        "sha256",
-        "report_id",
-        "device",
-        "method",
-        "pose",
-        "verdict",
-        "analysed_s",
-        "left_out",
-        *FIGURES,
-    ]
-    return encode_table(names, (_lay_day(arm, day) for arm in studied.arms for day in arm.days))
-
-
-def _lay_day(arm: ArmDays, day: MeasuredDay) -> Row:
-    told = _describe_day(day)
-    row: Row = round_all({**told, **told["figures"], "subject": arm.subject, "stage": arm.stage})
-    return row
+    rows = (
+        round_all({**told, **told["figures"], "subject": arm.subject, "stage": arm.stage})
+        for arm in studied.arms
+        for told in map(_describe_day, arm.days)
+    )
+    return encode_table(_DAY_COLUMNS, rows)
 
 
 def encode_overlay_table(studied: StudiedDays) -> bytes:
     """Write ``overlay.csv``: a row for each quarter hour of each arm; empty where too few days are."""
-    names = ["subject", "side", "stage", "clock", "days", *(f"p{p}_deg" for p in PERCENTS)]
     rows = (
         round_all({"subject": arm.subject, "side": arm.side, "stage": arm.stage, **_describe_band(band)})
         for arm in studied.arms
         for band in arm.bands
     )
-    return encode_table(names, rows)
+    return encode_table(_OVERLAY_COLUMNS, rows)

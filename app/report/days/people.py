@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
@@ -11,8 +11,8 @@ from statistics import fmean
 from typing import Literal
 
 from app.errors import CannotProfile
-from app.report.findings import Findings, Kept
-from app.report.pairs import OnePerson, are_mixed, judge_person, read_code
+from app.report.findings import Kept
+from app.report.pairs import OnePerson, are_mixed, judge_person, name_pose, read_code
 from app.report.words.subject import clean_text
 from fusion.comparison import WHOLE_DAY_S
 from fusion.conventions import FEWEST_PEOPLE
@@ -65,7 +65,7 @@ class MeasuredDay:
         return "short" if self.kept.findings.exposure.analysed_s < WHOLE_DAY_S else None
 
     def list_figures(self) -> dict[str, float | None]:
-        """Give the figures that days are compared by."""
+        """Return the figures that days are compared by."""
         exposure = self.kept.findings.exposure
         rises = next(e for e in exposure.entries if e.threshold_deg == 60)
         return {
@@ -75,7 +75,7 @@ class MeasuredDay:
         }
 
     def find_interval(self, name: str) -> Interval | None:
-        """Give the range of one of these figures on this day; None where it is not known."""
+        """Return the range of one of these figures on this day; None where it is not known."""
         exposure = self.kept.findings.exposure
         above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
         return above[name] if name in above else exposure.intervals.get(name)
@@ -100,12 +100,12 @@ class ArmDays:
         return tuple(day for day in self.days if day.left_out is None)
 
     def list_values(self, name: str) -> list[float]:
-        """Give a figure of every day that counts."""
+        """Return a figure of every day that counts."""
         values = (day.list_figures()[name] for day in self.counted)
         return [value for value in values if value is not None]
 
     def find_pose_ends(self, name: str) -> PoseEnds | None:
-        """Give the mean over the days that count of the ends of the range that holds the pose's error.
+        """Return the mean over the days that count of the ends of the range that holds the pose's error.
 
         The error is the same every day, so that no number of days makes it smaller. None unless every day
         has both ends.
@@ -175,44 +175,25 @@ def group_days(
     """
     if len(days) < 2:
         raise CannotProfile(why="one")
-    _refuse_twice(days)
-    one_person = _judge_people(days, is_stated=same_subject)
-    code = max(day.subject for day in days)  # the only one, where a missing code is taken for it
+    seen: dict[str, MeasuredDay] = {}
+    for day in days:
+        first = seen.setdefault(day.kept.findings.recording.sha256, day)
+        if first is not day:
+            raise CannotProfile(why="same", name=_name(first), other=_name(day))
+    one_person = judge_person([day.kept for day in days], is_stated=same_subject)
+    nobody = next((day for day in days if not day.subject), None)
+    if nobody and one_person in ("unknown", "no"):  # in a group no code may be missing
+        raise CannotProfile(why="person" if one_person == "unknown" else "codes", name=_name(nobody))
     if are_mixed(day.kept for day in days) and not mixed_methods:
         raise CannotProfile(why="methods")
+    code = max(day.subject for day in days)  # the only one, which is taken for a missing one
     arms = _split_arms(days, code if one_person != "no" else "")
-    if one_person == "no":
-        _refuse_few(arms)
+    people = Counter((arm.side, arm.stage) for arm in arms if arm.counted)
+    if one_person == "no" and max(people.values(), default=0) < FEWEST_PEOPLE:
+        raise CannotProfile(why="few")
     for arm in arms:
         _refuse_same_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
     return StudiedDays(arms, one_person, _find_differences(arms))
-
-
-def _judge_people(days: Sequence[MeasuredDay], *, is_stated: bool) -> OnePerson:
-    """Several codes are a group, in which none may be missing; without a code somebody states the person."""
-    one_person = judge_person([day.kept for day in days], is_stated=is_stated)
-    nobody = next((day for day in days if not day.subject), None)
-    if one_person == "unknown" and nobody:
-        raise CannotProfile(why="person", name=_name(nobody))
-    if one_person == "no" and nobody:
-        raise CannotProfile(why="codes", name=_name(nobody))
-    return one_person
-
-
-def _refuse_few(arms: Sequence[ArmDays]) -> None:
-    """Refuse a group of fewer than five people, of either arm and on either side of a change."""
-    people = Counter((arm.side, arm.stage) for arm in arms if arm.counted)
-    if max(people.values(), default=0) < FEWEST_PEOPLE:
-        raise CannotProfile(why="few")
-
-
-def _refuse_twice(days: Iterable[MeasuredDay]) -> None:
-    seen: dict[str, MeasuredDay] = {}
-    for day in days:
-        sha256 = day.kept.findings.recording.sha256
-        if sha256 in seen:
-            raise CannotProfile(why="same", name=_name(seen[sha256]), other=_name(day))
-        seen[sha256] = day
 
 
 def _refuse_same_hours(days: Sequence[MeasuredDay]) -> None:
@@ -231,40 +212,31 @@ def _is_same_arm(one: ArmDays, other: ArmDays) -> bool:
 
 
 def _split_arms(days: Sequence[MeasuredDay], code: str) -> tuple[ArmDays, ...]:
-    """Split by person, arm and side of the change; a missing code is ``code``."""
+    """Split by person, arm and side of the change, each in order of time; a missing code is ``code``."""
     stages: tuple[Stage, ...] = ("all", "before", "after")
-    keys = {(day.subject or code, day.kept.subject.side, day.stage) for day in days}
-    ordered = sorted(keys, key=lambda key: (key[0], _ORDER.index(key[1]), stages.index(key[2])))
-    return tuple(
-        ArmDays(*key, tuple(sorted(_select(days, key, code), key=_place_in_time))) for key in ordered
-    )
-
-
-def _select(
-    days: Iterable[MeasuredDay], key: tuple[str, Side | None, Stage], code: str
-) -> Iterable[MeasuredDay]:
-    return (day for day in days if (day.subject or code, day.kept.subject.side, day.stage) == key)
+    split: dict[tuple[str, Side | None, Stage], list[MeasuredDay]] = {}
+    for day in days:
+        split.setdefault((day.subject or code, day.kept.subject.side, day.stage), []).append(day)
+    ordered = sorted(split, key=lambda key: (key[0], _ORDER.index(key[1]), stages.index(key[2])))
+    return tuple(ArmDays(*key, tuple(sorted(split[key], key=_place_in_time))) for key in ordered)
 
 
 def _place_in_time(day: MeasuredDay) -> tuple[bool, datetime, str]:
     return day.start is None, day.start or datetime.min, day.kept.findings.recording.sha256  # noqa: DTZ901
 
 
-def _name_pose(findings: Findings) -> str:
-    return (findings.calibration.pose or "axis") if findings.calibration else ""
-
-
 def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:
     """Name what days differ in that should be alike, the gravest first."""
     days = [day for arm in arms for day in arm.days]
     every = [day.kept.findings for day in days]
+    dates = ([day.start.date() for day in arm.counted if day.start] for arm in arms)
     unlike: dict[Difference, bool] = {
         "method": are_mixed(day.kept for day in days),
-        "pose": len({_name_pose(findings) for findings in every}) > 1,
+        "pose": len({name_pose(findings) for findings in every}) > 1,
         "sensor": len({findings.recording.device for findings in every}) > 1,
         "metric filter": len({findings.exposure.metric_filter_hz for findings in every}) > 1,
         "side": len({day.kept.subject.side is None for day in days}) > 1,
-        "date": any(_has_one_date_twice(arm) for arm in arms),
+        "date": any(len(set(one)) < len(one) for one in dates),
         "order": any(_is_out_of_order(arm, arms) for arm in arms if arm.stage == "after"),
         "clock": any(day.start is None for day in days),
         "short": any(day.left_out == "short" for day in days),
@@ -274,13 +246,8 @@ def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:
     return tuple(name for name, holds in unlike.items() if holds)
 
 
-def _has_one_date_twice(arm: ArmDays) -> bool:
-    dates = [day.start.date() for day in arm.counted if day.start]
-    return len(set(dates)) < len(dates)
-
-
 def _is_out_of_order(after: ArmDays, arms: Sequence[ArmDays]) -> bool:
-    """Whether a day after the change is earlier than one before it."""
+    """Return whether a day after the change is earlier than one before it."""
     before = [
         day.start
         for arm in arms

@@ -8,11 +8,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from app.report.export.columns import encode_dictionary, encode_summary, summarise_results
-from app.report.export.csv import FRENCH_EXCEL, Cell, Row, encode_table
+from app.report.export.csv import FRENCH_EXCEL, Row, encode_table
 from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.parquet import lay_some_numbers, lay_some_texts
 from app.report.export.xlsx import encode_workbook
-from app.report.figures import NOT_OF_ONE, SUMMARY, Column, Results, find_unit
+from app.report.figures import SUMMARY, SUMMARY_OF_ONE, Results, find_unit
 from app.report.words.wording import LANGUAGES
 
 # REDCap: a data dictionary that creates the form, and the row to import into it.
@@ -34,46 +34,37 @@ _CHOICES: Mapping[str, str] = {
     "side": "left, Left | right, Right",
     "verdict": "good, Good | caution, Use with care | poor, Poor",
 }
-_SHOWN = tuple(column for column in SUMMARY if column.name not in NOT_OF_ONE)
 
 
 def encode_redcap_dictionary() -> bytes:
     """Write the data dictionary that makes the form in a REDCap project."""
-    first = _describe("record_id", "text", "Record: the beginning of the file's SHA-256")
-    return encode_table(DICTIONARY_COLUMNS, [first, *map(_describe_column, _SHOWN)])
+    name, form, _, kind, label, choices, note, validation, _, _, identifier, *_ = DICTIONARY_COLUMNS
+    first: Row = {name: "record_id", form: FORM, kind: "text"}
+    first[label] = "Record: the beginning of the file's SHA-256"
+    rows: Iterable[Row] = (
+        {
+            name: column.name,
+            form: FORM,
+            kind: "dropdown" if column.name in _CHOICES else "text",
+            label: " / ".join(map(column.explain, LANGUAGES)),
+            choices: _CHOICES.get(column.name),
+            note: find_unit(column.name) or None,
+            validation: "number" if column.kind == "number" else None,
+            identifier: "y" if column.name in {"subject", "file_name"} else None,
+        }
+        for column in SUMMARY_OF_ONE
+    )
+    return encode_table(DICTIONARY_COLUMNS, (first, *rows))
 
 
 def encode_redcap_import(every: Iterable[Results]) -> bytes:
     """Write one row for each recording, ready for REDCap's "Data Import Tool"."""
-    names = ["record_id", *(column.name for column in _SHOWN), f"{FORM}_complete"]
-    return encode_table(names, map(_make_record, every))
-
-
-def _make_record(results: Results) -> Row:
-    sha256 = str(results["recording"]["sha256"])
-    return {"record_id": sha256[:16], **summarise_results(results), f"{FORM}_complete": 2}
-
-
-def _describe_column(column: Column) -> Row:
-    kind = "dropdown" if column.name in _CHOICES else "text"
-    row = _describe(column.name, kind, " / ".join(map(column.explain, LANGUAGES)))
-    row["Choices, Calculations, OR Slider Labels"] = _CHOICES.get(column.name)
-    row["Field Note"] = find_unit(column.name) or None
-    if column.kind == "number":
-        row["Text Validation Type OR Show Slider Number"] = "number"
-    if column.name in {"subject", "file_name"}:
-        row["Identifier?"] = "y"
-    return row
-
-
-def _describe(name: str, kind: str, label: str) -> Row:
-    row: dict[str, Cell] = dict.fromkeys(DICTIONARY_COLUMNS)
-    return row | {
-        "Variable / Field Name": name,
-        "Form Name": FORM,
-        "Field Type": kind,
-        "Field Label": label,
-    }
+    names = ["record_id", *(column.name for column in SUMMARY_OF_ONE), f"{FORM}_complete"]
+    rows = (
+        {"record_id": str(one["recording"]["sha256"])[:16], **summarise_results(one), f"{FORM}_complete": 2}
+        for one in every
+    )
+    return encode_table(names, rows)
 
 
 def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:

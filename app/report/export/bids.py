@@ -9,8 +9,10 @@ angle (``n/a`` where none was measured) and whether it counts. Nothing is filled
 import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -40,21 +42,15 @@ class Angles:
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Where one analysis stands in the dataset."""
+    """One analysis, its subject, and the beginning of the names of its files."""
 
     angles: Angles
     subject: str
-    number: int
-
-    @property
-    def stem(self) -> str:
-        side = self.angles.results["recording"]["side"]
-        arm = f"_acq-{side}" if side else ""
-        return f"sub-{self.subject}_task-{TASK}_tracksys-{TRACKING}{arm}_run-{self.number:02d}"
+    stem: str
 
 
 def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
-    """Give the files of the dataset, by their path in it; the same analyses give the same bytes."""
+    """Return the files of the dataset, by their path in it; the same analyses give the same bytes."""
     runs = list(_place(every))
     dataset = {
         "Name": "Upper-arm elevation",
@@ -78,42 +74,32 @@ def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
     for run in runs:
         stem = f"sub-{run.subject}/motion/{run.stem}"
         yield f"{stem}_motion.json", _encode_json(_describe_motion(run.angles))
-        yield f"{stem}_channels.tsv", _encode_rows(*_list_channels(run.angles.results))
+        yield f"{stem}_channels.tsv", _encode_channels(run.angles.results)
         yield f"{stem}_motion.tsv", _encode_motion(run.angles.parquet)
 
 
 def _place(every: Sequence[Angles]) -> Iterator[_Run]:
-    """Give each analysis its subject, and a number among those of the same arm, in order of time."""
-    labels = _label_subjects(every)
-    counts: dict[tuple[str, str | None], int] = {}
-    for angles in sorted(every, key=_tell_order):
-        recording = angles.results["recording"]
-        key = labels[_name_subject(recording)], recording["side"]
-        counts[key] = counts.get(key, 0) + 1
-        yield _Run(angles, key[0], counts[key])
+    """Return each analysis its subject, and a number among those of the same arm, in order of time.
 
-
-def _tell_order(angles: Angles) -> tuple[str, str, str]:
-    recording = angles.results["recording"]
-    return _name_subject(recording), recording["start"] or "", recording["sha256"]
-
-
-def _name_subject(recording: Mapping[str, Any]) -> str:
-    """Give the code of the subject; without one each recording is of somebody else."""
-    return find_code(recording["subject"]) or f"r{recording['sha256'][:12]}"
-
-
-def _label_subjects(every: Iterable[Angles]) -> dict[str, str]:
-    """Write each code in letters and digits; two codes that then read alike are numbered."""
+    Codes stand in letters and digits; two that then read alike are numbered. Without a code each recording
+    is of somebody else.
+    """
+    coded = []
+    for angles in every:
+        told = angles.results["recording"]
+        code = find_code(told["subject"]) or f"r{told['sha256'][:12]}"
+        coded.append((code, told["start"] or "", told["sha256"], angles))
     labels: dict[str, str] = {}
-    for code in sorted({_name_subject(angles.results["recording"]) for angles in every}):
-        plain = re.sub(r"[^A-Za-z0-9]", "", code) or "subject"
-        label, number = plain, 1
-        while label in labels.values():
-            number += 1
-            label = f"{plain}x{number}"
-        labels[code] = label
-    return labels
+    counts: Counter[tuple[str, str | None]] = Counter()
+    for code, _, _, angles in sorted(coded, key=lambda one: one[:3]):
+        if code not in labels:
+            plain = re.sub(r"[^A-Za-z0-9]", "", code) or "subject"
+            numbered = (f"{plain}x{number}" for number in count(2))
+            labels[code] = next(label for label in chain([plain], numbered) if label not in labels.values())
+        subject, side = labels[code], angles.results["recording"]["side"]
+        counts[subject, side] += 1
+        arm, number = f"_acq-{side}" if side else "", f"{counts[subject, side]:02d}"
+        yield _Run(angles, subject, f"sub-{subject}_task-{TASK}_tracksys-{TRACKING}{arm}_run-{number}")
 
 
 _README = """# Upper-arm elevation
@@ -128,7 +114,11 @@ measured), 1 where the angle counts and 0 where it does not. Missing time is a s
 
 def _describe_motion(angles: Angles) -> dict[str, Any]:
     recording, method = angles.results["recording"], angles.results["method"]
-    rate_hz, count = _measure_rate(angles.parquet)
+    time_us = pq.read_table(angles.parquet, columns=["time_us"])["time_us"].combine_chunks()
+    rate_hz = 1.0
+    if len(time_us) > 1:  # from the commonest step between two rows
+        steps = pc.subtract(time_us.slice(1), time_us.slice(0, len(time_us) - 1))
+        rate_hz = round(1e6 / pc.quantile(steps, 0.5, interpolation="nearest")[0].as_py(), 6)
     return {
         "TaskName": TASK,
         "TaskDescription": "Work, as recorded over a shift",
@@ -147,29 +137,20 @@ def _describe_motion(angles: Angles) -> dict[str, Any]:
         "TrackedPointsCount": 1,
         "MissingValues": "n/a where no sample was measured; missing time is a step in latency",
         "ElevationMethod": f"{method['name']} {method['version']}" if method else "n/a",
-        "SampleCount": count,
+        "SampleCount": len(time_us),
     }
 
 
-def _measure_rate(parquet: Path) -> tuple[float, int]:
-    """Give the rate from the commonest step between two rows, and the number of rows."""
-    time_us = pq.read_table(parquet, columns=["time_us"])["time_us"].combine_chunks()
-    if len(time_us) < 2:
-        return 1.0, len(time_us)
-    steps = pc.subtract(time_us.slice(1), time_us.slice(0, len(time_us) - 1))
-    step_us = pc.quantile(steps, 0.5, interpolation="nearest")[0].as_py()
-    return round(1e6 / step_us, 6), len(time_us)
-
-
-def _list_channels(results: Results) -> tuple[Sequence[str], list[Sequence[str]]]:
+def _encode_channels(results: Results) -> bytes:
     side = results["recording"]["side"]
     point = f"{side}_upper_arm" if side else "upper_arm"
     columns = ("name", "component", "type", "tracked_point", "units", "description")
-    return columns, [
+    rows = (
         (_LATENCY, "n/a", "LATENCY", "n/a", "s", "Time from the first sample"),
         (_ELEVATION, "n/a", "ORNT", point, "deg", "Angle between the upper arm and gravity"),
         (_VALID, "n/a", "MISC", point, "n/a", "1: the angle counts; 0: it does not"),
-    ]
+    )
+    return _encode_rows(columns, rows)
 
 
 def _encode_motion(parquet: Path) -> bytes:

@@ -1,9 +1,9 @@
 """The tables of figures: one row for each recording, one for each hour and period, and their dictionary."""
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 from app.report.export.csv import INTERNATIONAL, Dialect, Origin, Row, encode_table, find_place
 from app.report.figures import (
@@ -11,28 +11,27 @@ from app.report.figures import (
     SUMMARY,
     Column,
     Results,
+    TableName,
     find_unit,
     read_figures,
-    read_pose_ranges,
     read_ranges,
 )
 from app.report.words.wording import LANGUAGES, load_wording
 
 
 def summarise_results(results: Results) -> Row:
-    """Give the row of one analysed recording."""
+    """Return the row of one analysed recording."""
     told = read_figures(results)
-    for name, (low, high) in read_ranges(results).items():
-        told |= {f"{name}_low": low, f"{name}_high": high}
-    for name, (low, high) in read_pose_ranges(results).items():
-        told |= {f"{name}_low_pose": low, f"{name}_high_pose": high}
+    for suffix in ("", "_pose"):
+        for name, (low, high) in read_ranges(results, suffix).items():
+            told |= {f"{name}_low{suffix}": low, f"{name}_high{suffix}": high}
     told["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
     told |= {place: find_place(results, place) for place in ("path", "folder")}
     return {column.name: told.get(column.name) for column in SUMMARY}
 
 
 def summarise_failure(origin: Origin, code: str) -> Row:
-    """Give the row of a recording without result: only what is known."""
+    """Return the row of a recording without result: only what is known."""
     empty: Row = dict.fromkeys(column.name for column in SUMMARY)
     return empty | asdict(origin) | {"folder": None, "error_code": code}
 
@@ -41,7 +40,7 @@ PERIOD_COLUMNS = [column.name for column in PERIODS]
 
 
 def describe_periods(results: Results) -> list[Row]:
-    """Give the rows of ``periods.csv`` for one recording."""
+    """Return the rows of ``periods.csv`` for one recording."""
     who = {name: results["recording"][name] for name in ("file_name", "subject", "side")}
     who["path"] = find_place(results, "path")
     kinds = (("hour", "by_hour"), ("period", "by_period"), ("task", "by_task"))
@@ -74,13 +73,28 @@ def encode_dictionary() -> bytes:
 
 
 def describe_dictionary() -> list[Row]:
-    """Give one row for each column of the tables and of the angles, and each field of ``results.json``."""
-    return [
-        *(_describe_column("summary", column) for column in SUMMARY),
-        *(_describe_column("periods", column) for column in PERIODS),
-        *_describe_all("elevation.parquet", *(words["elevation"] for words in _load_words("tables"))),
-        *_describe_all("results.json", *_load_words("fields")),
-    ]
+    """Return one row for each column of the tables and of the angles, and each field of ``results.json``."""
+    rows: list[Row] = []
+
+    def add(file: str, name: str, kind: str | None, told: Iterable[str]) -> None:
+        english, french = told
+        words = {"unit": find_unit(name), "english": english, "french": french}
+        rows.append({"file": file, "column": name, "kind": kind, **words})
+
+    tables: tuple[tuple[TableName, Sequence[Column]], ...] = (
+        ("summary", SUMMARY),
+        ("periods", PERIODS),
+    )
+    for table, columns in tables:
+        for column in columns:
+            told = (column.explain(language, table) for language in LANGUAGES)
+            add(f"{table}.csv", column.name, column.kind, told)
+    angles = [load_wording(language, "tables")["elevation"] for language in LANGUAGES]
+    fields = [load_wording(language, "fields") for language in LANGUAGES]
+    for file, words in (("elevation.parquet", angles), ("results.json", fields)):
+        for name in words[0]:
+            add(file, name, None, (one[name] for one in words))
+    return rows
 
 
 def write_document() -> str:
@@ -97,7 +111,7 @@ def write_document() -> str:
 
 
 def find_paths(value: Any, path: str = "") -> Iterator[str]:
-    """Give the path of every field of a results document: ``exposure.bins[].percent``."""
+    """Return the path of every field of a results document: ``exposure.bins[].percent``."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from find_paths(inner, f"{path}.{key}" if path else key)
@@ -107,24 +121,6 @@ def find_paths(value: Any, path: str = "") -> Iterator[str]:
             yield from find_paths(inner, f"{path}[].{key}")
     else:
         yield path
-
-
-def _describe_column(table: Literal["summary", "periods"], column: Column) -> Row:
-    english, french = (column.explain(language, table) for language in LANGUAGES)
-    return _describe(f"{table}.csv", column.name, column.kind, english, french)
-
-
-def _load_words(part: str) -> list[Mapping[str, Any]]:
-    return [load_wording(language, part) for language in LANGUAGES]
-
-
-def _describe_all(file: str, english: Mapping[str, str], french: Mapping[str, str]) -> list[Row]:
-    return [_describe(file, name, None, english[name], french[name]) for name in english]
-
-
-def _describe(file: str, name: str, kind: str | None, english: str, french: str) -> Row:
-    told = {"unit": find_unit(name), "english": english, "french": french}
-    return {"file": file, "column": name, "kind": kind, **told}
 
 
 if __name__ == "__main__":

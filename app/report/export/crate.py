@@ -66,9 +66,24 @@ def encode_crate(every: Sequence[Made], others: Mapping[str, int], ended_at: str
             "about": {"@id": "./"},
             "conformsTo": {"@id": _SPECIFICATION},
         },
-        _describe_root(every, [file["@id"] for file in files], [action["@id"] for action in actions]),
+        {
+            "@id": "./",
+            "@type": "Dataset",
+            "conformsTo": {"@id": PROFILE},
+            "name": "Upper-arm elevation",
+            "description": "Exposure of the upper arm to elevation, from recordings of a motion sensor.",
+            "datePublished": max(map(_find_date, every), default=_NO_DATE).isoformat(),
+            "license": {"@id": "#rights"},
+            "hasPart": [_refer(file) for file in files],
+            "mentions": [_refer(action) for action in actions],
+        },
         {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
-        {"@id": "#rights", "@type": "CreativeWork", **_RIGHTS},
+        {
+            "@id": "#rights",
+            "@type": "CreativeWork",
+            "name": "Not stated",
+            "description": "Health data. Acromion states no licence: ask whoever holds the recordings.",
+        },
         {
             "@id": _SOFTWARE,
             "@type": "SoftwareApplication",
@@ -84,32 +99,16 @@ def encode_crate(every: Sequence[Made], others: Mapping[str, int], ended_at: str
     return (json.dumps(crate, ensure_ascii=False, indent=1) + "\n").encode()
 
 
-_RIGHTS = {
-    "name": "Not stated",
-    "description": "Health data. Acromion states no licence: ask whoever holds the recordings.",
-}
-
-
-def _describe_root(every: Sequence[Made], files: list[str], actions: list[str]) -> Entity:
-    return {
-        "@id": "./",
-        "@type": "Dataset",
-        "conformsTo": {"@id": PROFILE},
-        "name": "Upper-arm elevation",
-        "description": "Exposure of the upper arm to elevation, from recordings of a motion sensor.",
-        "datePublished": max(map(_find_date, every), default=_NO_DATE).isoformat(),
-        "license": {"@id": "#rights"},
-        "hasPart": [{"@id": name} for name in files],
-        "mentions": [{"@id": name} for name in actions],
-    }
+def _refer(entity: Entity) -> Entity:
+    return {"@id": entity["@id"]}
 
 
 def _find_date(made: Made) -> date:
-    """Give the day on which a recording ended."""
-    start = (made.results or {}).get("recording", {}).get("start")
-    if made.results is None or not start:
+    results = made.results or {}
+    start = results.get("recording", {}).get("start")
+    if not start:
         return _NO_DATE
-    return (datetime.fromisoformat(start) + timedelta(seconds=made.results["time"]["recorded_s"])).date()
+    return (datetime.fromisoformat(start) + timedelta(seconds=results["time"]["recorded_s"])).date()
 
 
 def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
@@ -124,7 +123,7 @@ def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
         return action | {"actionStatus": f"{_STATUS}/FailedActionStatus", "error": made.code}
     return action | {
         "actionStatus": f"{_STATUS}/CompletedActionStatus",
-        "object": [{"@id": one["@id"]} for one in _describe_objects(made)],
+        "object": [_refer(one) for one in _describe_objects(made)],
         "result": [{"@id": quote(path)} for path in made.files],
     }
 

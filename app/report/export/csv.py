@@ -76,7 +76,7 @@ class Origin:
 
 
 def add_origin(results: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
-    """Give the results with where they come from beside them, for the tables of many recordings.
+    """Return the results with where they come from beside them, for the tables of many recordings.
 
     It stands in no ``results.json``, which is the same wherever the file lies.
     """
@@ -84,7 +84,7 @@ def add_origin(results: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
 
 
 def find_place(results: Mapping[str, Any], name: str) -> str | None:
-    """Give ``path`` or ``folder``; None for results on their own."""
+    """Return ``path`` or ``folder``; None for results on their own."""
     place: str | None = results.get("origin", {}).get(name)
     return place or None
 
@@ -96,7 +96,7 @@ PROBLEM_COLUMNS = ["file", "code", "title", "detail", "fix", "path", "subject", 
 
 
 def tell_problem(origin: Origin, code: str, facts: Mapping[str, Fact], language: Language) -> Row:
-    """Give the row of one recording."""
+    """Return the row of one recording."""
     problem = describe_problem(code, facts, language)
     words = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
     who = {"path": origin.path, "subject": origin.subject, "side": origin.side}

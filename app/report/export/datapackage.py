@@ -5,11 +5,12 @@ Shape: Frictionless Data Package and Table Schema.
 """
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
+from app.report.export.columns import DICTIONARY_COLUMNS
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, PROBLEM_COLUMNS, Dialect
-from app.report.figures import NOT_OF_ONE, PERIODS, SUMMARY, Column, find_unit
+from app.report.figures import PERIODS, SUMMARY, SUMMARY_OF_ONE, Column, TableName, find_unit
 
 DATAPACKAGE = "datapackage.json"
 _ALLOWED: Mapping[str, Sequence[str]] = {
@@ -17,66 +18,49 @@ _ALLOWED: Mapping[str, Sequence[str]] = {
     "verdict": ("good", "caution", "poor"),
     "kind": ("hour", "period", "task"),
 }
-_DICTIONARY_COLUMNS = ("file", "column", "kind", "unit", "english", "french")
+_COMPLETE = "arm_elevation_complete"
+_TABLES: Mapping[str, tuple[Dialect, Sequence[Column | str]]] = {
+    "summary.csv": (INTERNATIONAL, SUMMARY),
+    "summary_fr.csv": (FRENCH_EXCEL, SUMMARY),
+    "periods.csv": (INTERNATIONAL, PERIODS),
+    "problems.csv": (INTERNATIONAL, PROBLEM_COLUMNS),
+    "dictionary.csv": (INTERNATIONAL, DICTIONARY_COLUMNS),
+    "redcap_import.csv": (INTERNATIONAL, ("record_id", *SUMMARY_OF_ONE, _COMPLETE)),
+}
+"""How each table is written, and its columns; those without a declaration are text."""
 
 
 def encode_datapackage(tables: Collection[str]) -> bytes:
     """Describe those of the tables that we know; ``tables`` are names of files."""
-    resources = [_describe_table(name, *_TABLES[name]) for name in sorted(tables) if name in _TABLES]
+    resources = []
+    for name in sorted(_TABLES.keys() & tables):
+        dialect, columns = _TABLES[name]
+        table: TableName = "periods" if columns is PERIODS else "summary"
+        resource = {
+            "profile": "tabular-data-resource",
+            "name": name.removesuffix(".csv").replace("_", "-"),
+            "path": name,
+            "format": "csv",
+            "mediatype": "text/csv",
+            "encoding": "utf-8-sig" if dialect.mark else "utf-8",
+            "dialect": {"delimiter": dialect.delimiter, "lineTerminator": dialect.line_end},
+            "schema": {
+                "fields": [_describe_column(column, table, dialect) for column in columns],
+                "missingValues": [""],
+            },
+        }
+        resources.append(resource)
     package = {"profile": "tabular-data-package", "name": "acromion-results", "resources": resources}
     return (json.dumps(package, ensure_ascii=False, indent=1) + "\n").encode()
 
 
-def _describe_table(name: str, dialect: Dialect, make: Callable[[Dialect], list[dict[str, Any]]]) -> Any:
-    return {
-        "profile": "tabular-data-resource",
-        "name": name.removesuffix(".csv").replace("_", "-"),
-        "path": name,
-        "format": "csv",
-        "mediatype": "text/csv",
-        "encoding": "utf-8-sig" if dialect.mark else "utf-8",
-        "dialect": {"delimiter": dialect.delimiter, "lineTerminator": dialect.line_end},
-        "schema": {"fields": make(dialect), "missingValues": [""]},
-    }
-
-
-def _describe_column(
-    column: Column, table: Literal["summary", "periods"], dialect: Dialect
-) -> dict[str, Any]:
+def _describe_column(column: Column | str, table: TableName, dialect: Dialect) -> dict[str, Any]:
+    if isinstance(column, str):
+        return {"name": column, "type": "integer" if column == _COMPLETE else "string"}
     field: dict[str, Any] = {"name": column.name, "title": column.explain("en", table)}
-    unit = find_unit(column.name)
     if column.kind == "text":
         allowed = _ALLOWED.get(column.name)
-        field |= {"type": "string"} | ({"constraints": {"enum": list(allowed)}} if allowed else {})
-        return field
+        return field | {"type": "string"} | ({"constraints": {"enum": list(allowed)}} if allowed else {})
     field |= {"type": "number"} | ({"decimalChar": dialect.decimal} if dialect.decimal != "." else {})
+    unit = find_unit(column.name)
     return field | ({"unit": unit} if unit else {})
-
-
-def _describe_summary(dialect: Dialect) -> list[dict[str, Any]]:
-    return [_describe_column(column, "summary", dialect) for column in SUMMARY]
-
-
-def _describe_periods(dialect: Dialect) -> list[dict[str, Any]]:
-    return [_describe_column(column, "periods", dialect) for column in PERIODS]
-
-
-def _describe_redcap(dialect: Dialect) -> list[dict[str, Any]]:
-    shown = [column for column in SUMMARY if column.name not in NOT_OF_ONE]
-    first = {"name": "record_id", "type": "string"}
-    last = {"name": "arm_elevation_complete", "type": "integer"}
-    return [first, *(_describe_column(column, "summary", dialect) for column in shown), last]
-
-
-def _describe_texts(names: Sequence[str]) -> Callable[[Dialect], list[dict[str, Any]]]:
-    return lambda _dialect: [{"name": name, "type": "string"} for name in names]
-
-
-_TABLES: Mapping[str, tuple[Dialect, Callable[[Dialect], list[dict[str, Any]]]]] = {
-    "summary.csv": (INTERNATIONAL, _describe_summary),
-    "summary_fr.csv": (FRENCH_EXCEL, _describe_summary),
-    "periods.csv": (INTERNATIONAL, _describe_periods),
-    "problems.csv": (INTERNATIONAL, _describe_texts(PROBLEM_COLUMNS)),
-    "dictionary.csv": (INTERNATIONAL, _describe_texts(_DICTIONARY_COLUMNS)),
-    "redcap_import.csv": (INTERNATIONAL, _describe_redcap),
-}

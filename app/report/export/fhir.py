@@ -17,7 +17,7 @@ from typing import Any
 
 from app.report.export.columns import summarise_results
 from app.report.export.naming import format_report_name
-from app.report.figures import RANGE_ENDS, SUMMARY, Column, Results, find_unit, read_pose_ranges, read_ranges
+from app.report.figures import RANGE_ENDS, SUMMARY, Results, find_unit, read_ranges
 from app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
@@ -39,78 +39,77 @@ def build_fhir(
     digest = hashlib.sha256(json.dumps(results, sort_keys=True).encode()).hexdigest()
     common, name = _describe_common(results), format_report_name(results, version, "pdf")
     observations = [
-        (_address(digest, column.name), observation)
-        for column, observation in _build_observations(results, common)
+        (_address(digest, name), observation) for name, observation in _list_observations(results, common)
     ]
     report = {
-        "resourceType": "DiagnosticReport",
-        "meta": _name_profile("DiagnosticReport"),
+        **_head("DiagnosticReport"),
         **common,
         "code": _build_code("upper_arm_elevation", "Upper-arm elevation report"),
         "result": [{"reference": address} for address, _ in observations],
         "conclusion": conclusion,
-        "presentedForm": [_attach(pdf, language, name) for language, pdf in pdfs.items()],
+        "presentedForm": [
+            {
+                "contentType": "application/pdf",
+                "language": language,
+                "data": base64.b64encode(pdf).decode("ascii"),
+                "title": name,
+            }
+            for language, pdf in pdfs.items()
+        ],
     }
     entries = [(_address(digest, "report"), report), *observations]
     return {
-        "resourceType": "Bundle",
-        "meta": _name_profile("Bundle"),
+        **_head("Bundle"),
         "type": "collection",
         "identifier": {"system": "urn:ietf:rfc:3986", "value": _address(digest, "bundle")},
         "entry": [{"fullUrl": address, "resource": resource} for address, resource in entries],
     }
 
 
-def _name_profile(resource: str) -> dict[str, Any]:
-    return {"profile": [f"{_PROFILES}/{resource}"]}
+def _head(resource: str) -> dict[str, Any]:
+    return {"resourceType": resource, "meta": {"profile": [f"{_PROFILES}/{resource}"]}}
 
 
 def _describe_common(results: Results) -> dict[str, Any]:
-    """Give the fields that the report and all observations share: status, subject, period."""
+    """Return the fields that the report and all observations share: status, subject, period.
+
+    FHIR takes a time only with its zone, so that a clock without one gives the date.
+    """
     recording = results["recording"]
     common: dict[str, Any] = {"status": "final"}
     if recording["subject"]:
         common["subject"] = {"identifier": {"system": SUBJECTS, "value": recording["subject"]}}
     if recording["start"]:
-        common["effectivePeriod"] = _describe_period(recording["start"], results["time"]["recorded_s"])
+        first = datetime.fromisoformat(recording["start"])
+        ends = (first, first + timedelta(seconds=results["time"]["recorded_s"]))
+        told = (end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends)
+        common["effectivePeriod"] = dict(zip(("start", "end"), told, strict=True))
     return common
 
 
-def _describe_period(start: str, recorded_s: float) -> dict[str, str]:
-    """Give begin and end; FHIR takes a time only with its zone, so a clock without one gives the date."""
-    first = datetime.fromisoformat(start)
-    ends = (first, first + timedelta(seconds=recorded_s))
-    told = [end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends]
-    return {"start": told[0], "end": told[1]}
-
-
-def _build_observations(
-    results: Results, common: Mapping[str, Any]
-) -> Iterable[tuple[Column, dict[str, Any]]]:
-    """Give one observation for each figure there is, with the ends of its range where they are known."""
-    row, ranges, posed = summarise_results(results), read_ranges(results), read_pose_ranges(results)
+def _list_observations(results: Results, common: Mapping[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
+    """Return one observation for each figure there is, with the ends of its range where they are known."""
+    row, ranges, posed = summarise_results(results), read_ranges(results), read_ranges(results, "_pose")
     for column in SUMMARY:
-        if column.kind != "number" or row[column.name] is None or column.name.endswith(RANGE_ENDS):
+        name = column.name
+        if column.kind != "number" or row[name] is None or name.endswith(RANGE_ENDS):
             continue
-        every = (*ranges.get(column.name, ()), *posed.get(column.name, ()))  # no pose's without the others
-        ends = zip(RANGE_ENDS, every, strict=False)
+        every = (*ranges.get(name, ()), *posed.get(name, ()))  # no pose's without the others
         ranged = [
-            {
-                "code": _build_code(f"{column.name}{end}", f"{column.name}{end}"),
-                "valueQuantity": _measure(f"{column.name}{end}", value),
-            }
-            for end, value in ends
+            {"code": _build_code(code, code), "valueQuantity": _measure(code, value)}
+            for code, value in zip((f"{name}{end}" for end in RANGE_ENDS), every, strict=False)
         ]
-        observation = {
-            "resourceType": "Observation",
-            "meta": _name_profile("Observation"),
-            **common,
-            "code": _build_code(column.name, column.explain("en")),
-            "valueQuantity": _measure(column.name, row[column.name]),
-            **({"bodySite": {"text": f"{row['side']} upper arm"}} if row["side"] else {}),
-            **({"component": ranged} if ranged else {}),
-        }
-        yield column, observation
+        yield (
+            name,
+            {
+                **_head("Observation"),
+                **common,
+                "code": _build_code(name, column.explain("en")),
+                "valueQuantity": _measure(name, row[name]),
+                **({"bodySite": {"text": f"{row['side']} upper arm"}} if row["side"] else {}),
+                **({"component": ranged} if ranged else {}),
+            },
+        )
 
 
 def _build_code(code: str, display: str) -> dict[str, Any]:
@@ -120,15 +119,6 @@ def _build_code(code: str, display: str) -> dict[str, Any]:
 def _measure(name: str, value: object) -> dict[str, Any]:
     unit = _UCUM.get(find_unit(name), "1")
     return {"value": value, "unit": unit, "system": "http://unitsofmeasure.org", "code": unit}
-
-
-def _attach(pdf: bytes, language: str, name: str) -> dict[str, str]:
-    return {
-        "contentType": "application/pdf",
-        "language": language,
-        "data": base64.b64encode(pdf).decode("ascii"),
-        "title": name,
-    }
 
 
 def _address(digest: str, name: str) -> str:

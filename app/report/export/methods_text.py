@@ -18,66 +18,50 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
     words = load_wording(language, "run")["methods"]
     if not every:
         return f"# {words['title']}\n\n{words['nothing']}\n".encode()
-    facts = _describe_run(every, failed, words, language)
-    told = ["sensor", "recordings", "fusion", "pose", "elevation", "figures", "interval"]
-    if not _count(every, "calibration", "pose"):
-        told.remove("pose")
-    if _count(every, "calibration", "axis"):
-        told.insert(told.index("elevation"), "axis")
-    told += ["npose"] if "n-pose" in _count(every, "calibration", "pose") else []
+    poses, axes = (_count(every, "calibration", name) for name in ("pose", "axis"))
+    told = ["sensor", "recordings", "fusion"]
+    told += ["pose"] if poses else []
+    told += ["axis"] if axes else []
+    told += ["elevation", "figures", "interval"]
+    told += ["npose"] if "n-pose" in poses else []
+    facts = _describe_run(every, words, language) | {
+        "failed": str(failed) if failed else "",
+        "n": str(axes.total()),
+        "poses": "; ".join(
+            fill(words["pose_named"][pose], {"n": str(number)}) for pose, number in poses.items()
+        ),
+    }
     text = " ".join(fill(words[name], facts) for name in (*told, "limits", "settings"))
     sources = "\n".join(f"- {source}" for source in format_bibliography())
     cited = f"## {words['bibliography']}\n\n{sources}\n"
     return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n\n{cited}".encode()
 
 
-def _describe_run(every: Sequence[Results], failed: int, words: Words, language: Language) -> dict[str, str]:
+def _describe_run(every: Sequence[Results], words: Words, language: Language) -> dict[str, str]:
+    devices = []
+    for device in _count(every, "recording", "device"):
+        known = fill(words["device"]["known"], {"name": find_known_name(device) or device})
+        devices.append(str(words["device"].get(device) or known))
+    # Each method and its version once; a file of ready angles has none, which stands last.
+    found = (results["method"] for results in every)
+    named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
+    methods = sorted(named, key=lambda method: (method[0] == "none", method))
+    rates_hz = [results["recording"]["rate_hz"] for results in every]
+    rates = dict.fromkeys(format_rate(rate_hz, language) for rate_hz in (min(rates_hz), max(rates_hz)))
+    amounts = {"hours": "analysed_s", "missing": "missing_s", "excluded": "excluded_s"}
     return {
-        "devices": _join(_name_sensors(name, words) for name in _count(every, "recording", "device")),
-        "rates": _format_rates(every, language),
+        "devices": "; ".join(devices),
+        "rates": f"{'–'.join(rates)} Hz",
         "version": software_version(),
         "revision": software_revision(),
         "analysed": str(len(every)),
-        "failed": str(failed) if failed else "",
-        "method": _join(_format_method(method, words) for method in _find_methods(every)),
-        "n": str(_count(every, "calibration", "axis").total()),
-        "poses": _join(
-            fill(words["pose_named"][pose], {"n": str(number)})
-            for pose, number in _count(every, "calibration", "pose").items()
-        ),
+        "method": "; ".join(fill(words["fused_by"][name], {"version": version}) for name, version in methods),
         **{
             name: format_number(sum(results["time"][key] for results in every) / HOUR_S, 1, language)
-            for name, key in (("hours", "analysed_s"), ("missing", "missing_s"), ("excluded", "excluded_s"))
+            for name, key in amounts.items()
         },
     }
 
 
 def _count(every: Iterable[Results], part: str, name: str) -> Counter[str]:
     return Counter(results[part][name] for results in every if results[part] and results[part][name])
-
-
-def _find_methods(every: Iterable[Results]) -> list[tuple[str, str]]:
-    """Give each method and its version once; a file of ready angles has none, which stands last."""
-    found = (results["method"] for results in every)
-    named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
-    return sorted(named, key=lambda method: (method[0] == "none", method))
-
-
-def _name_sensors(device: str, words: Words) -> str:
-    named = words["device"]
-    return str(named.get(device) or fill(named["known"], {"name": find_known_name(device) or device}))
-
-
-def _format_method(method: tuple[str, str], words: Words) -> str:
-    name, version = method
-    return fill(words["fused_by"][name], {"version": version})
-
-
-def _format_rates(every: Iterable[Results], language: Language) -> str:
-    rates_hz = sorted({results["recording"]["rate_hz"] for results in every})
-    ends = dict.fromkeys(format_rate(rate_hz, language) for rate_hz in (rates_hz[0], rates_hz[-1]))
-    return f"{'–'.join(ends)} Hz"
-
-
-def _join(parts: Iterable[str]) -> str:
-    return "; ".join(parts)

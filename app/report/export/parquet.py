@@ -27,25 +27,25 @@ if TYPE_CHECKING:
 
 
 def lay_numbers(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> pa.Array:
-    """Give a column of numbers; shapes (n,). Absent are those that are not ``known``, else none."""
+    """Return a column of numbers; shapes (n,). Absent are those that are not ``known``, else none."""
     close = pa.py_buffer(np.ascontiguousarray(values))
     marks = None if known is None or known.all() else _pack(known)
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [marks, close])
 
 
 def lay_flags(flags: NDArray[np.bool_]) -> pa.Array:
-    """Give a column of yes and no, none of them absent; shape (n,)."""
+    """Return a column of yes and no, none of them absent; shape (n,)."""
     return pa.Array.from_buffers(pa.bool_(), len(flags), [None, _pack(flags)])
 
 
 def lay_some_numbers(values: Sequence[float | None]) -> pa.Array:
-    """Give a column of numbers, None where there is none."""
+    """Return a column of numbers, None where there is none."""
     filled = np.array([0.0 if value is None else value for value in values], np.float64)
     return lay_numbers(filled, _find_known(values))
 
 
 def lay_some_texts(texts: Sequence[str | None]) -> pa.Array:
-    """Give a column of text, None where there is none."""
+    """Return a column of text, None where there is none."""
     encoded = [(text or "").encode("utf-8") for text in texts]
     edges = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     buffers = [_pack(_find_known(texts)), pa.py_buffer(edges), pa.py_buffer(b"".join(encoded))]
@@ -127,7 +127,6 @@ def _lay_segment(segment: ElevationSegment) -> Iterator[pa.Table]:
 
 
 def _round(values: FloatArray) -> FloatArray:
-    """Round in place."""
     return np.rint(values, out=values)
 
 

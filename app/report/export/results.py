@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
 from itertools import starmap
@@ -23,12 +23,10 @@ from app.report.figures import (
     BINS,
     CYCLES,
     ENTRIES,
-    ENTRIES_PER_H,
     EPISODES,
     EVA_SUMMARY,
     HOUR_VARIATION,
-    PERCENTILE,
-    SHARE_ABOVE,
+    PERCENTILES,
     SINGLE_GROUPS,
     TIME_ABOVE,
     VELOCITIES,
@@ -43,11 +41,7 @@ from app.report.words.subject import ReportSubject, Software
 from app.request import Conclusion
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS
-from fusion.exposure.types import (
-    Exposure,
-    Interval,
-    PartExposure,
-)
+from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
 from fusion.recording import MICROSECONDS, QualityFlag
 from fusion.settings import AnalysisSettings
 
@@ -56,6 +50,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "acromion.results/1"
 POSE_ENDS = ("low_pose", "high_pose")
+_ENDS = ("low", "high", *POSE_ENDS)
 _PLACE_DECIMALS = 6
 _NUMBERS = re.compile(r"\[\n\s+([^\[\]{}\"]+?)\n\s+\]")
 """A list of numbers over several lines; no text holds a line break in JSON."""
@@ -160,12 +155,6 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
 
 
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
-    rates = {
-        entries.threshold_deg: exposure.intervals.get(
-            ENTRIES_PER_H.spell({"threshold_deg": entries.threshold_deg})
-        )
-        for entries in exposure.entries
-    }
     windows, quarter_hours = (
         [
             {
@@ -177,20 +166,20 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         ]
         for every in (exposure.peak_windows, exposure.quarter_hours)
     )
+    entries = []
+    for item in exposure.entries:
+        described = ENTRIES.describe(item)
+        interval = exposure.intervals.get(ENTRIES["per_hour"].spell(described))
+        entries.append(described | {end: getattr(interval, end, None) for end in POSE_ENDS})
     eva = exposure.eva
     return {
         "analysed_s": exposure.analysed_s,
         "metric_filter_hz": exposure.metric_filter_hz,
         "angle_sigma_deg": exposure.angle_sigma_deg,
-        "bins": [BINS.describe(part) | _describe_range(part.interval) for part in exposure.bins],
-        "time_above": [
-            TIME_ABOVE.describe(above) | _describe_range(above.interval) for above in exposure.time_above
-        ],
+        "bins": [_describe_ranged(BINS, part) for part in exposure.bins],
+        "time_above": [_describe_ranged(TIME_ABOVE, above) for above in exposure.time_above],
         "percentiles_deg": {str(p): angle_deg for p, angle_deg in exposure.percentiles_deg.items()},
-        "entries": [
-            ENTRIES.describe(entries) | _describe_range(rates[entries.threshold_deg], POSE_ENDS)
-            for entries in exposure.entries
-        ],
+        "entries": entries,
         "cycles": [CYCLES.describe(cycles) for cycles in exposure.cycles],
         "episodes": [
             {
@@ -210,8 +199,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
             "angle_edges_deg": list(eva.angle_edges_deg),
             "duration_edges_s": list(eva.duration_edges_s),
             "percent": eva.percent.tolist(),
-            "low": [[cell.low for cell in row] for row in eva.intervals] or None,
-            "high": [[cell.high for cell in row] for row in eva.intervals] or None,
+            **{end: [[getattr(c, end) for c in row] for row in eva.intervals] or None for end in _ENDS[:2]},
         },
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
@@ -219,9 +207,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         **_describe_intervals(exposure.intervals),
         **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
-            "by_hour": {
-                figure: HOUR_VARIATION.describe(varied) for figure, varied in exposure.hour_variation.items()
-            },
+            "by_hour": {name: HOUR_VARIATION.describe(one) for name, one in exposure.hour_variation.items()},
             "eva": _describe(EVA_SUMMARY, exposure.eva_summary),
         },
         "conventions": [
@@ -229,10 +215,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
                 "key": item.key,
                 "source": item.source,
                 "evidence": item.evidence,
-                "classes": [
-                    BINS.describe(part) | _describe_range(part.interval)
-                    for part in exposure.conventions[item.key]
-                ],
+                "classes": [_describe_ranged(BINS, part) for part in exposure.conventions[item.key]],
             }
             for item in CONVENTIONS
             if item.key in exposure.conventions
@@ -243,38 +226,34 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
 
 
 def _describe(group: Group, record: object) -> dict[str, object] | None:
-    """Describe a record that an exposure may lack."""
     return None if record is None else group.describe(record)
 
 
-_ENDS = ("low", "high", *POSE_ENDS)
-
-
-def _describe_range(interval: Interval | None, ends: Sequence[str] = _ENDS) -> dict[str, object]:
-    """Describe the range that a record holds itself, and the one with the error of the N-pose."""
-    return {end: getattr(interval, end) if interval else None for end in ends}
+def _describe_ranged(group: Group, item: ElevationBin | TimeAbove) -> dict[str, object]:
+    """Describe a record that holds the ends of its range, and of the one with the error of the N-pose."""
+    return group.describe(item) | {end: getattr(item.interval, end, None) for end in _ENDS}
 
 
 def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
     """Describe ranges by the names of figures, and those with the error of the N-pose, if there are any."""
-    posed = {name: interval.with_pose for name, interval in sorted(intervals.items())}
+    ranges = dict(sorted(intervals.items()))
+    posed = {name: interval.with_pose for name, interval in ranges.items()}
     return {
-        "intervals": {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())},
-        "intervals_pose": {
-            name: [interval.low, interval.high] for name, interval in posed.items() if interval
-        },
+        "intervals": {name: [one.low, one.high] for name, one in ranges.items()},
+        "intervals_pose": {name: [one.low, one.high] for name, one in posed.items() if one},
     }
 
 
 def _describe_part(part: PartExposure) -> dict[str, object]:
+    percentile, above = PERCENTILES[""], TIME_ABOVE["percent"]
     return {
         "label": part.label,
         "start_s": part.start_s,
         "end_s": part.end_s,
         "analysed_s": part.analysed_s,
-        **{PERCENTILE.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
-        **{SHARE_ABOVE.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
-        ENTRIES_PER_H.spell({"threshold_deg": 60}): part.entries_above_60_per_h,
+        **{percentile.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
+        **{above.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
+        ENTRIES["per_hour"].spell({"threshold_deg": 60}): part.entries_above_60_per_h,
         **_describe_intervals(part.intervals),
     }
 
@@ -286,24 +265,24 @@ def _describe_period(part: PartExposure) -> dict[str, object]:
 
 def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
     """``first`` and ``last``: ISO clock time; without a clock, ISO duration from the first sample."""
+
+    def place(elapsed_s: float | None) -> str | None:
+        if elapsed_s is None or clock.start is not None:
+            return _format_iso(elapsed_s, clock)
+        return f"PT{round(elapsed_s, _PLACE_DECIMALS):g}S"
+
     return {
         "code": flag.code,
         "count": flag.count,
         "seconds": flag.seconds,
-        "first": _format_place(flag.first_s, clock),
-        "last": _format_place(flag.last_s, clock),
-        "spans": [[_format_place(at, clock) for at in span] for span in flag.spans_s],
+        "first": place(flag.first_s),
+        "last": place(flag.last_s),
+        "spans": [list(map(place, span)) for span in flag.spans_s],
         "first_s": flag.first_s,
         "last_s": flag.last_s,
         "spans_s": flag.spans_s,
         "facts": flag.facts,
     }
-
-
-def _format_place(elapsed_s: float | None, clock: Clock) -> str | None:
-    if elapsed_s is None or clock.start is not None:
-        return _format_iso(elapsed_s, clock)
-    return f"PT{round(elapsed_s, _PLACE_DECIMALS):g}S"
 
 
 def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
@@ -323,43 +302,44 @@ def decode_results(content: bytes) -> Kept:
         When it is no such file, or of another form.
     """
     try:
-        return _read_kept(json.loads(content))
+        results = json.loads(content)
+        if results["schema"] != SCHEMA:
+            raise ValueError(results["schema"])
+        return Kept(_load_adapter().validate_python(_read_findings(results)), _read_subject(results))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"no {SCHEMA}: {error}") from error
 
 
-def _read_kept(results: Mapping[str, Any]) -> Kept:
-    if results["schema"] != SCHEMA:
-        raise ValueError(results["schema"])
+def _read_findings(results: Mapping[str, Any]) -> dict[str, Any]:
+    recording, time, reader = results["recording"], results["time"], results["software"]["reader"]
+    timed = {
+        "duration_us": _count_us(recording["duration_s"]),
+        "reader": (reader["name"], reader["version"]) if reader else None,
+    }
+    return {
+        "recording": recording | timed,
+        "calibration": results["calibration"],
+        "method": results["method"],
+        "exclusions": [_read_us(span) for span in time["exclusions"]],
+        "time": _read_us(time) | {"parts": list(map(_read_us, time["parts"]))},
+        "exposure": _read_exposure(results["exposure"]),
+        "quality": results["quality"] | {"flags": results["quality"]["warnings"]},
+    }
+
+
+def _read_subject(results: Mapping[str, Any]) -> ReportSubject:
     report, recording, software = results["report"], results["recording"], results["software"]
-    time, reader, columns = results["time"], software["reader"], recording["columns"]
-    findings = _load_adapter().validate_python(
-        {
-            "recording": recording
-            | {
-                "duration_us": _count_us(recording["duration_s"]),
-                "reader": (reader["name"], reader["version"]) if reader else None,
-            },
-            "calibration": results["calibration"],
-            "method": results["method"],
-            "exclusions": [_read_us(span) for span in time["exclusions"]],
-            "time": _read_us(time) | {"parts": list(map(_read_us, time["parts"]))},
-            "exposure": _read_exposure(results["exposure"]),
-            "quality": results["quality"] | {"flags": results["quality"]["warnings"]},
-        }
-    )
-    subject = ReportSubject(
+    return ReportSubject(
         file_name=recording["file_name"],
         subject=recording["subject"],
         side=recording["side"],
         software=Software(software["version"], software["revision"]),
         version=report["version"],
         changes=tuple(report["changes"]),
-        columns=json.dumps(columns) if columns else "",
+        columns=json.dumps(recording["columns"]) if recording["columns"] else "",
         conclusion=Conclusion(**results["conclusion"]) if results["conclusion"] else None,
         report_id=report["id"],
     )
-    return Kept(findings, subject)
 
 
 @cache
@@ -423,9 +403,7 @@ def _read_number(value: float | None) -> float:
 
 
 def _read_range(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Read a record that holds the ends of its range."""
-    ends = {end: told[end] for end in ("low", "high", *POSE_ENDS)}
-    return {**told, "interval": None if told["low"] is None else ends}
+    return {**told, "interval": None if told["low"] is None else {end: told[end] for end in _ENDS}}
 
 
 def _read_intervals(told: Mapping[str, Any]) -> dict[str, Interval]:
@@ -434,14 +412,14 @@ def _read_intervals(told: Mapping[str, Any]) -> dict[str, Interval]:
 
 
 def _read_part(told: Mapping[str, Any]) -> dict[str, Any]:
+    percentiles_deg, percent_above = (
+        {found[1]: _read_number(value) for name, value in told.items() if (found := pattern.fullmatch(name))}
+        for pattern in (_PERCENTILE, _SHARE)
+    )
     return {
         **told,
-        "percentiles_deg": {
-            found[1]: _read_number(told[name]) for name in told if (found := _PERCENTILE.fullmatch(name))
-        },
-        "percent_above": {
-            found[1]: _read_number(told[name]) for name in told if (found := _SHARE.fullmatch(name))
-        },
+        "percentiles_deg": percentiles_deg,
+        "percent_above": percent_above,
         "reason": told.get("excluded_as") or "",
         "intervals": _read_intervals(told),
     }

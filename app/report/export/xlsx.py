@@ -20,8 +20,8 @@ from app.report.figures import SUMMARY, Results
 _NO_TIME = datetime(2000, 1, 1, tzinfo=UTC).replace(tzinfo=None)
 """A workbook must name a time of its making; ours is always the same, so that its bytes are, too."""
 
-_FLAG = ["code", "count", "seconds", "first", "last"]
-_WARNINGS = ["file_name", "subject", *_FLAG, "path"]
+_BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high", "path"]
+_WARNINGS = ["file_name", "subject", "code", "count", "seconds", "first", "last", "path"]
 _OPTIONS = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
 
 
@@ -30,43 +30,28 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
 
     Text is written as text, whatever it begins with: no cell of ours is a formula.
     """
+    bins = (_name(one) | part for one in every for part in one["exposure"]["bins"])
+    periods = (row for one in every for row in describe_periods(one))
+    warnings = (flag | _name(one) for one in every for flag in one["quality"]["warnings"])
+    sheets = (
+        ("summary", [column.name for column in SUMMARY], map(summarise_results, every)),
+        ("bins", _BINS, bins),
+        ("periods", PERIOD_COLUMNS, periods),
+        ("warnings", _WARNINGS, warnings),
+        ("dictionary", DICTIONARY_COLUMNS, describe_dictionary()),
+    )
     body = io.BytesIO()
     with xlsxwriter.Workbook(body, _OPTIONS) as book:
         book.set_properties({"title": "Acromion", "created": _NO_TIME})
         head = book.add_format({"bold": True, "bottom": 1})
-        sheets = (
-            ("summary", [column.name for column in SUMMARY], map(summarise_results, every)),
-            ("bins", _BINS, (row for results in every for row in _describe_bins(results))),
-            ("periods", PERIOD_COLUMNS, (row for results in every for row in describe_periods(results))),
-            ("warnings", _WARNINGS, (row for results in every for row in _describe_warnings(results))),
-            ("dictionary", DICTIONARY_COLUMNS, describe_dictionary()),
-        )
         for name, columns, rows in sheets:
             _fill_sheet(book.add_worksheet(name), columns, rows, head)
     return body.getvalue()
 
 
-_BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high", "path"]
-
-
-def _describe_bins(results: Results) -> list[Row]:
-    return [{**_name(results), **part} for part in results["exposure"]["bins"]]
-
-
-def _describe_warnings(results: Results) -> list[Row]:
-    return [
-        _name(results) | {key: flag[key] for key in _WARNINGS[2:-1]}
-        for flag in results["quality"]["warnings"]
-    ]
-
-
 def _name(results: Results) -> Row:
-    recording = results["recording"]
-    return {
-        "file_name": recording["file_name"],
-        "subject": recording["subject"],
-        "path": find_place(results, "path"),
-    }
+    recording, path = results["recording"], find_place(results, "path")
+    return {"file_name": recording["file_name"], "subject": recording["subject"], "path": path}
 
 
 def _fill_sheet(sheet: Any, columns: Sequence[str], rows: Iterable[Row], head: Any) -> None:

@@ -1,9 +1,6 @@
 """The answer as a few lines of plain text."""
 
-from collections.abc import Sequence
-
-from app.report.model import Pair, Report
-from app.report.words.wording import Language, fill, load_wording
+from app.report.model import Report
 
 
 def format_brief(report: Report) -> bytes:
@@ -16,10 +13,3 @@ def format_brief(report: Report) -> bytes:
     first, last = (pose, "") if report.needs_pose else ("", pose)
     lines = (first, *report.sentences, quality, last, report.brief)
     return ("\n".join(filter(None, lines)) + "\n").encode("utf-8")
-
-
-def format_signature(header: Sequence[Pair], footer: str, language: Language) -> str:
-    """Write the last line of the answer for a report of two: subject, date, report, and "not a diagnosis"."""
-    label = load_wording(language)["label"]
-    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
-    return fill(label["brief_two"], {"header": told, "footer": footer})

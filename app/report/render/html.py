@@ -36,24 +36,24 @@ def render_html(report: Report | AgreementReport) -> bytes:
 
 @cache
 def content_security_policy() -> str:
-    """Give the policy the file states about itself: nothing may be loaded, only its own style applies.
+    """Return the policy the file states about itself: nothing may be loaded, only its own style applies.
 
     A server that sends the file should send this policy in the header, too, for a stricter one of its own
     would block the style.
     """
-    digest = base64.b64encode(hashlib.sha256(read_style().encode("utf-8")).digest()).decode("ascii")
+    digest = base64.b64encode(hashlib.sha256(read_style().encode()).digest()).decode("ascii")
     return f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
 
 
 @cache
 def read_style() -> str:
-    """Give the style sheet that every page of ours carries inside."""
+    """Return the style sheet that every page of ours carries inside."""
     return (find_template_folder() / "report.css").read_text(encoding="utf-8")
 
 
 @cache
 def load_template(name: str) -> Template:
-    """Give one of the report's templates, compiled once."""
+    """Return one of the report's templates, compiled once."""
     environment = Environment(
         loader=FileSystemLoader(find_template_folder()),
         autoescape=True,
@@ -89,22 +89,22 @@ def render_index(rows: Sequence[IndexRow], method: str, language: Language) -> b
     words = load_wording(language, "run")["index"]
     good = sum(row.folder is not None for row in rows)
     subtitle = fill(words["subtitle"], {"good": str(good), "all": str(len(rows)), "method": method})
+    shown = [
+        {
+            "file": clean_text(row.file_name),
+            "link": f"{quote(row.folder)}/report.html" if row.folder else "",
+            "analysed": format_duration(row.analysed_s, language),
+            "above_60": format_percent(row.above_60_percent, language),
+            "state": row.state,
+        }
+        for row in rows
+    ]
     text = load_template("index.html.j2").render(
         language=language,
         words=words,
         subtitle=subtitle,
-        rows=[_show(row, language) for row in rows],
+        rows=shown,
         style=Markup(read_style()),  # noqa: S704  our own style sheet
         policy=content_security_policy(),
     )
     return text.encode("utf-8")
-
-
-def _show(row: IndexRow, language: Language) -> dict[str, str]:
-    return {
-        "file": clean_text(row.file_name),
-        "link": f"{quote(row.folder)}/report.html" if row.folder else "",
-        "analysed": format_duration(row.analysed_s, language),
-        "above_60": format_percent(row.above_60_percent, language),
-        "state": row.state,
-    }

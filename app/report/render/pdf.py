@@ -10,7 +10,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
-from functools import cache
 from typing import Any
 
 import pikepdf
@@ -39,46 +38,35 @@ def render_pdf(
     report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper = "a4"
 ) -> bytes:
     """Render the report with its attachments; the same input gives the same bytes."""
-    document: bytes = typst.compile(  # type: ignore[call-overload] # its types do not know file sets
-        _gather_files(report, attachments, paper),
-        font_paths=[str(find_template_folder() / "fonts")],
-        ignore_system_fonts=True,
-        pdf_standards=list(STANDARDS),
-        timestamp=0,
-    )
-    return _pack(document)
+    document = _compile(report, attachments, paper, pdf_standards=list(STANDARDS))
+    packed = io.BytesIO()  # the engine leaves tags of tables as they are, two thirds of the file
+    with pikepdf.open(io.BytesIO(document)) as pdf:
+        pdf.save(packed, object_stream_mode=pikepdf.ObjectStreamMode.generate, deterministic_id=True)
+    return packed.getvalue()
 
 
 def render_first_page(report: Report | AgreementReport, paper: Paper, dots_per_inch: int) -> bytes:
     """Render the first page of the PDF as a PNG, for documents that show it."""
-    pages: bytes | list[bytes] = typst.compile(  # type: ignore[call-overload] # as above
-        _gather_files(report, {}, paper),
-        font_paths=[str(find_template_folder() / "fonts")],
-        ignore_system_fonts=True,
-        format="png",
-        ppi=dots_per_inch,
-        timestamp=0,
-    )
-    return pages if isinstance(pages, bytes) else pages[0]
+    return _compile(report, {}, paper, format="png", ppi=dots_per_inch)
 
 
-def _gather_files(
-    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper
-) -> dict[str, bytes]:
-    return {
-        "main.typ": _read_template("report.typ" if isinstance(report, Report) else "agreement.typ"),
-        "pieces.typ": _read_template("pieces.typ"),
+def _compile(
+    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper, **options: Any
+) -> bytes:
+    """Run the engine; of several pages the first is returned."""
+    folder = find_template_folder()
+    template = "report.typ" if isinstance(report, Report) else "agreement.typ"
+    files = {
+        "main.typ": (folder / template).read_bytes(),
+        "pieces.typ": (folder / "pieces.typ").read_bytes(),
         "report.json": _encode(report, tuple(attachments), paper),
         **{f"attached/{name}": content for name, content in attachments.items()},
     }
-
-
-def _pack(document: bytes) -> bytes:
-    """Compress the small objects together: the engine leaves tags of tables as they are, two thirds of it."""
-    packed = io.BytesIO()
-    with pikepdf.open(io.BytesIO(document)) as pdf:
-        pdf.save(packed, object_stream_mode=pikepdf.ObjectStreamMode.generate, deterministic_id=True)
-    return packed.getvalue()
+    fonts = [str(folder / "fonts")]
+    made: bytes | list[bytes] = typst.compile(
+        files, font_paths=fonts, ignore_system_fonts=True, timestamp=0, **options
+    )
+    return made if isinstance(made, bytes) else made[0]
 
 
 def spell_uncovered(text: str) -> str:
@@ -88,7 +76,7 @@ def spell_uncovered(text: str) -> str:
 
 def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: Paper) -> bytes:
     values = asdict(report)
-    made_of = values.pop("made_of") or NO_CLOCK
+    made_of = values.pop("made_of", None) or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
     values["paper"] = _TYPST_PAPERS[paper]
     values["language"], _, values["region"] = report.language.partition("-")
@@ -107,8 +95,3 @@ def _spell_all(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_spell_all(inner) for inner in value]
     return value
-
-
-@cache
-def _read_template(name: str) -> bytes:
-    return (find_template_folder() / name).read_bytes()

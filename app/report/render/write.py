@@ -4,7 +4,6 @@ It needs no science: a finished analysis is written again, in the other language
 left in its folder.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,8 +33,10 @@ def write_report(
 ) -> None:
     """Write one report, in its language, and its answer in a few lines."""
     (out / f"answer.{report.language}.txt").write_bytes(format_brief(report))
-    for kind, body in _render(report, kinds, paper, attachments):
-        (out / f"report.{report.language}.{kind}").write_bytes(body)
+    if "html" in kinds:
+        (out / f"report.{report.language}.html").write_bytes(render_html(report))
+    if "pdf" in kinds:
+        (out / f"report.{report.language}.pdf").write_bytes(render_pdf(report, attachments, paper))
 
 
 def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
@@ -60,12 +61,3 @@ def read_kept(finished: Path) -> Kept:
         As :func:`rewrite_reports`.
     """
     return decode_results((finished / RESULTS).read_bytes())
-
-
-def _render(
-    report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes]
-) -> Iterator[tuple[ReportKind, bytes]]:
-    if "html" in kinds:
-        yield "html", render_html(report)
-    if "pdf" in kinds:
-        yield "pdf", render_pdf(report, attachments, paper)

@@ -43,14 +43,14 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
     first, *others = _split_rows(facts)
     told = format_facts(first, language)
-    rows = [fill(entry["another"], format_facts(row, language)) for row in others]
+    rows = (fill(entry["another"], format_facts(row, language)) for row in others)
+    more = fill(entry.get("more", ""), told)
+    places = [fill(text, told) for name, text in words["where"].items() if told.get(name)]
     return Problem(
         title=fill(entry["title"], told),
-        detail=" ".join(
-            [fill(_choose_detail(entry, facts), told), *rows, fill(entry.get("more", ""), told)]
-        ).strip(),
+        detail=" ".join([fill(_choose_detail(entry, facts), told), *rows, more]).strip(),
         fix=fill(entry["fix"], told),
-        where=_format_where(told, words),
+        where=", ".join(places) or None,
     )
 
 
@@ -72,16 +72,24 @@ def _choose_detail(entry: Words, facts: Mapping[str, Fact]) -> str:
 
 def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
     """Write facts for a sentence: numbers as the language does, the fixed terms of the code in its words."""
-    return {name: _format_fact(name, value, language) for name, value in facts.items()}
+    words, told = load_wording(language), {}
+    for name, value in facts.items():
+        if isinstance(value, str):
+            terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
+            told[name] = str(terms.get(value) or clean_text(value))
+        else:
+            decimals = 2 if abs(value) >= 0.1 else 4
+            told[name] = format_exact(value if isinstance(value, int) else round(value, decimals), language)
+    return told
 
 
 def find_flag_codes() -> tuple[str, ...]:
-    """Give the code of every caveat that has words."""
+    """Return the code of every caveat that has words."""
     return tuple(sorted(load_wording("en")["flag"]))
 
 
 def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
-    """Give the facts of the first row, and those of each further one that was refused with it."""
+    """Return the facts of the first row, and those of each further one that was refused with it."""
     rows: dict[int, dict[str, Fact]] = {1: {}}
     for name, value in facts.items():
         stem, _, number = name.rpartition("_")
@@ -90,18 +98,3 @@ def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
         else:
             rows[1][name] = value
     return [rows[number] for number in sorted(rows)]
-
-
-def _format_fact(name: str, value: Fact, language: Language) -> str:
-    if isinstance(value, int):
-        return format_exact(value, language)
-    if isinstance(value, float):
-        return format_exact(round(value, 2 if abs(value) >= 0.1 else 4), language)
-    words = load_wording(language)
-    terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
-    return str(terms.get(value) or clean_text(value))
-
-
-def _format_where(told: Mapping[str, str], words: Words) -> str | None:
-    places = [fill(text, told) for name, text in words["where"].items() if told.get(name)]
-    return ", ".join(places) or None

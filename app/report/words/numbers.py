@@ -5,8 +5,10 @@ All languages group thousands with a narrow no-break space and put a no-break sp
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from app.report.words.wording import Language, is_french, load_wording
@@ -49,7 +51,7 @@ def format_percent(percent: float | None, language: Language) -> str:
 
 
 def percent_sign(language: Language) -> str:
-    """Give the sign with the space before it: no-break in French, narrow in English."""
+    """Return the sign with the space before it: no-break in French, narrow in English."""
     return f"{NO_BREAK if is_french(language) else NARROW}%"
 
 
@@ -59,12 +61,18 @@ def format_angle(angle_deg: float | None, language: Language, decimals: int = 0)
     return text if text == NONE else f"{text}°"
 
 
+def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
+    """Write classes by their edges: "3–7 s"; the last may be open."""
+    return tuple(
+        f"≥ {low:g}{unit}" if high is None else f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges)
+    )
+
+
 def format_range(interval: "Interval | None", language: Language) -> str:
     """Write a range of shares: "6.0–9.5 %"; empty without an interval."""
     if interval is None:
         return ""
-    low, high = format_number(interval.low, 1, language), format_percent(interval.high, language)
-    return f"{low}–{high}"
+    return f"{format_number(interval.low, 1, language)}–{format_percent(interval.high, language)}"
 
 
 def format_angle_range(interval: "Interval | None", language: Language, decimals: int = 0) -> str:
@@ -73,6 +81,13 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
         return ""
     low = format_number(interval.low, decimals, language)
     return f"{low}–{format_angle(interval.high, language, decimals)}"
+
+
+def format_ends(interval: "Interval | None", decimals: int, language: Language) -> str:
+    """Write both ends of a range without a unit: "2.5–6.0"; empty without an interval."""
+    if interval is None:
+        return ""
+    return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
 
 
 def format_duration_range(interval: "Interval", language: Language) -> str:
@@ -152,7 +167,7 @@ class Clock:
     language: Language = "en"
 
     def at(self, elapsed_s: float) -> datetime | None:
-        """Give the clock time, in the zone of the recording; None without a clock.
+        """Return the clock time, in the zone of the recording; None without a clock.
 
         A zone with daylight saving is followed (UTC-stamped files); a device clock counts on.
         """
@@ -181,7 +196,7 @@ class Clock:
         return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
 
     def seconds_to_whole_hour(self) -> float:
-        """Give the time from the first sample to the first whole hour, s; 0 without a clock."""
+        """Return the time from the first sample to the first whole hour, s; 0 without a clock."""
         if self.start is None:
             return 0.0
         into = self.start.minute * 60 + self.start.second + self.start.microsecond / 1e6

@@ -7,6 +7,8 @@ from typing import Literal
 from app.request import LONGEST_CONCLUSION, Conclusion
 
 MAX_TEXT = 200
+LONGEST_CODE = 24
+"""Of a subject code at the head of a page; the provenance holds it whole."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
@@ -65,7 +67,7 @@ def check_conclusion(text: str) -> str:
 
 
 def clean_paragraphs(text: str) -> tuple[str, ...]:
-    """Give the paragraphs of a longer text, without what cannot be seen, at most 1,000 characters in all."""
+    """Return the paragraphs of a longer text, without what cannot be seen, at most 1,000 characters."""
     lines = (_leave_seen(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
     return tuple(line for line in lines if line)
 

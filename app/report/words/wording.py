@@ -5,7 +5,7 @@ The code knows only the keys.
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -64,12 +64,14 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     of columns ("tables") stay as they are: programs read them.
     """
     words = tomllib.loads(_split_language(language[:2])[part])[part]
-    return MappingProxyType(words if part == "tables" else _set_all(words, language))
+    if part != "tables":
+        words = _change_all(words, lambda text: set_spaces(text, language))
+    return MappingProxyType(words)
 
 
 @cache
 def _split_language(language: str) -> Mapping[str, str]:
-    """Give the text of each part: to parse all of them takes ten times as long as most need."""
+    """Return the text of each part: to parse all of them takes ten times as long as most need."""
     texts: dict[str, str] = {}
     for table in _TABLES.split((_FOLDER / f"{language}.toml").read_text(encoding="utf-8")):
         part = _TABLE_PART.match(table)
@@ -84,7 +86,7 @@ def is_french(language: Language) -> bool:
 
 
 def find_other_language(language: Language) -> Language:
-    """Give the second language of a report that is made in two."""
+    """Return the second language of a report that is made in two."""
     return "en" if is_french(language) else "fr"
 
 
@@ -101,12 +103,12 @@ def join_clauses(clauses: Iterable[str], language: Language) -> str:
 
 
 def find_device_name(words: Words, device: str) -> str:
-    """Give the name of a known device, the same in every language; a plug-in's device names itself."""
+    """Return the name of a known device, the same in every language; a plug-in's device names itself."""
     return find_known_name(device) or str(words["device"].get(device) or clean_text(device))
 
 
 def load_device_names(language: Language) -> dict[str, str]:
-    """Give the names of all kinds of device, known ones and what the words call the others."""
+    """Return the names of all kinds of device, known ones and what the words call the others."""
     known = {one.device: find_known_name(one.device) or "" for one in KNOWN_DEVICES}
     return known | dict(load_wording(language)["device"])
 
@@ -126,19 +128,20 @@ def fill(text: str, facts: Mapping[str, str]) -> str:
 def name_ranges(words: Words, kind: str) -> Words:
     """Put what ranges of a kind are called in the words of a report: ``{range_name}``, ``{Range_name}``."""
     name = str(words["ranges"]["name"][kind])
-    named = _replace_all(words, {"{range_name}": name, "{Range_name}": name[0].upper() + name[1:]})
-    return MappingProxyType(named)
+    upper = name[0].upper() + name[1:]
+
+    def put(text: str) -> str:
+        return text.replace("{range_name}", name).replace("{Range_name}", upper)
+
+    return MappingProxyType(_change_all(words, put))
 
 
-def _replace_all(value: Any, texts: Mapping[str, str]) -> Any:
+def _change_all(value: Any, change: Callable[[str], str]) -> Any:
     if isinstance(value, Mapping):
-        return {key: _replace_all(inner, texts) for key, inner in value.items()}
+        return {key: _change_all(inner, change) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_replace_all(inner, texts) for inner in value]
-    if isinstance(value, str):
-        for place, text in texts.items():
-            value = value.replace(place, text)
-    return value
+        return [_change_all(inner, change) for inner in value]
+    return change(value) if isinstance(value, str) else value
 
 
 def _is_complete(text: str, facts: Mapping[str, str]) -> bool:
@@ -152,14 +155,6 @@ def _is_one(number: str, language: str) -> bool:
     except ValueError:
         return False
     return value < 2 if language == "fr" else value == 1
-
-
-def _set_all(value: Any, language: Language) -> Any:
-    if isinstance(value, dict):
-        return {key: _set_all(inner, language) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_set_all(inner, language) for inner in value]
-    return set_spaces(value, language) if isinstance(value, str) else value
 
 
 def set_spaces(text: str, language: Language) -> str:

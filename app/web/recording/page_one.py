@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from app.errors import NoSuchFile
 from app.jobs.job import Job
-from app.report.analysis.day import WORST_WINDOW_S, build_timeline
 from app.report.analysis.report import build_report
+from app.report.charts.day import WORST_WINDOW_S, build_timeline
 from app.report.export.results import decode_results
 from app.report.findings import Findings, Kept
 from app.report.model import Report

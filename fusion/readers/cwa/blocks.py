@@ -7,14 +7,10 @@ zero. Sectors that are all ones or all zeros were never written.
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner, kernel
-from fusion.readers.source import mark_last
 
 BLOCK_BYTES = 512
 HEAD_BYTES = 30
@@ -164,29 +160,3 @@ def take_samples(
                 gyr[row, axis] = turn * scales[block, 1]
                 acc[row, axis] = pull * scales[block, 0]
             row += 1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundBlocks:
-    """The sound blocks of a piece of the file: where each begins, and its head."""
-
-    buffer: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    heads: NDArray[np.void]
-
-
-def find_blocks(pieces: Iterable[bytes], tally: NDArray[np.int64]) -> Iterator[FoundBlocks]:
-    """Scan a file, from after its header, piece by piece; what a piece does not finish goes into the next."""
-    carried = b""
-    for piece, is_last in mark_last(pieces):
-        buffer = np.frombuffer(carried + piece if carried else piece, np.uint8)
-        starts = np.empty(len(buffer) // BLOCK_BYTES + 1, np.int64)
-        used, found = scan_blocks(buffer, is_last, starts, tally)
-        yield FoundBlocks(buffer, starts[:found], read_heads(buffer, starts[:found]))
-        carried = buffer[used:].tobytes()
-
-
-def read_heads(buffer: NDArray[np.uint8], starts: NDArray[np.int64]) -> NDArray[np.void]:
-    """The heads of blocks, shape (n,)."""
-    rows = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
-    return np.ascontiguousarray(rows).reshape(-1).view(BLOCK_HEAD)

@@ -8,7 +8,7 @@ a stamp belongs to moves by one, the limit is a period more: that row is rounded
 whose stamps go on 0.4065 s apart).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,6 @@ from fusion.readers.timebase.grid import (
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, flag_gaps
 
 # The order of the blocks: one session, each block once, by their numbers where some came late.
-
 
 Indices = NDArray[np.int64]
 
@@ -84,7 +83,10 @@ def order_blocks(
     flags = tuple(
         QualityFlag(code, count, facts=facts.get(code, {})) for code, count in counts.items() if count
     )
-    return (_arrange_columns(kept, columns) if flags else kept), flags
+    if not flags:
+        return kept, flags
+    columns.arrange(find_rows(kept))
+    return replace(kept, first_row=np.cumsum(kept.n_rows) - kept.n_rows), flags
 
 
 def find_session(blocks: Blocks, named: int) -> NDArray[np.bool_]:
@@ -152,13 +154,6 @@ def find_rows(blocks: Blocks) -> Indices:
     return rows
 
 
-def _arrange_columns(blocks: Blocks, columns: SampleColumns) -> Blocks:
-    """Put the columns into the order of the blocks."""
-    columns.arrange(find_rows(blocks))
-    stops = np.cumsum(blocks.n_rows)
-    return Blocks(stops - blocks.n_rows, *(getattr(blocks, name) for name in Blocks.__slots__[1:]))
-
-
 HIGHEST_RATE_HZ, HIGHEST_CODE = 3200.0, 15
 WIDEST_RATE_ERROR = 0.1
 """The sensor is made to keep its rate within a few percent."""
@@ -192,7 +187,8 @@ def cut_blocks(blocks: Blocks, columns: SampleColumns) -> tuple[Grid, int | None
     lengths_us = blocks.n_rows * period_us
     starts_us = place_starts(blocks, period_us)
     jitter_us, limits_us = find_limits(blocks, starts_us, period_us)
-    mended = mend_starts(starts_us, lengths_us, limits_us) + count_unstamped(blocks)
+    n_unstamped = int(np.count_nonzero(blocks.anchor_us < 0)) % len(blocks)  # if none has a stamp, 0
+    mended = mend_starts(starts_us, lengths_us, limits_us) + n_unstamped
     holes = find_holes(blocks, starts_us, period_us, limits_us)
     runs = fit_runs(blocks, holes, starts_us, period_us)
     segments = place_segments(columns, holes, runs)
@@ -201,12 +197,6 @@ def cut_blocks(blocks: Blocks, columns: SampleColumns) -> tuple[Grid, int | None
     flags = flag_time(holes, mended, jitter_us / usual_us) + flag_gaps(segments, duration_us)
     grid = Grid(segments, duration_us, flags, usual_us, jitter_us)
     return grid, round(starts_us[0]) if np.any(blocks.anchor_us >= 0) else None
-
-
-def count_unstamped(blocks: Blocks) -> int:
-    """How many blocks have no stamp where others have one."""
-    count = int(np.count_nonzero(blocks.anchor_us < 0))
-    return count if count < len(blocks) else 0
 
 
 def measure_periods(blocks: Blocks) -> Floats:
@@ -296,19 +286,15 @@ def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int
         starts_us[place + 1 : stop] = starts_us[place] + np.cumsum(lengths_us[place : stop - 1])
         mended += stop - place - 1
         done = stop
-    return mended + _mend_ends(starts_us, lengths_us)
-
-
-def _mend_ends(starts_us: Floats, lengths_us: Floats) -> int:
-    """Replace a first or last stamp that lies over a day from all others; return how many."""
     if len(starts_us) < 3:
-        return 0
+        return mended
+    # a first or last stamp that lies over a day from all others
     is_far = np.abs(find_lags(starts_us, lengths_us)) > LONGEST_GAP_US
     if is_far[0] and not is_far[1]:
         starts_us[0] = starts_us[1] - lengths_us[0]
     if is_far[-1] and not is_far[-2]:
         starts_us[-1] = starts_us[-2] + lengths_us[-2]
-    return int(is_far[0] and not is_far[1]) + int(is_far[-1] and not is_far[-2])
+    return mended + int(is_far[0] and not is_far[1]) + int(is_far[-1] and not is_far[-2])
 
 
 def find_holes(blocks: Blocks, starts_us: Floats, period_us: Floats, limits_us: Floats) -> Holes:

@@ -20,25 +20,24 @@ from fusion.readers.cwa.blocks import (
     BLOCK_HEAD,
     DAMAGED_BYTES,
     FIRST_DAMAGE,
+    HEAD_BYTES,
     LAST_DAMAGE,
     RESYNCS,
     SAMPLE_BYTES,
     TAIL_BYTES,
     TALLY_PLACES,
-    FoundBlocks,
-    find_blocks,
     is_block,
+    scan_blocks,
     take_samples,
 )
 from fusion.readers.cwa.clock import Blocks, cut_blocks, nominal_hz, order_blocks
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks
+from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks, scan_pieces
 from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, flag_counts
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, flag_counts
 
 # The header of a `.cwa`: the device, and its planned end. Names of people in it are not read.
-
 
 HEADER_BYTES = 1024
 MAGIC = b"MD\xfc\x03"
@@ -149,7 +148,10 @@ class BlockLog:
         """Raise where no sample can be trusted."""
         damaged_percent = 100.0 * float(self.tally[DAMAGED_BYTES]) / max(1, self.n_bytes)
         if damaged_percent > MAX_DAMAGED_PERCENT:
-            raise DamagedFile(p=round(damaged_percent, 1), **self._find_damage_clock())
+            before = unpack_stamps(self.heads["stamp"][: int(self.tally[FIRST_DAMAGE])])
+            clock = datetime_at_us(int(before[-1]) * MICROSECONDS) if len(before) else None
+            known = {} if clock is None else {"clock": clock.strftime("%Y-%m-%d %H:%M:%S")}
+            raise DamagedFile(p=round(damaged_percent, 1), **known)
         if self.columns.rows:
             return
         if self.n_plain:
@@ -157,12 +159,6 @@ class BlockLog:
         if self.n_unknown:
             raise UnknownColumns(list="CWA")
         raise NoSamples
-
-    def _find_damage_clock(self) -> dict[str, str]:
-        """The clock at the last sound block before the damage."""
-        before = unpack_stamps(self.heads["stamp"][: int(self.tally[FIRST_DAMAGE])])
-        clock = datetime_at_us(int(before[-1]) * MICROSECONDS) if len(before) else None
-        return {} if clock is None else {"clock": clock.strftime("%Y-%m-%d %H:%M:%S")}
 
 
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> BlockLog:
@@ -179,37 +175,32 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """
     log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
-    for found in find_blocks(_count_bytes(pieces, log), log.tally):
-        _take_blocks(log, found)
-        if log.columns.rows and to_come:
-            log.columns.foresee(len(found.buffer), to_come)
+
+    def scan(buffer: NDArray[np.uint8], is_last: bool) -> tuple[int, NDArray[np.int64]]:  # noqa: FBT001
+        starts = np.empty(len(buffer) // BLOCK_BYTES + 1, np.int64)
+        used, found = scan_blocks(buffer, is_last, starts, log.tally)
+        log.n_bytes += len(buffer) if is_last else used
+        return used, starts[:found]
+
+    for buffer, starts in scan_pieces(pieces, scan):
+        rows_of_bytes = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
+        heads = np.ascontiguousarray(rows_of_bytes).reshape(-1).view(BLOCK_HEAD)
+        axes, rows = (heads["axes"] >> 4).astype(np.int64), heads["count"].astype(np.int64)
+        is_inertial = np.isin(axes, INERTIAL_AXES) & (heads["axes"] & 0xF == WORDS)
+        fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
+        log.n_plain += int(np.count_nonzero(axes == PLAIN_AXES))
+        log.n_unknown += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
+        columns = log.columns
+        room = columns.extend(int(rows[fits].sum()))
+        layouts = np.stack([rows[fits], axes[fits]], axis=1)
+        scales = np.stack(find_ranges(heads[fits]), axis=1) / np.float32(FULL_COUNT)
+        take_samples(buffer, starts[fits], layouts, scales, (columns.acc[room], columns.gyr[room]))
+        log.parts.append(heads[fits])
+        if columns.rows and to_come:
+            columns.foresee(len(buffer), to_come)
             to_come = 0
     log.columns.trim()
     return log
-
-
-def _count_bytes(pieces: Iterable[bytes], log: BlockLog) -> Iterable[bytes]:
-    for piece in pieces:
-        log.n_bytes += len(piece)
-        yield piece
-
-
-def _take_blocks(log: BlockLog, found: FoundBlocks) -> None:
-    """Decode the blocks that hold both sensors."""
-    heads = found.heads
-    axes, rows = (heads["axes"] >> 4).astype(np.int64), heads["count"].astype(np.int64)
-    is_inertial = np.isin(axes, INERTIAL_AXES) & (heads["axes"] & 0xF == WORDS)
-    fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
-    log.n_plain += int(np.count_nonzero(axes == PLAIN_AXES))
-    log.n_unknown += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
-    columns, total = log.columns, int(rows[fits].sum())
-    columns.make_room(total)
-    room = slice(columns.rows, columns.rows + total)
-    layouts = np.stack([rows[fits], axes[fits]], axis=1)
-    scales = np.stack(find_ranges(heads[fits]), axis=1) / np.float32(FULL_COUNT)
-    take_samples(found.buffer, found.starts[fits], layouts, scales, (columns.acc[room], columns.gyr[room]))
-    log.parts.append(heads[fits])
-    columns.rows += total
 
 
 def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -255,8 +246,12 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
     blocks, mended = order_blocks(laid, log.columns, header.session)
     grid, started_us = cut_blocks(blocks, log.columns)
     start, unset = trust_clock(None if started_us is None else datetime_at_us(started_us))
-    clock = unset if started_us is not None else flag_unstamped(grid)
+    if started_us is None:  # the time rests on the header's rate alone
+        rate_hz = round(MICROSECONDS / grid.period_us, 3)
+        rate = QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "header"})
+        unset = (QualityFlag(Caveat.CLOCK_UNSET), rate)
     acc_ranges_g, gyr_ranges_dps = find_ranges(heads)
+    rates_hz: list[float] = np.unique(nominal_hz(blocks.rate_code)).tolist()
     return Recording(
         device="ax6" if header.is_ax6 or not header.device_id else "other",
         sha256="",
@@ -268,22 +263,24 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
             *flag_damage(log, laid, grid),
             *mended,
             *flag_plan(header, blocks, grid, started_us),
-            *clock,
+            *unset,
             *grid.flags,
         ),
-        understood=_describe(blocks, grid),
+        understood={
+            "layout": "Axivity AX6 .cwa",
+            "columns": "gyroscope, accelerometer",
+            "units": "g, deg/s",
+            "units_from": "header",
+            "nominal_rate_hz": f"{rates_hz[0]:g}" if len(rates_hz) == 1 else "",
+            "jitter_us": f"{grid.jitter_us:.1f}",
+            "samples": str(int(blocks.n_rows.sum())),
+            "records": str(len(blocks)),
+            "clock": "local",
+        },
+        stated=Stated(is_known=True),
         serial_hash=header.serial_hash,
         acc_range_g=min(WIDEST_G, float(acc_ranges_g.min())),
         gyr_range_dps=float(gyr_ranges_dps.min()),
-    )
-
-
-def flag_unstamped(grid: Grid) -> tuple[QualityFlag, ...]:
-    """Flag a file without stamps: its time rests on the header's rate alone."""
-    rate_hz = round(MICROSECONDS / grid.period_us, 3)
-    return (
-        QualityFlag(Caveat.CLOCK_UNSET),
-        QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "header"}),
     )
 
 
@@ -317,18 +314,3 @@ def flag_plan(
     rates_hz: list[float] = nominal_hz(np.unique(blocks.rate_code)).tolist()
     set_hz = min(rates_hz, key=lambda one_hz: abs(one_hz - rate_hz))
     return flags + flag_drift(set_hz, rate_hz)
-
-
-def _describe(blocks: Blocks, grid: Grid) -> dict[str, str]:
-    rates = np.unique(nominal_hz(blocks.rate_code)).tolist()
-    return {
-        "layout": "Axivity AX6 .cwa",
-        "columns": "gyroscope, accelerometer",
-        "units": "g, deg/s",
-        "units_from": "header",
-        "nominal_rate_hz": f"{rates[0]:g}" if len(rates) == 1 else "",
-        "jitter_us": f"{grid.jitter_us:.1f}",
-        "samples": str(int(blocks.n_rows.sum())),
-        "records": str(len(blocks)),
-        "clock": "local",
-    }

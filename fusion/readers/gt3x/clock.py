@@ -121,13 +121,6 @@ def find_doubles(
     return kept, identical, int((~kept).sum()) - identical
 
 
-def find_partial(n_rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mark seconds that hold clearly fewer or more rows than is usual in this file."""
-    usual = float(np.median(n_rows))
-    is_partial: NDArray[np.bool_] = np.abs(n_rows - usual) > max(2.0, ROW_TOLERANCE * usual)
-    return is_partial
-
-
 def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...]]:
     """Cut the seconds where the clock does not step by one, or the row layout changes.
 
@@ -146,14 +139,10 @@ def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...
         step_s = int(unix_s[first] - unix_s[first - 1])
         gap_s = step_s - 1 if 1 < step_s <= LONGEST_GAP_S else 0
         if gap_s == 0 and step_s != 1:
-            flags.append(_flag_clock(step_s, runs[-1].end_s))
+            code, at_s = Caveat.CLOCK_BACK if step_s < 0 else Caveat.CLOCK_FWD, float(runs[-1].end_s)
+            flags.append(QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": step_s}))
         runs.append(Run(runs[-1].end_s + gap_s, first, stop))
     return tuple(runs), tuple(flags)
-
-
-def _flag_clock(step_s: int, at_s: int) -> QualityFlag:
-    code = Caveat.CLOCK_BACK if step_s < 0 else Caveat.CLOCK_FWD
-    return QualityFlag(code, 1, 0.0, float(at_s), float(at_s), {"step_s": step_s})
 
 
 def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> Timeline:
@@ -162,14 +151,14 @@ def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.fl
     stamped = replace(seconds, unix_s=stamps)
     kept, identical, differing = find_doubles(stamped, acc, gyr)
     single = stamped.keep(kept)
-    partial = find_partial(single.n_rows)
-    whole = single.keep(~partial)
+    usual = float(np.median(single.n_rows))
+    whole = single.keep(np.abs(single.n_rows - usual) <= max(2.0, ROW_TOLERANCE * usual))
     runs, clock_flags = find_runs(whole)
     counts = {
         Caveat.CLOCK_FWD: repaired,
         Caveat.DUP: identical,
         Caveat.DUP_CONFLICT: differing,
-        Caveat.SEC_COUNT: int((single.n_rows < np.median(single.n_rows)).sum()),
+        Caveat.SEC_COUNT: int((single.n_rows < usual).sum()),
     }
     zeros = dict.fromkeys(int(whole.unix_s[run.first]) - run.start_s for run in runs)
     return Timeline(whole, runs, flag_counts(counts) + clock_flags, tuple(zeros)[:MAX_CLOCK_ZEROS])

@@ -6,7 +6,7 @@ seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled 
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
@@ -17,32 +17,32 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
+from fusion.numerics.intervals import join_overlapping
 from fusion.readers.archives import check_parts, is_archive, open_archive, read_member, read_text
 from fusion.readers.gt3x.clock import LONGEST_GAP_S, Run, Seconds, Timeline, order_seconds
-from fusion.readers.gt3x.log import (
+from fusion.readers.gt3x.records import (
     ACTIVITY,
     ACTIVITY2,
     BATTERY,
     EVENT,
+    FRAME_BYTES,
     METADATA,
     SCHEMA,
     SENSOR_DATA,
     TALLY_PLACES,
     DeviceEvents,
-    ScannedPiece,
+    RowDecoder,
     ScanTally,
     cut_out,
-    make_spans,
-    merge_seconds,
+    make_decoder,
     pair_sleep,
-    scan_pieces,
+    parse_schema,
+    scan_records,
     summarise_tally,
 )
-from fusion.readers.gt3x.schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source
+from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, scan_pieces
 from fusion.readers.timebase.clock import (
-    FollowedZone,
     find_zone,
     flag_drift,
     follow_zone,
@@ -57,6 +57,7 @@ from fusion.recording import (
     Recording,
     Segment,
     Span,
+    Stated,
     flag_counts,
     flag_gaps,
     flag_spans,
@@ -96,7 +97,6 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
 
 
 # info.txt: what the device tells about itself.
-
 
 TICKS_PER_SECOND = 10_000_000
 TICKS_AT_UNIX_EPOCH = 621_355_968_000_000_000
@@ -163,7 +163,6 @@ def find_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> 
 
 # The primary accelerometer, read now and then to check the IMU and the header against it.
 
-
 PROBED_EVERY_S = 16
 """One second in sixteen is enough evidence and costs nothing."""
 DEFAULT_SCALE = 256.0
@@ -172,27 +171,12 @@ FEWEST_STILL = 2
 LARGEST_DIFFERENCE_G = 0.2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PrimarySecond:
-    """One second of ACTIVITY2: its stamp, and its rows in counts, shape (rows, 3)."""
-
-    unix_s: int
-    counts: NDArray[np.int16]
-
-    @property
-    def rows(self) -> int:
-        """How many samples it holds."""
-        return len(self.counts)
-
-
-def read_primary_second(unix_s: int, payload: bytes) -> PrimarySecond:
-    """Read the payload of an ACTIVITY2 record: little-endian int16, x y z."""
-    rows = len(payload) // ROW_BYTES
-    return PrimarySecond(unix_s, np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3))
+Primary = tuple[int, NDArray[np.int16]]
+"""One second of ACTIVITY2: its stamp, and its rows in counts, shape (rows, 3)."""
 
 
 def measure_bias_g(
-    seen: Sequence[PrimarySecond], text: DeviceText, timeline: Timeline, columns: SampleColumns
+    seen: Sequence[Primary], text: DeviceText, timeline: Timeline, columns: SampleColumns
 ) -> float | None:
     """Measure how far the two accelerometers are apart at rest: median over still seconds, None without any.
 
@@ -201,15 +185,15 @@ def measure_bias_g(
     scale = text.number("Acceleration Scale") or DEFAULT_SCALE
     seconds, limit_g = timeline.seconds, BOTH_ACCELEROMETERS.acc_sd_g
     places = dict(zip(seconds.unix_s.tolist(), range(len(seconds.unix_s)), strict=True))
-    alike: dict[tuple[int, int], list[tuple[PrimarySecond, int]]] = {}  # seconds of one length at a time
-    for second in seen:
-        if second.unix_s in places:
-            k = places[second.unix_s]
-            shape = (second.rows, int(seconds.n_rows[k]))
-            alike.setdefault(shape, []).append((second, int(seconds.first_row[k])))
+    alike: dict[tuple[int, int], list[tuple[NDArray[np.int16], int]]] = {}  # seconds of one length at a time
+    for unix_s, counts in seen:
+        if unix_s in places:
+            k = places[unix_s]
+            shape = (len(counts), int(seconds.n_rows[k]))
+            alike.setdefault(shape, []).append((counts, int(seconds.first_row[k])))
     apart_g = [np.zeros(0)]
     for (_, rows), pairs in alike.items():
-        mean, scatter = _measure_seconds(np.stack([second.counts for second, _ in pairs]))
+        mean, scatter = _measure_seconds(np.stack([counts for counts, _ in pairs]))
         is_still = scatter <= limit_g * scale
         firsts = np.array([first for _, first in pairs])[is_still]
         mean_g, scatter_g = _measure_seconds(columns.acc[firsts[:, None] + np.arange(rows)])
@@ -223,14 +207,6 @@ def _measure_seconds(samples: NDArray[Any]) -> tuple[NDArray[np.float64], NDArra
     """Mean (s, 3) and largest standard deviation (s,) of seconds of samples, shape (s, rows, 3)."""
     values = samples.astype(np.float64)
     return values.mean(axis=1), values.std(axis=1).max(axis=1)
-
-
-def contradicts_header(seen: Sequence[PrimarySecond], header_rate_hz: float | None) -> bool:
-    """Whether the header's rate is absent, zero, or not the rate of the primary accelerometer."""
-    if not header_rate_hz:
-        return True
-    rows = float(np.median([second.rows for second in seen])) if seen else header_rate_hz
-    return abs(rows - header_rate_hz) > 0.05 * header_rate_hz
 
 
 # log.bin: its records, decoded piece by piece.
@@ -268,7 +244,7 @@ class DeviceLog:
     n_schemas: int = 0
     n_undecoded: int = 0
     held: list[tuple[int, bytes]] = field(default_factory=list)
-    primary_seconds: list[PrimarySecond] = field(default_factory=list)
+    primary_seconds: list[Primary] = field(default_factory=list)
 
     @property
     def scan(self) -> ScanTally:
@@ -314,31 +290,27 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
-    for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
-        records = _watched_records(piece)
-        schemas = np.flatnonzero(records[:, 0] == SCHEMA)
-        for part in np.split(records, schemas):  # each but the first begins with a schema
-            _take_records(log, piece.buffer, part)
+
+    def scan(buffer: NDArray[np.uint8], is_last: bool) -> tuple[int, NDArray[np.int64]]:  # noqa: FBT001
+        records = np.empty((len(buffer) // FRAME_BYTES + 1, 4), np.int64)
+        used, found = scan_records(buffer, is_last, records, log.tally)
+        log.n_bytes += len(buffer) if is_last else used
+        return used, records[:found]
+
+    for buffer, records in scan_pieces(pieces, scan):
+        kinds, sizes = records[:, 0], records[:, 3]
+        # of the primary accelerometer its one-byte dock events are read, and a second now and then
+        is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
+        is_probed = (kinds == ACTIVITY2) & (sizes >= ROW_BYTES) & (records[:, 1] % PROBED_EVERY_S == 0)
+        watched = records[np.isin(kinds, WATCHED) & (~is_activity | is_probed)]
+        schemas = np.flatnonzero(watched[:, 0] == SCHEMA)
+        for part in np.split(watched, schemas):  # each but the first begins with a schema
+            _take_records(log, buffer, part)
         if log.columns.rows and to_come:
-            log.columns.foresee(len(piece.buffer), to_come)
+            log.columns.foresee(len(buffer), to_come)
             to_come = 0
     log.columns.trim()
     return log
-
-
-def _count_bytes(pieces: Iterable[bytes], log: DeviceLog) -> Iterator[bytes]:
-    for piece in pieces:
-        log.n_bytes += len(piece)
-        yield piece
-
-
-def _watched_records(piece: ScannedPiece) -> NDArray[np.int64]:
-    kinds, sizes = piece.records[:, 0], piece.records[:, 3]
-    is_watched = np.isin(kinds, WATCHED)
-    # of the primary accelerometer its one-byte dock events are read, and a second now and then
-    is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
-    is_probed = (kinds == ACTIVITY2) & (sizes >= ROW_BYTES) & (piece.records[:, 1] % PROBED_EVERY_S == 0)
-    return np.asarray(piece.records[is_watched & (~is_activity | is_probed)])
 
 
 def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
@@ -349,13 +321,18 @@ def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np
         if kind == SCHEMA:
             _take_schema(log, payload)
         elif size > 1 and kind == ACTIVITY2:
-            log.primary_seconds.append(read_primary_second(unix_s, payload))
+            rows = len(payload) // ROW_BYTES
+            log.primary_seconds.append((unix_s, np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3)))
         else:
             log.events.note(kind, unix_s, payload)
-    if log.decoder is None:
-        _hold_samples(log, buffer, records[is_sample])
-    else:
-        _take_samples(log, log.decoder, buffer, records[is_sample])
+    samples = records[is_sample]
+    if log.decoder is not None:
+        _take_samples(log, log.decoder, buffer, samples)
+        return
+    log.n_undecoded += len(samples)
+    if log.n_schemas == 0:
+        for _, unix_s, first, size in samples[: MAX_HELD_RECORDS - len(log.held)].tolist():
+            log.held.append((unix_s, buffer[first : first + size].tobytes()))
 
 
 def _take_schema(log: DeviceLog, payload: bytes) -> None:
@@ -373,14 +350,6 @@ def _take_schema(log: DeviceLog, payload: bytes) -> None:
             _take_samples(log, log.decoder, np.frombuffer(rows, np.uint8), record)
 
 
-def _hold_samples(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
-    """Keep samples that came before the first schema."""
-    log.n_undecoded += len(records)
-    if log.n_schemas == 0:
-        for _, unix_s, first, size in records[: MAX_HELD_RECORDS - len(log.held)].tolist():
-            log.held.append((unix_s, buffer[first : first + size].tobytes()))
-
-
 def _take_samples(
     log: DeviceLog, decoder: RowDecoder, buffer: NDArray[np.uint8], records: NDArray[np.int64]
 ) -> None:
@@ -393,12 +362,9 @@ def _take_samples(
     unix_s, firsts, n_rows = records[fits, 1], firsts[fits], n_rows[fits]
     columns = log.columns
     stops = columns.rows + np.cumsum(n_rows)
-    total = int(n_rows.sum())
-    columns.make_room(total)
-    rows = slice(columns.rows, columns.rows + total)
+    rows = columns.extend(int(n_rows.sum()))
     decoder.decode(buffer, firsts + 2, n_rows, (columns.acc[rows], columns.gyr[rows]))
     log.decoded.append(Seconds(unix_s, stops - n_rows, n_rows, np.full(len(unix_s), log.n_schemas)))
-    columns.rows += total
 
 
 # From the log to a recording: segments, exclusions, the clock.
@@ -409,8 +375,8 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
     segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
     excluded, asides = find_exclusions(log, timeline)
     duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
-    clock = _find_clock(text, log, timeline)
-    start, unset = trust_clock(clock.start)
+    moment, changes = _find_clock(text, log, timeline)
+    start, unset = trust_clock(moment)
     decoder = log.decoder
     return Recording(
         device="gt9x",
@@ -423,7 +389,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         flags=(
             *flag_file(text, log, timeline, segments),
             *timeline.flags,
-            *clock.flags,
+            *changes,
             *asides,
             *unset,
             *flag_spans(Caveat.SLEEP, [span for span in excluded if span.reason == "asleep"]),
@@ -431,18 +397,21 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *flag_gaps(segments, duration_us, excluded),
         ),
         understood=_describe(text, log, timeline),
+        stated=Stated(is_known=True),
         serial_hash=text.serial_hash,
         acc_range_g=_full_scale(decoder, 0),
         gyr_range_dps=_full_scale(decoder, 3),
     )
 
 
-def _find_clock(text: DeviceText, log: DeviceLog, timeline: Timeline) -> FollowedZone:
+def _find_clock(
+    text: DeviceText, log: DeviceLog, timeline: Timeline
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
     """Find the clock at the first sample, in the file's zone where it counts UTC and names one."""
     first_unix_s = int(timeline.seconds.unix_s[0])
     zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
     if zone is None:
-        return FollowedZone(find_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ())
+        return find_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ()
     return follow_zone(first_unix_s, timeline.runs[-1].end_s, zone)
 
 
@@ -471,9 +440,8 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     if end_s - covered[-1][1] > LONGEST_GAP_S:
         end_s = covered[-1][1]
         asides += (QualityFlag(Caveat.CLOCK_FWD, 1, 0.0, float(end_s), float(end_s)),)
-    docked = merge_seconds(
-        second for second in map(timeline.place_s, log.events.docked_s) if 0 <= second < end_s
-    )
+    seconds = {place for place in map(timeline.place_s, log.events.docked_s) if 0 <= place < end_s}
+    docked = join_overlapping((second, second + 1) for second in seconds)
     asleep: list[tuple[int, int]] = []
     for start_unix_s, end_unix_s in pair_sleep(log.events.sleep, log.scan.last_unix_s):
         early_s = -timeline.place_s(start_unix_s)
@@ -482,7 +450,11 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
         start_s = max(0, -early_s)
         stop_s = min(end_s, timeline.place_s(end_unix_s))
         asleep += cut_out(start_s, stop_s, sorted([*covered, *docked]))
-    spans = make_spans(docked, "docked") + make_spans(asleep, "asleep")
+    spans = tuple(
+        Span(first_s * MICROSECONDS, (stop_s - first_s) * MICROSECONDS, reason)
+        for reason, found in (("docked", docked), ("asleep", asleep))
+        for first_s, stop_s in found
+    )
     return spans, asides
 
 
@@ -511,7 +483,6 @@ def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str,
 
 # Caveats that come from the records, from info.txt and from the clock.
 
-
 LOW_BATTERY_MV = 3600
 """A lithium cell under this is about to switch the device off."""
 IMU_RATE_HZ = 100.0
@@ -523,14 +494,16 @@ def flag_file(
     text: DeviceText, log: DeviceLog, timeline: Timeline, segments: Sequence[Segment]
 ) -> tuple[QualityFlag, ...]:
     """Caveats that come from the records and from info.txt."""
+    planned_s, last_s = text.unix_s("Stop Date"), float(timeline.seconds.unix_s[-1] + 1)
+    serial, firmware = text.values.get("Serial Number", ""), text.values.get("Firmware", "")
     counts = {
         Caveat.ROWS_DROPPED: log.n_undecoded,
         Caveat.RESETS: int(text.number("Unexpected Resets") or 0),
         Caveat.ENCODING: int(text.encoding != "utf-8"),
-        Caveat.TZ: int(_is_zone_unclear(text, counts_utc=log.events.counts_utc)),
-        Caveat.EARLY_END: int(_ended_early_s(text, timeline) > EARLY_END_S),
+        Caveat.TZ: int(text.offset_s is None and ("TimeZone" in text.values or log.events.counts_utc)),
+        Caveat.EARLY_END: int(planned_s is not None and planned_s - last_s > EARLY_END_S),
         Caveat.BATTERY: int(0 < log.events.battery_mv < LOW_BATTERY_MV),
-        Caveat.FIRMWARE: int(_has_turned_axes(text)),
+        Caveat.FIRMWARE: int(serial.startswith(TURNED_SERIAL) and firmware == TURNED_FIRMWARE),
     }
     return flag_damage(log.scan, timeline) + flag_counts(counts) + flag_rates(text, log, timeline, segments)
 
@@ -553,25 +526,12 @@ def flag_rates(
     seen = log.primary_seconds
     rate_hz = round(max(segments, key=len).rate_hz, 3)
     flags: tuple[QualityFlag, ...] = ()
-    if contradicts_header(seen, text.number("Sample Rate")):
+    header_hz = text.number("Sample Rate")
+    primary_hz = float(np.median([len(counts) for _, counts in seen])) if seen else header_hz
+    if not header_hz or not primary_hz or abs(primary_hz - header_hz) > 0.05 * header_hz:
         flags += (QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
     flags += flag_drift(IMU_RATE_HZ, rate_hz)
     bias_g = measure_bias_g(seen, text, timeline, log.columns)
     if bias_g is not None and bias_g > LARGEST_DIFFERENCE_G:
         flags += (QualityFlag(Caveat.BIAS, facts={"g": round(bias_g, 3)}),)
     return flags
-
-
-def _is_zone_unclear(text: DeviceText, *, counts_utc: bool) -> bool:
-    """Whether the zone cannot be read, or the clock counts UTC and no zone is given."""
-    return text.offset_s is None and ("TimeZone" in text.values or counts_utc)
-
-
-def _ended_early_s(text: DeviceText, timeline: Timeline) -> float:
-    planned_s = text.unix_s("Stop Date")
-    return 0.0 if planned_s is None else planned_s - float(timeline.seconds.unix_s[-1] + 1)
-
-
-def _has_turned_axes(text: DeviceText) -> bool:
-    serial, firmware = text.values.get("Serial Number", ""), text.values.get("Firmware", "")
-    return serial.startswith(TURNED_SERIAL) and firmware == TURNED_FIRMWARE

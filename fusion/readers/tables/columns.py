@@ -7,6 +7,7 @@ x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
 import math
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -43,44 +44,18 @@ GYR_STEMS = frozenset(
     | {"angularrate", "angularvelocity", "angvel", "angrate", "av"}
     | {"gyrometre", "vitesseangulaire", "vitesserotation", "vitessederotation", "tauxderotation"}
 )
+STEMS: tuple[tuple[Channel, frozenset[str]], ...] = (
+    ("acc", ACC_STEMS),
+    ("gyr", GYR_STEMS),
+    ("linear", LINEAR_STEMS),
+    ("gravity", GRAVITY_STEMS),
+)
 TIME_STEMS = frozenset(
-    {
-        "t",
-        "time",
-        "date",
-        "timestamp",
-        "times",
-        "timestamps",
-        "datetime",
-        "ts",
-        "clock",
-        "elapsed",
-        "elapsedtime",
-    }
-    | {"micros", "millis", "epoch", "epoc", "unixtime", "unix", "sampletimefine", "seconds", "milliseconds"}
-    | {
-        "microseconds",
-        "nanoseconds",
-        "temps",
-        "horodatage",
-        "horodate",
-        "heure",
-        "dateheure",
-        "dateetheure",
-        "horloge",
-        "secondes",
-        "millisecondes",
-        "microsecondes",
-        "epochtime",
-        "systemtime",
-        "devicetime",
-        "us",
-        "ms",
-        "usec",
-        "msec",
-        "sec",
-        "secs",
-    }
+    {"t", "time", "date", "timestamp", "times", "timestamps", "datetime", "ts", "clock", "elapsed"}
+    | {"elapsedtime", "micros", "millis", "epoch", "epoc", "unixtime", "unix", "sampletimefine", "seconds"}
+    | {"milliseconds", "microseconds", "nanoseconds", "temps", "horodatage", "horodate", "heure", "dateheure"}
+    | {"dateetheure", "horloge", "secondes", "millisecondes", "microsecondes", "epochtime", "systemtime"}
+    | {"devicetime", "us", "ms", "usec", "msec", "sec", "secs"}
 )
 TIME_WORDS = frozenset({"time", "timestamp"})
 COUNTER_STEMS = frozenset(
@@ -130,10 +105,12 @@ def parse_column_name(name: str) -> Column:
     vector = _match_vector(name, plain, unit)
     if vector is not None:
         return vector
-    stem, unit_word = _split_time_unit(plain)
-    is_time = bool(TIME_WORDS & set(re.split(r"[ _.\-]+", plain)))
-    if stem in TIME_STEMS or is_time or (not stem and unit_word):
-        return Column(name, "time", unit=_time_unit(stem, unit or unit_word))
+    words = [word for word in re.split(r"[ _.\-]+", plain) if word]
+    unit_word = words.pop() if len(words) > 1 and words[-1] in TIME_UNITS_EXPONENT else None
+    stem = "".join(words)
+    if stem in TIME_STEMS or TIME_WORDS & {*words, unit_word}:
+        units = (unit or unit_word, stem)
+        return Column(name, "time", unit=next((one for one in units if one in TIME_UNITS_EXPONENT), None))
     if stem.removeprefix("imu") in COUNTER_STEMS:
         return Column(name, "counter")
     return Column(name, "other")
@@ -180,8 +157,8 @@ def _match_vector(name: str, plain: str, unit: str | None) -> Column | None:
             word = word.removeprefix(prefix) or word
         for axis_word in AXIS_WORDS:
             word = word.removesuffix(axis_word) or word
-        channel = _find_channel(word)
-        if suffix is None or channel == "other":
+        channel = next((channel for channel, stems in STEMS if word in stems), None)
+        if suffix is None or channel is None:
             continue
         if unit is None and suffix.group(1) and suffix.group(1) not in REMARKS:
             unit = suffix.group(1).replace("_per_", "/").replace("_", "")
@@ -189,29 +166,6 @@ def _match_vector(name: str, plain: str, unit: str | None) -> Column | None:
             unit = unit or "g"
         return Column(name, channel, "xyz".index(found.group()), unit, is_narrow=word in NARROW_STEMS)
     return None
-
-
-def _find_channel(word: str) -> Channel:
-    stems: tuple[tuple[Channel, frozenset[str]], ...] = (
-        ("acc", ACC_STEMS),
-        ("gyr", GYR_STEMS),
-        ("linear", LINEAR_STEMS),
-        ("gravity", GRAVITY_STEMS),
-    )
-    return next((channel for channel, words in stems if word in words), "other")
-
-
-def _split_time_unit(plain: str) -> tuple[str, str | None]:
-    words = [word for word in re.split(r"[ _.\-]+", plain) if word]
-    if len(words) > 1 and words[-1] in TIME_UNITS_EXPONENT:
-        return "".join(words[:-1]), words[-1]
-    return "".join(words), None
-
-
-def _time_unit(stem: str, unit: str | None) -> str | None:
-    if unit in TIME_UNITS_EXPONENT:
-        return unit
-    return stem if stem in TIME_UNITS_EXPONENT else None
 
 
 Vector = tuple[int, int, int]
@@ -242,13 +196,10 @@ def choose_acceleration(columns: Sequence[Column]) -> tuple[Vector | None, Vecto
 
 def name_missing(columns: Sequence[Column]) -> str:
     """Which of the six channels are not there, or there more than once: "gy, gz"."""
-    places = [(channel, axis) for channel in ("acc", "gyr") for axis in range(3)]
-    counts = [sum(c.channel == channel and c.axis == axis for c in columns) for channel, axis in places]
-    return ", ".join(
-        f"{channel[0]}{'xyz'[axis]}"
-        for (channel, axis), count in zip(places, counts, strict=True)
-        if count != 1
+    counts = Counter(
+        f"{column.channel[0]}{'xyz'[column.axis]}" for column in columns if column.channel in ("acc", "gyr")
     )
+    return ", ".join(name for name in ("ax", "ay", "az", "gx", "gy", "gz") if counts[name] != 1)
 
 
 EPOCH_WORDS = frozenset(
@@ -268,7 +219,6 @@ def names_epochs(names: Sequence[str]) -> bool:
 # The unit of a column of times: that of its name, or the one in which the rows come at a plausible rate.
 #
 # The candidates (s, ms, us, ns) lie a factor of 1000 apart and the rates span 250: at most one fits.
-
 
 PLAUSIBLE_RATE_HZ = (8.0, 2000.0)
 SECONDS_OF_DAY = 86_400
@@ -296,13 +246,12 @@ class TimeUnit:
         """Flag that the header's unit was replaced (W-UNITS)."""
         if self.stated_exponent is None:
             return ()
-        names = {"unit": UNIT_NAMES[self.stated_exponent], "read_as": UNIT_NAMES[self.exponent]}
-        rate_hz = round(self.rate_hz, 3)
         facts: dict[str, str | int | float] = {
             "what": "time",
             "evidence": "rate",
-            **names,
-            "rate_hz": rate_hz,
+            "unit": UNIT_NAMES[self.stated_exponent],
+            "read_as": UNIT_NAMES[self.exponent],
+            "rate_hz": round(self.rate_hz, 3),
         }
         return (QualityFlag(Caveat.UNITS, facts=facts),)
 
@@ -341,13 +290,6 @@ def count_from_1970(stamps: NDArray[np.int64]) -> None:
     stamps[:] = np.rint(stamps * MICROSECONDS_OF_COUNT)
 
 
-def _are_days(times: Sequence[float]) -> bool:
-    first, last = POSSIBLE_DAYS
-    slowest_hz, fastest_hz = PLAUSIBLE_RATE_HZ
-    is_date = bool(times) and all(first <= time < last for time in times)
-    return is_date and slowest_hz <= _rate_hz(times, 0) / SECONDS_OF_DAY / MICROSECONDS <= fastest_hz
-
-
 def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
     """Find the unit of a column by its first times; None where neither header nor times give one.
 
@@ -356,14 +298,19 @@ def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
     """
     stated = TIME_UNITS_EXPONENT.get(unit or "")  # a damaged row of units may name another quantity
     times = [time for time in times if math.isfinite(time)]  # a damaged row holds no time
-    if stated is None and _are_days(times):
-        return IN_DAYS
+    (first_day, last_day), (slowest_hz, fastest_hz) = POSSIBLE_DAYS, PLAUSIBLE_RATE_HZ
+    if stated is None and times and all(first_day <= time < last_day for time in times):
+        days_hz = _rate_hz(times, 0) / SECONDS_OF_DAY / MICROSECONDS
+        if slowest_hz <= days_hz <= fastest_hz:
+            return IN_DAYS
     found = guess_exponent(times)
     if stated is None:
         return None if found is None else TimeUnit(found)
     stated_hz = _rate_hz(times, stated)
-    is_possible = SLOWEST_HZ <= stated_hz <= FASTEST_HZ or any(_is_epoch(time, stated) for time in times[:1])
-    if found is None or is_possible:
+    if found is None or SLOWEST_HZ <= stated_hz <= FASTEST_HZ:
+        return TimeUnit(stated)
+    moment = datetime_at_us(round(times[0] * 10.0**stated)) if times else None
+    if moment is not None and is_clock_set(moment):
         return TimeUnit(stated)
     return TimeUnit(found, stated, stated_hz, _rate_hz(times, found))
 
@@ -384,11 +331,6 @@ def _rate_hz(times: Sequence[float], exponent: int) -> float:
     # mean of the advancing steps: coarse stamps repeat
     step = median(steps) or sum(max(0.0, s) for s in steps) / len(steps)
     return MICROSECONDS / (step * 10.0**exponent) if step > 0 else 0.0
-
-
-def _is_epoch(time: float, exponent: int) -> bool:
-    moment = datetime_at_us(round(time * 10.0**exponent))
-    return moment is not None and is_clock_set(moment)
 
 
 def measure_roughness(values: NDArray[np.float32]) -> float:

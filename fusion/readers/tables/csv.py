@@ -7,44 +7,42 @@ A header is needed. Units and time come from it where it states them, and from t
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, PoseHeld, parse_arm_axis
+from fusion.conventions import parse_arm_axis
 from fusion.devices import find_device_name
 from fusion.diary import parse_pose_held
 from fusion.errors import NoSamples, UnknownColumns, UnknownRate
-from fusion.readers.samples import PAUSE
+from fusion.readers.samples import PAUSE, SampleColumns
 from fusion.readers.source import Source
-from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, NUMERIC_TIME, STAMP
+from fusion.readers.tables.csv_lines import STAMP
 from fusion.readers.tables.dates import DateOrder
-from fusion.readers.tables.gravity import put_back_gravity
 from fusion.readers.tables.layout import TextLayout, flag_text, read_layout, sniff_layout
 from fusion.readers.tables.profile import ColumnProfile, apply_profile
 from fusion.readers.tables.rows import (
     PACKET_NUMBERS,
     TablePlan,
-    TableRows,
-    counts_since_1970,
+    add_gravity,
+    build_recording,
     find_clock,
-    plan_gravity,
     plan_table,
     read_table,
-    repair_stamps,
 )
 from fusion.readers.timebase.clock import flag_drift, hash_serial
 from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
 from fusion.readers.timebase.row_times import leave_out_repeats
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
-from fusion.units import LEFT_GYR_FACTOR, name_unit_source
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
+from fusion.units import name_unit_source
 
 T = TypeVar("T")
 
-ARDUINO_BURST_ROWS = 119
-ARDUINO_RATE_HZ = 119.0
+ARDUINO_BURST_ROWS, ARDUINO_RATE_HZ = 119, 119.0
+"""Arduino's example sketch for the Nano 33 BLE Sense writes bursts of one second of the library's fixed rate,
+and a blank line after each."""
 STATED_RATE = re.compile(
     r"\b(?:rate_hz|odr_hz|odr|(?:sampl\w+|data|update|output)[ _]?(?:rate|freq\w*)(?:_hz)?|rate)"
     r"\W{1,4}(\d+(?:\.\d+)?)",
@@ -101,130 +99,107 @@ def _read_layout(source: Source, order: DateOrder | None = None) -> TextLayout:
 
 def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Recording:
     """From a plan to a recording: rows, their times, the segments, the caveats."""
-    layout = plan.layout
+    layout, time = plan.layout, plan.time
     rows = read_table(source, plan)
-    if rows.columns.rows == 0:
+    columns = rows.columns
+    if columns.rows == 0:
         raise NoSamples
-    is_added = _add_gravity(source, rows)
-    plan.unit.refuse_doubtful(rows.columns)
-    repairs = repair_stamps(rows) if plan.has_times else ()
-    first_stamp_us = int(rows.columns.stamps[0])
-    grid = _cut_rows(rows, choose_rate_hz(layout, rate_hz))
-    facts = layout.facts()
-    clock, pose = find_clock(plan, first_stamp_us), _read_pose(facts)
-    return Recording(
-        device=layout.device.device if layout.device else _name_stated(facts.get("device", "")),
-        sha256="",
-        start=clock.start,
-        time_zone=clock.time_zone,
-        duration_us=grid.duration_us,
-        segments=grid.segments,
-        flags=(
+    is_added = add_gravity(source, plan, columns)
+    time.unit.refuse_doubtful(columns)
+    repairs = time.repair(columns, rows.changes) if time.has_times else ()
+    first_us = int(columns.stamps[0])
+    grid = _cut_rows(plan, columns, choose_rate_hz(layout, rate_hz))
+    described, facts = _describe_columns(plan, is_in_g=is_added), layout.facts()
+    pose, unread = _read_pose(facts)
+    device = facts.get("device", "")
+    return build_recording(
+        grid,
+        find_clock(layout, time, first_us),
+        (
             *rows.flags,
             *repairs,
             *grid.flags,
             *flag_text(source, layout),
-            *pose.flags,
-            *_flag_stated_rate(layout, grid),
-            *plan.unit.flag(),
-            *_flag_given_rate(plan, grid, rate_hz),
-            *clock.flags,
+            *unread,
+            *_flag_rates(plan, grid, rate_hz),
         ),
-        understood={
-            **_describe_columns(plan, is_in_g=is_added),
-            "time": _describe_time(plan, first_stamp_us),
-            "time_exponent": str(plan.stamp_exponent),
-            "delimiter": _format_delimiter(layout),
+        {
+            **described,
+            "time": time.describe(first_us),
+            "time_exponent": str(time.unit.exponent),
+            "delimiter": _name_delimiter(layout),
             "jitter_us": f"{grid.jitter_us:.1f}",
-            "samples": str(rows.columns.rows),
+            "samples": str(columns.rows),
         },
+        stated=Stated(
+            described["acceleration_unit"],
+            described["angular_rate_unit"],
+            is_known=described["units_from"] == "header",
+            left_gyr_factor=round(layout.device.left_gyr_factor, 5) if layout.device else 1.0,
+            is_counted=not time.has_times,
+        ),
+        device=layout.device.device if layout.device else device if find_device_name(device) else "other",
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
-        acc_range_g=_positive(facts.get("acc_range_g")),
-        gyr_range_dps=_positive(facts.get("gyr_range_dps")),
-        pose_windows_s=pose.windows_s,
-        arm_axis=pose.axis,
-        pose_held=pose.held,
+        acc_range_g=_read_positive(facts.get("acc_range_g")),
+        gyr_range_dps=_read_positive(facts.get("gyr_range_dps")),
+        **pose,
     )
 
 
-def _add_gravity(source: Source, rows: TableRows) -> bool:
-    """Read the table again for the gravity that its acceleration may lack, and add it; whether it was."""
-    plan = plan_gravity(rows.plan)
-    if plan is None:
-        return False
-    acc, gyr = rows.plan.acceleration, rows.plan.angular_rate
-    return put_back_gravity(rows.columns, read_table(source, plan).columns, plan.acc_scale, acc, gyr)
-
-
-def _cut_rows(rows: TableRows, rate_hz: float | None) -> Grid:
-    if rows.plan.has_times:
-        return cut_stamped(rows.columns)
-    if rows.plan.counts_packets:
-        return _cut_packets(rows, rate_hz)
-    return cut_counted(rows.columns, rate_hz or find_burst_rate_hz(rows))
-
-
-def _cut_packets(rows: TableRows, rate_hz: float | None) -> Grid:
-    """Cut rows that a packet counter numbers: packets that were lost are missing time."""
+def _cut_rows(plan: TablePlan, columns: SampleColumns, rate_hz: float | None) -> Grid:
+    if plan.time.has_times:
+        return cut_stamped(columns)
+    if plan.time.kind == "row number":
+        return cut_counted(columns, rate_hz or _find_burst_rate_hz(columns))
+    # packets that were lost are missing time
     if not rate_hz or not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(**({"m": rate_hz} if rate_hz else {}))
     period_us = MICROSECONDS / rate_hz
-    stamps = rows.columns.stamps
+    stamps = columns.stamps
     stamps[1:] += PACKET_NUMBERS * np.cumsum(np.diff(stamps) < -PACKET_NUMBERS // 2)
     stamps[:] = np.rint((stamps - stamps[0]) * period_us)
-    repeats = leave_out_repeats(rows.columns)
-    grid = cut_stamped(rows.columns)
+    repeats = leave_out_repeats(columns)
+    grid = cut_stamped(columns)
     return replace(grid, flags=(*repeats, *grid.flags))
 
 
 def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
     """Give the rate that the preamble states, if plausible; else the one that a person gives, in Hz."""
-    stated_hz = find_stated_hz(layout)
+    stated_hz = _find_stated_hz(layout)
     return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
 
-def find_burst_rate_hz(rows: TableRows) -> float:
-    """Find the rate of a layout without time by its form, in Hz.
-
-    Arduino's example sketch for the Nano 33 BLE Sense writes bursts of 119 rows, one second of the library's
-    fixed 119 Hz, and a blank line after each.
-
-    Raises
-    ------
-    UnknownRate
-        The form does not tell: a person has to give the rate.
-    """
-    numbers = rows.columns.stamps
-    ends = np.flatnonzero(np.diff(numbers // PAUSE)) + 1
+def _find_burst_rate_hz(columns: SampleColumns) -> float:
+    """Find the rate of a layout without time by its form, in Hz; else a person has to give it."""
+    ends = np.flatnonzero(np.diff(columns.stamps // PAUSE)) + 1
     bursts = np.diff(np.concatenate([[0], ends]))
     if len(bursts) >= 2 and np.all(bursts == ARDUINO_BURST_ROWS):
         return ARDUINO_RATE_HZ
     raise UnknownRate
 
 
-def _flag_given_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
-    """Flag a rate that rests on no times, with its source: preamble, person or layout (W-RATE)."""
-    if plan.has_times:
-        return ()
-    without_header = "told" if rate_hz else "layout"
-    source = "header" if choose_rate_hz(plan.layout, None) else without_header
-    used_hz = round(MICROSECONDS / grid.period_us, 3)
-    return (QualityFlag(Caveat.RATE, facts={"rate_hz": used_hz, "rate_from": source}),)
+def _flag_rates(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
+    """Flag a rate off the one that the preamble states, a time unit that cannot be, and a rate without times.
+
+    The last with its source: preamble, person or layout (W-DRIFT, W-UNITS, W-RATE).
+    """
+    stated_hz, used_hz = _find_stated_hz(plan.layout), MICROSECONDS / grid.period_us
+    flags = flag_drift(stated_hz, used_hz) if stated_hz > 0.0 else ()
+    flags += plan.time.unit.flag()
+    if not plan.time.has_times:
+        without_header = "told" if rate_hz else "layout"
+        source = "header" if choose_rate_hz(plan.layout, None) else without_header
+        flags += (QualityFlag(Caveat.RATE, facts={"rate_hz": round(used_hz, 3), "rate_from": source}),)
+    return flags
 
 
-def _flag_stated_rate(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
-    """Flag a true rate that is off the one that the preamble states (W-DRIFT)."""
-    stated_hz = find_stated_hz(layout)
-    return flag_drift(stated_hz, MICROSECONDS / grid.period_us) if stated_hz > 0.0 else ()
-
-
-def find_stated_hz(layout: TextLayout) -> float:
+def _find_stated_hz(layout: TextLayout) -> float:
     """Read the rate that the preamble states; 0 where it states none."""
     found = (STATED_RATE.search(line) for line in layout.preamble)
     return next((float(match.group(1)) for match in found if match), 0.0)
 
 
-def _positive(text: str | None) -> float | None:
+def _read_positive(text: str | None) -> float | None:
     try:
         value = float(text or "")
     except ValueError:
@@ -232,22 +207,8 @@ def _positive(text: str | None) -> float | None:
     return value if 0 < value < 1e6 else None
 
 
-def _name_stated(device: str) -> str:
-    """Give the device that the preamble calls by our own name for it, else "other"."""
-    return device if find_device_name(device) else "other"
-
-
-@dataclass(frozen=True, slots=True)
-class _StatedPose:
-    """What the preamble states of the pose, and the lines of it that cannot be read (W-HEADER)."""
-
-    windows_s: tuple[tuple[float, float], ...] = ()
-    axis: ArmAxis | None = None
-    held: PoseHeld | None = None
-    flags: tuple[QualityFlag, ...] = ()
-
-
-def _read_pose(facts: Mapping[str, str]) -> _StatedPose:
+def _read_pose(facts: Mapping[str, str]) -> tuple[dict[str, Any], tuple[QualityFlag, ...]]:
+    """Read what the preamble states of the pose, and flag the lines of it that cannot be read (W-HEADER)."""
     unread: list[str] = []
 
     def read(name: str, parse: Callable[[str], T]) -> T | None:
@@ -257,10 +218,13 @@ def _read_pose(facts: Mapping[str, str]) -> _StatedPose:
             unread.append(f"{name}: {facts[name][:60]}")
             return None
 
-    windows_s = read("pose_window_s", _read_pose_window) or ()
-    axis, held = read("arm_axis", parse_arm_axis), read("pose_held", parse_pose_held)
+    pose = {
+        "pose_windows_s": read("pose_window_s", _read_pose_window) or (),
+        "arm_axis": read("arm_axis", parse_arm_axis),
+        "pose_held": read("pose_held", parse_pose_held),
+    }
     flag = QualityFlag(Caveat.HEADER, len(unread), facts={"text": "; ".join(unread)})
-    return _StatedPose(windows_s, axis, held, (flag,) if unread else ())
+    return pose, (flag,) if unread else ()
 
 
 def _read_pose_window(text: str) -> tuple[tuple[float, float], ...]:
@@ -279,34 +243,19 @@ def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
         for column, target in zip(columns, plan.targets, strict=True)
         if target <= STAMP and column.channel == "other"
     )
-    return {
+    described = {
         "layout": "table with header",
         "columns": ", ".join(column.name for column in columns)[:400],
         "ignored": ", ".join(ignored)[:400],
         "acceleration_unit": acc_unit or "",
         "angular_rate_unit": gyr_unit or "",
         "units_from": name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right")),
-        **(
-            {LEFT_GYR_FACTOR: f"{device.left_gyr_factor:.5f}"}
-            if device and device.left_gyr_factor != 1.0
-            else {}
-        ),
     }
+    if device and device.left_gyr_factor != 1.0:
+        described["left_gyr_factor"] = f"{device.left_gyr_factor:.5f}"
+    return described
 
 
-def _describe_time(plan: TablePlan, first_stamp_us: int) -> str:
-    """What the stamps are, in a word or two."""
-    if plan.counts_packets:
-        return "packet counter"
-    if counts_since_1970(plan, first_stamp_us):
-        return "number since 1970"
-    if plan.unit.is_days:
-        return "calendar"
-    if plan.layout.dates is not None and not plan.layout.dates.has_date:
-        return "time of day"
-    return {COUNTER: "row number", NUMERIC_TIME: "number", CALENDAR_TIME: "calendar"}[plan.stamp_kind]
-
-
-def _format_delimiter(layout: TextLayout) -> str:
+def _name_delimiter(layout: TextLayout) -> str:
     sign = " " if layout.is_single_spaced else layout.delimiter
     return {"\t": "tab", " ": "space"}.get(sign, sign)

@@ -18,10 +18,8 @@ from fusion.recording import MICROSECONDS, QualityFlag
 
 # The order of day, month and year: whether `02/03/2026` is the second of March or the third of February.
 
-
 DateOrder = Literal["ymd", "dmy", "mdy"]
 FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
-ORDERS: tuple[DateOrder, ...] = ("dmy", "mdy", "ymd")
 FIRST_OF: dict[str, DateOrder] = {"m": "mdy", "d": "dmy", "y": "ymd"}
 START_DATE = re.compile(
     r"^\W*start(?:[ _]date)?[ :=]+(\d{1,4})[/.\-](\d{1,2})[/.\-](\d{1,4})", re.IGNORECASE | re.MULTILINE
@@ -53,7 +51,8 @@ def order_dates(
         return open_to[0], False
     if order in open_to:
         return order, False
-    word = _read_format(head)
+    named = FORMAT_WORDS.search(head)
+    word = FIRST_OF[named.group(1).lower()] if named else None
     begun = _read_start(head, word)
     near = [one for one in open_to if begun and _is_near(_read_date(parts[0], one), begun)]
     if len(near) == 1:
@@ -83,11 +82,6 @@ def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrd
     return near[0] if len(near) == 1 else None
 
 
-def _read_format(head: str) -> DateOrder | None:
-    found = FORMAT_WORDS.search(head)
-    return FIRST_OF[found.group(1).lower()] if found else None
-
-
 def _read_start(head: str, word: DateOrder | None) -> date | None:
     """The start date of the header by the format that it names; by the other where that gives no date."""
     found = START_DATE.search(head)
@@ -102,13 +96,12 @@ def _read_start(head: str, word: DateOrder | None) -> date | None:
 def _read_date(parts: Sequence[str], order: str) -> date | None:
     numbers = dict(zip(order, map(int, parts), strict=True))
     try:
-        return date(complete_year(numbers["y"]), numbers["m"], numbers["d"])
+        return date(_complete_year(numbers["y"]), numbers["m"], numbers["d"])
     except ValueError:
         return None
 
 
-def complete_year(year: int) -> int:
-    """The year with its century."""
+def _complete_year(year: int) -> int:
     return year + CENTURY if year < 100 else year
 
 
@@ -195,13 +188,23 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
         pattern = re.compile(form % mark)
         found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
         if found:
-            return _describe(pattern, found, lines, head, order)
-    _refuse_cut_times(list(lines.values()))
+            plain = [PLAIN.search(lines[k]) for k in found]
+            if all(plain):
+                is_utc = all(match is not None and match.group(1) for match in plain)
+                return DateDialect(pattern, "ymd", 0, is_iso=True) if is_utc else None
+            parts = [(match["first"], match["second"], match["third"]) for match in found.values()]
+            order, is_doubtful = order_dates(parts, head, order)
+            return DateDialect(pattern, order, _find_offset_s(found), is_doubtful=is_doubtful)
+    cut = sum(bool(NO_SECONDS.search(line) or MINUTES_ONLY.search(line)) for line in lines.values())
+    if 2 * cut > len(lines):
+        raise UnusableTime(why="seconds")
     pattern = re.compile(UNDATED % mark, re.MULTILINE)
     found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
     if 2 * len(found) > len(lines):
         return DateDialect(pattern, "ymd", _find_offset_s(found), has_date=False)
-    _refuse_unknown_stamps(lines)
+    strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
+    if 2 * len(strange) > len(lines):  # a clock's time or a date which nothing here understands
+        raise UnusableTime(why="form", line=strange[0])
     return None
 
 
@@ -222,22 +225,6 @@ def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
     pattern = re.compile(DATED % ".,")
     found = (pattern.search(line) for line in lines if _is_wide(line))
     return [match.group("first", "second", "third") for match in found if match]
-
-
-def _describe(
-    pattern: re.Pattern[str],
-    found: dict[int, re.Match[str]],
-    lines: dict[int, str],
-    head: str,
-    order: DateOrder | None,
-) -> DateDialect | None:
-    plain = [PLAIN.search(lines[k]) for k in found]
-    if all(plain):
-        is_utc = all(match is not None and match.group(1) for match in plain)
-        return DateDialect(pattern, "ymd", 0, is_iso=True) if is_utc else None
-    parts = [(match["first"], match["second"], match["third"]) for match in found.values()]
-    order, is_doubtful = order_dates(parts, head, order)
-    return DateDialect(pattern, order, _find_offset_s(found), is_doubtful=is_doubtful)
 
 
 def _find_offset_s(found: dict[int, re.Match[str]]) -> int | None:
@@ -267,24 +254,10 @@ def _is_wide(line: str) -> bool:
     return max(line.count(mark) for mark in ",;\t|") >= FIELDS_OF_A_ROW
 
 
-def _refuse_cut_times(lines: Sequence[str]) -> None:
-    cut = sum(bool(NO_SECONDS.search(line) or MINUTES_ONLY.search(line)) for line in lines)
-    if 2 * cut > len(lines):
-        raise UnusableTime(why="seconds")
-
-
-def _refuse_unknown_stamps(lines: dict[int, str]) -> None:
-    """Refuse rows that hold a clock's time or a date which nothing here understands."""
-    strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
-    if 2 * len(strange) > len(lines):
-        raise UnusableTime(why="form", line=strange[0])
-
-
 # Stamps of any dialect are rewritten to the ISO form of the kernels, on the clock of the first row.
 #
 # A stamp with an offset from UTC is an instant. Where the offset changes, the later stamps are converted to
 # the first one, so that no hour is lost or gained, and the change is noted.
-
 
 NOON = 12
 DAY_S = 86_400
@@ -309,14 +282,6 @@ class OffsetChange:
     after_s: int
     first_s: int
 
-    @property
-    def is_daylight_saving(self) -> bool:
-        """Whether the clocks of some zone were changed so about then."""
-        moment = datetime_at_us(self.at_us - self.first_s * MICROSECONDS)
-        return moment is not None and is_change_of_offset(
-            moment.replace(tzinfo=UTC), self.before_s, self.after_s
-        )
-
 
 class StampWriter:
     """Rewrites the stamps of one table, from its first row on.
@@ -340,9 +305,10 @@ class StampWriter:
         return self._dialect.pattern.sub(write, text)
 
     def _write(self, found: re.Match[str]) -> str:
-        year, month, day = _sort_date(found.group("first", "second", "third"), self._dialect.order)
+        parts, order = found.group("first", "second", "third"), self._dialect.order
+        year, month, day = (parts[order.index(letter)] for letter in "ymd")
         clock = f"{_count_hour(found):02d}:{found['minute']}:{found['seconds']}"
-        stamp = f"{year}-{month:0>2}-{day:0>2}T{clock}"
+        stamp = f"{_complete_year(int(year))}-{month:0>2}-{day:0>2}T{clock}"
         moved = self._move(stamp, found["zone"])
         return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
 
@@ -385,11 +351,6 @@ class StampWriter:
         return found.group() if moved is None else found["before"] + moved
 
 
-def _sort_date(parts: tuple[str, ...], order: DateOrder) -> tuple[str, str, str]:
-    year, month, day = (parts[order.index(letter)] for letter in "ymd")
-    return str(complete_year(int(year))), month, day
-
-
 def _count_hour(found: re.Match[str]) -> int:
     hour, half = int(found["hour"]), found["half"]
     if half is None:
@@ -424,9 +385,13 @@ def flag_changes(changes: Iterable[OffsetChange], first_stamp_us: int) -> tuple[
 
     W-DST where the clocks of some zone changed so at about that time, W-OFFSET elsewhere.
     """
-    return tuple(
-        QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": change.after_s - change.before_s})
-        for change in list(changes)[:MOST_CHANGES]
-        for code in [Caveat.DST if change.is_daylight_saving else Caveat.OFFSET]
-        for at_s in [(change.at_us - first_stamp_us) / MICROSECONDS]
-    )
+    flags: tuple[QualityFlag, ...] = ()
+    for change in list(changes)[:MOST_CHANGES]:
+        moment = datetime_at_us(change.at_us - change.first_s * MICROSECONDS)
+        is_daylight_saving = moment is not None and is_change_of_offset(
+            moment.replace(tzinfo=UTC), change.before_s, change.after_s
+        )
+        at_s = (change.at_us - first_stamp_us) / MICROSECONDS
+        code = Caveat.DST if is_daylight_saving else Caveat.OFFSET
+        flags += (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": change.after_s - change.before_s}),)
+    return flags

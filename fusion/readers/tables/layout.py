@@ -1,4 +1,4 @@
-"""The layout of a table: encoding, preamble, header, delimiter, decimal mark, columns."""
+"""The layout of a table: encoding, preamble, header, delimiter, decimal mark, columns; its lines in bytes."""
 
 import codecs
 import re
@@ -8,14 +8,21 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.devices import KnownDevice, find_known_device
 from fusion.errors import AmbiguousDecimal, EpochFile, UnknownColumns, UnknownFormat, UnusableTime
 from fusion.readers.archives import UnpackedFile
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.columns import Column, choose_vector, names_epochs, parse_column_name
+from fusion.readers.tables.columns import (
+    REMARKS,
+    Column,
+    choose_vector,
+    names_epochs,
+    parse_column_name,
+    read_unit,
+)
+from fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
 from fusion.readers.tables.dates import (
     DateDialect,
     DateOrder,
@@ -25,14 +32,213 @@ from fusion.readers.tables.dates import (
     find_open_date,
     find_order_by_span,
 )
-from fusion.readers.tables.header import MIN_COLUMNS, find_header, is_row, is_value, split_fields
-from fusion.readers.tables.labels import LabelWriter, find_labels, tabulate_head
-from fusion.readers.tables.machine_words import LEAD_BYTES, NEWLINE, TRAIL_BYTES
 from fusion.recording import QualityFlag
 from fusion.units import acc_scale_g
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
+
+# Which lines are rows of values.
+
+NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
+CALENDAR = re.compile(r"\s*\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}([.,]\d+)?Z?\"?\s*")
+WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+")
+WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
+MIN_COLUMNS = 6
+
+
+def split_fields(line: str, delimiter: str) -> list[str]:
+    """Fields of a line; runs of spaces are one delimiter; empty fields at the end are dropped."""
+    fields = line.split() if delimiter == " " else line.split(delimiter)
+    while len(fields) > 1 and not fields[-1].strip():
+        fields.pop()
+    return [field.strip().strip('"').strip() for field in fields]
+
+
+def _is_value(field: str) -> bool:
+    return bool(NUMBER.fullmatch(field) or CALENDAR.fullmatch(field)) or field.lower() in WORD_ABSENT
+
+
+def is_row(line: str, delimiter: str) -> bool:
+    """Whether a line is a row of at least six values, not all absent."""
+    if delimiter != " " and line.count(delimiter) < MIN_COLUMNS - 1:
+        return False
+    fields = split_fields(line, delimiter)
+    present = sum(bool(NUMBER.fullmatch(field)) for field in fields)
+    return len(fields) >= MIN_COLUMNS and all(map(_is_value, fields)) and present >= len(fields) // 2
+
+
+# The lines above the first row: what they say of the columns.
+#
+# Most tables have one line of names. Shimmer's exports have up to four (sensor, name, CAL or RAW, unit);
+# tables of several sensors have the sensor above each name, or in the name.
+
+REACH = 5
+"""So many lines above the first row are looked at."""
+FEWEST_NAMES = 3
+NAME_REACH = 3
+"""A line that names fewer sensors than three columns stands so near the rows."""
+COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
+FEWEST_UNITS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The lines from ``first_line`` to before ``stop_line``: the line of names, and the columns."""
+
+    first_line: int
+    stop_line: int
+    names: str
+    columns: tuple[Column, ...]
+
+
+def find_header(lines: Sequence[str], first_row: int, delimiter: str) -> Header | None:
+    """Understand the lines above the first row; None where they name no columns."""
+    width = len(split_fields(lines[first_row], delimiter))
+    above = range(first_row - 1, max(-1, first_row - 1 - REACH), -1)
+    fields = {k: split_fields(COMMENT.sub("", lines[k]), delimiter) for k in above}
+    at = _find_names(fields, width)
+    if at is None:
+        return None
+    columns = [parse_column_name(name) for name in fields[at]]
+    first, stop = at, at + 1
+    for k in range(at + 1, first_row):
+        units = [read_unit(field) for field in fields[k]]
+        if None not in units and sum(map(bool, units)) >= FEWEST_UNITS:
+            units += [None] * len(columns)
+            columns = [
+                replace(column, unit=unit) if column.unit is None and unit else column
+                for column, unit in zip(columns, units, strict=False)
+            ]
+            stop = k + 1
+        elif 2 * sum(field.lower() in REMARKS for field in fields[k]) > len(fields[k]):
+            stop = k + 1
+    labels = fields.get(at - 1, [])
+    if sensors := _find_sensor_names(labels, columns):
+        columns = [
+            replace(column, sensor=label) if label in sensors else column
+            for column, label in zip(columns, labels, strict=True)
+        ]
+        first = at - 1
+    return Header(first, stop, lines[at], tuple(columns))
+
+
+def _find_names(fields: dict[int, list[str]], width: int) -> int | None:
+    """The line that names most axes; else the nearest with three known names, or with one among words."""
+    axes = {
+        k: sum(_split_sensor(parse_column_name(field)).channel in ("acc", "gyr") for field in row)
+        for k, row in fields.items()
+    }
+    best = max(axes, key=lambda k: axes[k], default=None)
+    if best is not None and axes[best] >= FEWEST_NAMES:
+        return best
+    for k, row in list(fields.items())[:NAME_REACH]:
+        known = sum(parse_column_name(field).channel != "other" for field in row)
+        is_foreign = known > 0 and len(row) == width and not any(map(_is_value, row))
+        if len(row) >= FEWEST_NAMES and (known >= FEWEST_NAMES or is_foreign):
+            return k
+    return None
+
+
+def _find_sensor_names(labels: Sequence[str], columns: Sequence[Column]) -> set[str]:
+    """The sensors that a line above the names gives, one for each column; none for any other line."""
+    if len(labels) != len(columns):
+        return set()
+    found = [label for label, column in zip(labels, columns, strict=True) if column.channel in ("acc", "gyr")]
+    is_plain = all(found) and not any(map(_is_value, found)) and len(set(found)) <= len(found) // MIN_COLUMNS
+    return set(found) if is_plain else set()
+
+
+def find_sensors(columns: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
+    """The sensors whose six columns are all there: by the line above the names, or by their names.
+
+    Each with the columns as they are to be read for it: those of the other sensors are "other". A time that
+    has no sensor is everybody's.
+    """
+    named = [_split_sensor(column) for column in columns]
+    labels = dict.fromkeys(column.sensor for column in named if column.channel in ("acc", "gyr"))
+    found = {
+        label: tuple(one if one.sensor in ("", label) else Column(one.name, "other") for one in named)
+        for label in labels
+    }
+    return {
+        label: chosen
+        for label, chosen in found.items()
+        if choose_vector(chosen, "acc") and choose_vector(chosen, "gyr")
+    }
+
+
+def _split_sensor(column: Column) -> Column:
+    """Find the sensor in a name that holds more than axis and channel: `left_acc_x`, `IMU 2 Gyroscope X`."""
+    if column.sensor or column.channel in ("acc", "gyr"):
+        return column
+    plain, bracket, rest = column.name.partition("(")
+    words = [word for word in re.split(r"[ _.:\-|/]+", plain) if word]
+    for length in range(len(words) - 1, 0, -1):
+        for first in range(len(words) - length + 1):
+            inner = parse_column_name(" ".join(words[first : first + length]) + " " + bracket + rest)
+            if inner.channel in ("acc", "gyr"):
+                others = [*words[:first], *words[first + length :]]
+                label = " ".join(word for word in others if word.lower() not in REMARKS)
+                return replace(inner, name=column.name, unit=inner.unit or column.unit, sensor=label)
+    return column
+
+
+# Rows that name every value, as a sketch prints them to its serial port: `ax: 0.1 ay: -0.2 az: 9.8 ...`.
+#
+# They are rewritten to a table before anything else looks at them. The serial monitor's own time of day
+# (`12:30:01.123 -> ax: ...`) becomes a column.
+
+PAIR = re.compile(
+    r"([A-Za-z_][\w .]*?(?: ?\([^)\n]*\))?) ?[:=] *([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
+)
+ARRIVED = re.compile(r"^(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
+LABELLED_LINES, FEWEST_LINES = 40, 3
+
+
+@dataclass(frozen=True, slots=True)
+class LabelWriter:
+    """Writes the values of labelled rows with tabs between them; other lines are left as they are.
+
+    ``labels``: the names, in their order; "time" first where the serial monitor put its own before each row.
+    """
+
+    labels: tuple[str, ...]
+
+    def rewrite(self, text: str) -> str:
+        """Rewrite whole lines."""
+        rows = ((line, *_read_labels(line)) for line in text.split("\n"))
+        return "\n".join("\t".join(values) if names == self.labels else line for line, names, values in rows)
+
+    def tabulate_head(self, head: str) -> str:
+        """Rewrite the head as a table, with the names on a line of their own before the first row."""
+        lines = self.rewrite(head).split("\n")
+        first = next(k for k, line in enumerate(head.split("\n")) if _read_labels(line)[0] == self.labels)
+        return "\n".join([*lines[:first], "\t".join(self.labels), *lines[first:]])
+
+
+def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Read the names and the values of a line; `Accel X: 1 Y: 2 Z: 3` names three axes of one sensor."""
+    arrived = ARRIVED.match(line)
+    pairs = PAIR.findall(line)
+    labels = ["time"] if arrived else []
+    for label, _ in pairs:
+        is_later = label.lower() in ("y", "z") and labels and labels[-1][-1:].lower() in "xy"
+        labels.append(labels[-1][:-1] + label if is_later else label)
+    values = [arrived.group(1)] if arrived else []
+    return tuple(labels), (*values, *(value for _, value in pairs))
+
+
+def _find_labels(head: str) -> LabelWriter | None:
+    """Find the names with which most rows of a text begin their values; None for any other text."""
+    lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
+    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
+    if len(named) < FEWEST_LINES or 2 * named.count(named[-1]) <= len(lines):
+        return None
+    return LabelWriter(named[-1])
+
+
+# The layout of a head.
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +295,9 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
         The stamps cannot be understood, as in :func:`fusion.readers.tables.dates.find_dates` (``order``: of
         day, month and year, as a person gives it).
     """
-    writer = find_labels(head)
+    writer = _find_labels(head)
     if writer is not None:
-        layout = _find_table(tabulate_head(head, writer), order)
+        layout = _find_table(writer.tabulate_head(head), order)
         return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
     return _find_table(head, order)
 
@@ -107,10 +313,15 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
     # only newlines count as line ends, as in the kernel: str.splitlines knows many more
     lines = [line.rstrip("\r") for line in head.split("\n")]
     lines = (lines[:-1] if len(lines) > 1 else lines)[:SNIFFED_LINES]
-    _refuse_epochs(lines)
-    votes = {delimiter: _count_rows(lines, delimiter) for delimiter in DELIMITERS}
-    delimiter = max(DELIMITERS, key=lambda mark: votes[mark])
-    if votes[delimiter] == 0:
+    for line in lines[:FEWEST_HEADER_LINES]:  # before their times or columns are found wanting
+        if any(names_epochs(split_fields(line, mark)) for mark in DELIMITERS[:-1]):
+            raise EpochFile
+    votes = {
+        mark: Counter(len(split_fields(line, mark)) for line in lines if is_row(line, mark))
+        for mark in DELIMITERS
+    }
+    delimiter = max(DELIMITERS, key=lambda mark: max(votes[mark].values(), default=0))
+    if not votes[delimiter]:
         delimiter, lines = _hide_words(lines)
     if not lines:
         if doubt is not None:
@@ -122,13 +333,6 @@ def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
     if doubt is not None and not any(c.channel == "time" and c.unit for c in layout.columns):
         raise doubt
     return layout
-
-
-def _refuse_epochs(lines: Sequence[str]) -> None:
-    """Refuse counts and epochs as such, before their times or columns are found wanting."""
-    for line in lines[:FEWEST_HEADER_LINES]:
-        if any(names_epochs(split_fields(line, mark)) for mark in DELIMITERS[:-1]):
-            raise EpochFile
 
 
 def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
@@ -146,19 +350,15 @@ def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
     return "", []
 
 
-HIDDEN = ("other", "time")
-"""Columns in which words may stand: labels, and dates of a form that is not known."""
-
-
 def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
+    """Hide labels, and dates of a form that is not known."""
     fields = row.split(delimiter)
     if len(fields) < len(columns):
         return row
-    names = [*columns, *[None] * (len(fields) - len(columns))]
-    return delimiter.join(
-        "0" if column is not None and column.channel in HIDDEN and not is_value(field.strip()) else field
-        for field, column in zip(fields, names, strict=True)
-    )
+    for k, column in enumerate(columns):
+        if column.channel in ("other", "time") and not _is_value(fields[k].strip()):
+            fields[k] = "0"
+    return delimiter.join(fields)
 
 
 def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
@@ -175,30 +375,30 @@ def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
     return tabbed if any(is_row(line, "\t") for line in tabbed) else None
 
 
-def _count_rows(lines: Sequence[str], delimiter: str) -> int:
-    widths = Counter(len(split_fields(line, delimiter)) for line in lines if is_row(line, delimiter))
-    return max(widths.values(), default=0)
-
-
 def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
     rows = [k for k, line in enumerate(lines) if is_row(line, delimiter)]
     found = find_header(lines, rows[0], delimiter)
     samples = tuple(tuple(split_fields(lines[k], delimiter)) for k in rows)
     columns = found.columns if found else tuple(Column("", "other") for _ in samples[0])
-    names = [column.name for column in columns]
-    if delimiter == ",":
-        _refuse_split_decimals(names, samples, rows[0] + 1, has_header=found is not None)
-    if Counter(map(len, samples)).most_common(1)[0][0] > len(names):
+    if delimiter == "," and found is not None:
+        # a row with about twice as many whole numbers as the header has names was split at its decimals
+        width, names = len(samples[0]), len(columns)
+        is_whole = all(WHOLE.fullmatch(field) for row in samples[:20] for field in row)
+        if is_whole and 2 * names - 2 <= width <= 2 * names and width > names:
+            raise AmbiguousDecimal(line=rows[0] + 1)
+    if Counter(map(len, samples)).most_common(1)[0][0] > len(columns):
         header = {"list": found.names.strip()[:200]} if found else {}
         raise UnknownColumns(**header, why="more fields", line=rows[0] + 1)
-    has_comma = delimiter != "," and any(re.fullmatch(r"[-+]?\d*,\d+", f) for row in samples for f in row)
     preamble = tuple(lines[: found.first_line if found else rows[0]])
     device = find_known_device(found.names, preamble) if found else None
+    units = {"acc": device.acc_unit, "gyr": device.gyr_unit, "time": device.time_unit} if device else {}
     return TextLayout(
         delimiter=delimiter,
-        decimal="," if has_comma else ".",
+        decimal="," if delimiter != "," and _holds(WITH_COMMA, samples) else ".",
         header=found.names if found else None,
-        columns=tuple(_state_unit(column, device) for column in columns) if device else columns,
+        columns=tuple(
+            replace(one, unit=units.get(one.channel) or None) if one.unit is None else one for one in columns
+        ),
         first_line=found.stop_line if found else rows[0],
         preamble=preamble,
         sample_rows=samples,
@@ -206,47 +406,106 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
     )
 
 
-def _state_unit(column: Column, device: KnownDevice) -> Column:
-    """Give a column without a unit the one that the device's own description states."""
-    units = {"acc": device.acc_unit, "gyr": device.gyr_unit, "time": device.time_unit}
-    unit = units.get(column.channel)
-    return replace(column, unit=unit) if unit and column.unit is None else column
+def _holds(pattern: re.Pattern[str], rows: Iterable[Sequence[str]]) -> bool:
+    return any(pattern.fullmatch(field) for row in rows for field in row)
 
 
-def _refuse_split_decimals(
-    names: Sequence[str], samples: Sequence[Sequence[str]], line: int, *, has_header: bool
-) -> None:
-    """A row with about twice as many whole numbers as the header has names was split at its decimals."""
-    width = len(samples[0])
-    whole = all(re.fullmatch(r"[-+]?\d*", field) for row in samples[:20] for field in row)
-    if has_header and whole and 2 * len(names) - 2 <= width <= 2 * len(names) and width > len(names):
-        raise AmbiguousDecimal(line=line)
+# The layout by head, middle and tail of a file, and its caveats: encoding, locale, rounding.
+
+SAMPLE_BYTES = 1 << 15
+SAMPLED_PLACES = (0.5, 1.0)
+"""Where to look besides the head: the middle and the tail."""
+COARSEST_STEP_G = 0.009
+"""Half a degree of tilt: an accelerometer's own step is a tenth of it."""
 
 
-def vote_decimal(layout: TextLayout, lines: Sequence[str]) -> TextLayout:
-    """Settle the decimal mark by lines from further on, where the head holds whole numbers only.
+def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
+    """Understand a table by its head, and by its middle and tail if the head holds whole numbers only.
 
     Raises
     ------
     AmbiguousDecimal
         Further on, the comma that separates columns stands in numbers too.
+    fusion.errors.FusionError
+        As :func:`find_layout`.
     """
-    if layout.decimal == "," or any(
-        re.search(r"\d\.\d", field) for row in layout.sample_rows for field in row
-    ):
+    layout = sniff_layout(source, order)
+    if layout is None or find_form(source.head).encoding or isinstance(source.file, UnpackedFile):
         return layout
-    rows = [split_fields(line, layout.delimiter) for line in lines]
+    has_point = any(re.search(r"\d\.\d", field) for row in layout.sample_rows for field in row)
+    if layout.decimal == "," or has_point or source.size_bytes <= len(source.head):
+        return layout
+    rows: list[list[str]] = []
+    for place in SAMPLED_PLACES:
+        source.file.seek(max(0, round(place * source.size_bytes) - SAMPLE_BYTES))
+        lines = source.file.read(SAMPLE_BYTES).decode("latin-1").splitlines()[1:-1]
+        rows += [split_fields(line, layout.delimiter) for line in lines]
     if layout.delimiter == ",":
-        widths = [len(row) for row in rows if all(re.fullmatch(r"[-+]?\d*", field) for field in row)]
+        widths = [len(row) for row in rows if all(WHOLE.fullmatch(field) for field in row)]
         if widths and min(widths) > layout.n_columns:
             raise AmbiguousDecimal(line=layout.first_line)
         return layout
-    has_comma = any(re.fullmatch(r"[-+]?\d*,\d+", field) for row in rows for field in row)
-    return replace(layout, decimal=",") if has_comma else layout
+    return replace(layout, decimal=",") if _holds(WITH_COMMA, rows) else layout
+
+
+def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
+    """Understand a table by its head and, where that leaves day and month open, by its last row.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`find_layout`.
+    """
+    head = decode_head(source)
+    first = find_open_date(head)
+    if first and order is None:
+        last = find_last_date(_read_tail(source))
+        order = find_order_by_span(first, last) if last else None
+    return find_layout(head, order)
+
+
+def _read_tail(source: Source) -> str:
+    """The last bytes as text; of a packed file by unpacking it, for nothing else leads there."""
+    tail = b""
+    if isinstance(source.file, UnpackedFile):
+        for chunk in read_chunks(source):
+            tail = (tail + chunk)[-SAMPLE_BYTES:]
+    else:
+        source.file.seek(max(0, source.size_bytes - SAMPLE_BYTES) // 2 * 2)
+        tail = source.file.read()
+    form = find_form(source.head)
+    text = tail.decode(form.encoding or "latin-1", errors="replace")
+    return text.replace("\r", "\n") if form.is_return_only else text
+
+
+def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
+    """Flag the encoding, a decimal comma, and rounded values."""
+    is_utf8 = True
+    try:
+        source.head.decode("utf-8")
+    except UnicodeDecodeError as error:  # a character may be cut at the head's end
+        is_utf8 = error.start >= len(source.head) - 3
+    found = {
+        Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8,
+        Caveat.LOCALE: layout.decimal == ",",
+        Caveat.PRECISION: _is_rounded(layout),
+    }
+    return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
+
+
+def _is_rounded(layout: TextLayout) -> bool:
+    """Whether the acceleration has lost decimals: its steps are coarser than any sensor's."""
+    places = choose_vector(layout.columns, "acc")
+    scale_g = acc_scale_g(layout.columns[places[0]].unit) if places else None
+    if places is None or scale_g is None:
+        return False
+    fields = [row[place] for row in layout.sample_rows for place in places if place < len(row)]
+    found = (re.fullmatch(r"[-+]?\d*[.,](\d+)", field) for field in fields)
+    decimals = max((len(match.group(1)) for match in found if match), default=0)
+    return decimals > 0 and scale_g * 10.0**-decimals > COARSEST_STEP_G
 
 
 # Text as pieces of whole lines in bytes, whatever its encoding and line ends.
-
 
 TEXT_CHUNK_BYTES = 1 << 20
 """Small enough that a piece and its field ends stay in the processor's cache."""
@@ -262,18 +521,6 @@ class TextForm:
     encoding: str | None
     mark_bytes: int
     is_return_only: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinePiece:
-    """Whole lines: ``buffer[first:stop]``, with room before and after as ``text_words`` needs it."""
-
-    buffer: NDArray[np.uint8]
-    first_byte: int
-    stop_byte: int
-
-    def __len__(self) -> int:
-        return self.stop_byte - self.first_byte
 
 
 def find_form(head: bytes) -> TextForm:
@@ -309,11 +556,21 @@ def read_text_pieces(source: Source) -> Iterator[bytes]:
         yield piece.replace(b"\r", b"\n") if form.is_return_only else piece
 
 
+def drop_lines(pieces: Iterable[bytes], line_count: int) -> Iterator[bytes]:
+    """Leave out the first ``line_count`` lines."""
+    for piece in pieces:
+        at = 0
+        while line_count and (end := piece.find(b"\n", at) + 1):
+            at, line_count = end, line_count - 1
+        if line_count == 0:
+            yield piece[at:] if at else piece
+
+
 def read_line_pieces(pieces: Iterable[bytes]) -> Iterator[LinePiece]:
     """Cut pieces at line ends; a last line without one is given one.
 
     Most lines are left where they lie. Only those at the seams are copied: a line that goes on in the next
-    piece, and those too near the ends of the bytes for :mod:`fusion.readers.tables.machine_words`.
+    piece, and those too near the ends of the bytes for :mod:`fusion.readers.tables.csv_lines`.
 
     Raises
     ------
@@ -329,137 +586,16 @@ def read_line_pieces(pieces: Iterable[bytes]) -> Iterator[LinePiece]:
         if cut == 0:
             carried += piece
         else:
-            yield copy_lines(carried + piece[:cut])
+            yield _copy_lines(carried + piece[:cut])
             if end > cut:
                 yield LinePiece(np.frombuffer(piece, np.uint8), cut, end)
             carried = piece[end:]
-        _refuse_long(carried)
+        if len(carried) - carried.rfind(b"\n") > MAX_LINE_BYTES:
+            raise UnknownFormat(kind="text", line=1)
     if carried:
-        yield copy_lines(carried if carried.endswith(b"\n") else carried + b"\n")
+        yield _copy_lines(carried if carried.endswith(b"\n") else carried + b"\n")
 
 
-def copy_lines(lines: bytes) -> LinePiece:
-    """Give whole lines the room around them that the kernels need."""
+def _copy_lines(lines: bytes) -> LinePiece:
     padded = bytes(LEAD_BYTES) + lines + bytes(TRAIL_BYTES)
     return LinePiece(np.frombuffer(padded, np.uint8), LEAD_BYTES, LEAD_BYTES + len(lines))
-
-
-def _refuse_long(carried: bytes) -> None:
-    if len(carried) - carried.rfind(b"\n") > MAX_LINE_BYTES:
-        raise UnknownFormat(kind="text", line=1)
-
-
-def drop_lines(pieces: Iterable[LinePiece], line_count: int) -> Iterator[LinePiece]:
-    """Leave out the first ``line_count`` lines."""
-    for piece in pieces:
-        if line_count == 0:
-            yield piece
-            continue
-        ends = (
-            np.flatnonzero(piece.buffer[piece.first_byte : piece.stop_byte] == NEWLINE) + piece.first_byte + 1
-        )
-        first = int(ends[min(line_count, len(ends)) - 1])
-        line_count -= min(line_count, len(ends))
-        if first < piece.stop_byte:
-            yield LinePiece(piece.buffer, first, piece.stop_byte)
-
-
-# The layout by head, middle and tail of a file, and its caveats: encoding, locale, rounding.
-
-
-SAMPLE_BYTES = 1 << 15
-SAMPLED_PLACES = (0.5, 1.0)
-"""Where to look besides the head: the middle and the tail."""
-COARSEST_STEP_G = 0.009
-"""Half a degree of tilt: an accelerometer's own step is a tenth of it."""
-
-
-def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand a table by its head, its middle and its tail.
-
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`fusion.readers.tables.layout.find_layout`.
-    """
-    layout = sniff_layout(source, order)
-    if layout is None or find_form(source.head).encoding or isinstance(source.file, UnpackedFile):
-        return layout
-    return vote_decimal(layout, sample_lines(source))
-
-
-def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand a table by its head and, where that leaves day and month open, by its last row.
-
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`fusion.readers.tables.layout.find_layout`.
-    """
-    head = decode_head(source)
-    first = find_open_date(head)
-    if first and order is None:
-        last = find_last_date(_read_tail(source))
-        order = find_order_by_span(first, last) if last else None
-    return find_layout(head, order)
-
-
-def _read_tail(source: Source) -> str:
-    """The last bytes as text; of a packed file by unpacking it, for nothing else leads there."""
-    tail = b""
-    if isinstance(source.file, UnpackedFile):
-        for chunk in read_chunks(source):
-            tail = (tail + chunk)[-SAMPLE_BYTES:]
-    else:
-        source.file.seek(max(0, source.size_bytes - SAMPLE_BYTES) // 2 * 2)
-        tail = source.file.read()
-    form = find_form(source.head)
-    text = tail.decode(form.encoding or "latin-1", errors="replace")
-    return text.replace("\r", "\n") if form.is_return_only else text
-
-
-def sample_lines(source: Source) -> list[str]:
-    """Whole lines from the middle and the tail of a file longer than its head."""
-    lines: list[str] = []
-    if source.size_bytes <= len(source.head):
-        return lines
-    for place in SAMPLED_PLACES:
-        source.file.seek(max(0, round(place * source.size_bytes) - SAMPLE_BYTES))
-        lines += source.file.read(SAMPLE_BYTES).decode("latin-1").splitlines()[1:-1]
-    return lines
-
-
-def is_utf8(source: Source) -> bool:
-    """Whether the head is UTF-8, a character cut at its end aside."""
-    try:
-        source.head.decode("utf-8")
-    except UnicodeDecodeError as error:
-        return error.start >= len(source.head) - 3
-    return True
-
-
-def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
-    """Flag the encoding, a decimal comma, and rounded values."""
-    found = {
-        Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8(source),
-        Caveat.LOCALE: layout.decimal == ",",
-        Caveat.PRECISION: is_rounded(layout),
-    }
-    return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
-
-
-def is_rounded(layout: TextLayout) -> bool:
-    """Whether the acceleration has lost decimals: its steps are coarser than any sensor's."""
-    places = choose_vector(layout.columns, "acc")
-    scale_g = acc_scale_g(layout.columns[places[0]].unit) if places else None
-    if places is None or scale_g is None:
-        return False
-    fields = [row[place] for row in layout.sample_rows for place in places if place < len(row)]
-    decimals = count_decimals(fields)
-    return decimals > 0 and scale_g * 10.0**-decimals > COARSEST_STEP_G
-
-
-def count_decimals(fields: Sequence[str]) -> int:
-    """The most decimals that any of the fields shows; 0 for whole numbers and exponents."""
-    found = (re.fullmatch(r"[-+]?\d*[.,](\d+)", field) for field in fields)
-    return max((len(match.group(1)) for match in found if match), default=0)

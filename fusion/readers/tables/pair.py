@@ -28,31 +28,29 @@ from fusion.errors import (
     UnsafeArchive,
     UnusableTime,
 )
-from fusion.readers.archives import (
-    ANGULAR_RATE,
-    TOTAL,
-    PairNames,
-    find_pair,
-    open_archive,
-    read_member,
-    read_text,
-)
+from fusion.readers.archives import ANGULAR_RATE, TOTAL, find_pair, open_archive, read_member, read_text
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
-from fusion.readers.tables.header import split_fields
-from fusion.readers.tables.rows import MAX_BAD_PART, build_clock, read_epoch
+from fusion.readers.tables.layout import split_fields
+from fusion.readers.tables.rows import (
+    JUDGED_ROWS,
+    MAX_BAD_PART,
+    TimeColumn,
+    build_clock,
+    build_recording,
+    read_epoch,
+)
 from fusion.readers.timebase.grid import cut_stamped
-from fusion.readers.timebase.row_times import repair_row_times
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, flag_counts
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, Stated, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
 
 MOST_BYTES = 1 << 29
 """Of one table: eight hours at 100 Hz take 250 MB."""
 FEWEST_ROWS = 2
-JUDGED_ROWS = 1001
 LATEST_US, LARGEST = 9e18, 1e30
 PHYPHOX_CLOCK = "meta/time.csv"
+MICROSECOND_STAMPS = TimeColumn("number")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,45 +90,38 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     assert names is not None
     acc, gyr = (_read_table(archive, name) for name in (names.acceleration, names.angular_rate))
     device = acc.device or gyr.device
-    if names.gravity:
-        acc = _add(acc, _read_table(archive, names.gravity))
-    elif names.is_linear or _is_app_acceleration(device, names):
+    if names.gravity:  # put back, on the times of the acceleration
+        gravity = _read_table(archive, names.gravity)
+        parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
+        acc = replace(acc, values=acc.values + np.stack(parts, axis=1))
+    elif names.is_linear or (  # Sensor Logger took gravity out of its "Accelerometer"
+        device is not None and device.device == "sensorlogger" and not TOTAL.search(names.acceleration)
+    ):
         raise NoGravity
     columns = _merge(acc, gyr)
-    flags = flag_counts({Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped}) + repair_row_times(columns)
+    flags = flag_counts({Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped}) + MICROSECOND_STAMPS.repair(columns)
     first_us = int(columns.stamps[0])
     grid = cut_stamped(columns)
-    start = read_epoch(first_us) or _read_start(archive, first_us)
-    clock = build_clock(start)
-    return Recording(
-        device=device.device if device else "other",
-        sha256="",
-        start=clock.start,
-        time_zone=clock.time_zone,
-        duration_us=grid.duration_us,
-        segments=grid.segments,
-        flags=(*flags, *grid.flags, *clock.flags),
-        understood={
+    return build_recording(
+        grid,
+        build_clock(read_epoch(first_us) or _read_start(archive, first_us)),
+        (*flags, *grid.flags),
+        {
             "layout": "two tables in a zip",
             "columns": f"{names.acceleration}, {names.angular_rate}",
             "acceleration_unit": acc.unit,
             "angular_rate_unit": gyr.unit,
-            "time": "number since 1970" if read_epoch(first_us) else "number",
+            "time": MICROSECOND_STAMPS.describe(first_us),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(columns.rows),
         },
+        stated=Stated(acc.unit, gyr.unit),
+        device=device.device if device else "other",
     )
 
 
-def _is_app_acceleration(device: KnownDevice | None, names: PairNames) -> bool:
-    """Whether it is Sensor Logger's "Accelerometer", from which gravity was taken out."""
-    is_total = TOTAL.search(names.acceleration)
-    return device is not None and device.device == "sensorlogger" and not is_total
-
-
 def _read_table(archive: zipfile.ZipFile, name: str) -> ThreeAxes:
-    lines = _read_lines(archive, name)
-    header = next(lines, "").lstrip("﻿").rstrip("\r\n")
+    header = next(_read_lines(archive, name), "").lstrip("\ufeff").rstrip("\r\n")
     delimiter = max(",;\t", key=header.count)
     names = split_fields(header, delimiter)
     device = find_known_device(header)
@@ -143,7 +134,12 @@ def _read_table(archive: zipfile.ZipFile, name: str) -> ThreeAxes:
     unit = (axes[places[0]] or ("", None))[1]
     if unit is None and device is not None:
         unit = device.gyr_unit if ANGULAR_RATE.search(PurePath(name).stem) else device.acc_unit
-    time_us = _count_microseconds(table[:, 0], parse_column_name(names[times[0]]).unit)
+    stamp = table[:, 0]
+    found = find_time_unit(stamp[:JUDGED_ROWS].tolist(), parse_column_name(names[times[0]]).unit)
+    if found is None:
+        raise UnknownRate
+    micros = np.clip(np.nan_to_num(stamp) * 10.0**found.exponent, -LATEST_US, LATEST_US)
+    time_us = np.rint(micros).astype(np.int64)
     is_later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
     kept = is_later & np.isfinite(table).all(axis=1)
     return ThreeAxes(time_us[kept], table[kept, 1:], unit or "", device, int(np.count_nonzero(~kept)))
@@ -155,8 +151,7 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
         raise UnsafeArchive(reason="size", limit=MOST_BYTES)
     carried = b""
     for piece in read_member(archive, name, MOST_BYTES):
-        lines = (carried + piece).split(b"\n")
-        carried = lines.pop()
+        *lines, carried = (carried + piece).split(b"\n")
         yield from (line.decode("utf-8", "replace") for line in lines)
     if carried:
         yield carried.decode("utf-8", "replace")
@@ -183,10 +178,9 @@ def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[
             )
     except (ValueError, IndexError):  # a torn last line, say: each line by itself
         table = np.array([_read_row(line, delimiter, places) for line in read_points()]).reshape(-1, 4)
-        bad = int(np.isnan(table).any(axis=1).sum())
-        if bad > MAX_BAD_PART * len(table) and bad > 1:
-            first = int(np.flatnonzero(np.isnan(table).any(axis=1))[0])
-            raise UnreadableRows(k=bad, line=first + 2) from None
+        bad = np.flatnonzero(np.isnan(table).any(axis=1))
+        if len(bad) > MAX_BAD_PART * len(table) and len(bad) > 1:
+            raise UnreadableRows(k=len(bad), line=int(bad[0]) + 2) from None
     if len(table) < FEWEST_ROWS:
         raise NoSamples
     values = np.asarray(table, np.float64)
@@ -202,21 +196,6 @@ def _read_row(line: str, delimiter: str, places: Sequence[int]) -> list[float]:
         return [math.nan] * len(places)
 
 
-def _count_microseconds(times: Float64Array, unit: str | None) -> NDArray[np.int64]:
-    found = find_time_unit(times[:JUDGED_ROWS].tolist(), unit)
-    if found is None:
-        raise UnknownRate
-    return np.rint(np.clip(np.nan_to_num(times) * 10.0**found.exponent, -LATEST_US, LATEST_US)).astype(
-        np.int64
-    )
-
-
-def _add(acc: ThreeAxes, gravity: ThreeAxes) -> ThreeAxes:
-    """Put gravity back, on the times of the acceleration."""
-    parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
-    return replace(acc, values=acc.values + np.stack(parts, axis=1))
-
-
 def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
     """Lay the acceleration on the gyroscope's times; where it has a hole, or has ended, there is no row."""
     after = np.searchsorted(acc.time_us, gyr.time_us)
@@ -229,13 +208,12 @@ def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
         raise UnusableTime(why="rows")
     time_us = gyr.time_us[kept]
     columns = SampleColumns()
-    columns.reserve(len(time_us))
-    columns.rows = len(time_us)
-    columns.stamps[: columns.rows] = time_us
-    for axis in range(3):
-        columns.acc[: columns.rows, axis] = np.interp(time_us, acc.time_us, acc.values[:, axis])
-    columns.gyr[: columns.rows] = gyr.values[kept] * (gyr_scale_dps(gyr.unit) or 1.0)
+    columns.extend(len(time_us))
     columns.trim()
+    columns.stamps[:] = time_us
+    for axis in range(3):
+        columns.acc[:, axis] = np.interp(time_us, acc.time_us, acc.values[:, axis])
+    columns.gyr[:] = gyr.values[kept] * (gyr_scale_dps(gyr.unit) or 1.0)
     columns.acc[...] *= acc_scale_g(acc.unit) or 1.0
     return columns
 

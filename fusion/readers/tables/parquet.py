@@ -1,8 +1,6 @@
 """Parquet tables with columns named as in our CSV: `time_us` or `time_s`, `acc_x_g`, ..., `gyr_z_dps`."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from datetime import UTC
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
@@ -21,25 +19,26 @@ from fusion.errors import (
 )
 from fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
 from fusion.readers.source import Source
-from fusion.readers.tables.careful_path import LARGEST_VALUE
 from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     TIME_UNITS_EXPONENT,
-    UNIT_NAMES,
     Column,
-    TimeUnit,
     choose_acceleration,
     choose_vector,
     find_time_unit,
     name_missing,
     parse_column_name,
 )
-from fusion.readers.tables.gravity import put_back_gravity
-from fusion.readers.tables.rows import TableClock, build_clock, read_epoch
-from fusion.readers.timebase.clock import datetime_at_us
+from fusion.readers.tables.csv_lines import LARGEST_VALUE
+from fusion.readers.tables.rows import (
+    TableClock,
+    TimeColumn,
+    build_clock,
+    build_recording,
+    put_back_gravity,
+)
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
-from fusion.readers.timebase.row_times import repair_row_times
-from fusion.recording import QualityFlag, Recording
+from fusion.recording import QualityFlag, Recording, Stated
 from fusion.units import acc_scale_g, gyr_scale_dps, name_unit_source
 
 MAGIC = b"PAR1"
@@ -53,6 +52,19 @@ FREE_PAGE_BYTES = 256 << 20
 MAX_PAGE_RATIO = 60
 """Pages are unpacked whole: above 256 MiB in all they may not unpack to more than so many times their size
 (those of an angle series of a week: 5)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """The columns to read: time, None if there is none, acceleration and angular rate x, y, z.
+
+    ``gravity``: what the acceleration may lack, () if nothing.
+    """
+
+    stamp: Column | None
+    acc: tuple[Column, ...]
+    gyr: tuple[Column, ...]
+    gravity: tuple[Column, ...]
 
 
 def recognise(source: Source) -> bool:
@@ -72,26 +84,47 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     """
     try:
         table = pq.ParquetFile(source.file)
-        choice, gravity = _choose_columns(table.schema_arrow)
+        choice = _choose_columns(table.schema_arrow)
         check_pages(table.metadata, source.size_bytes)
         check_rows(table.metadata.num_rows, source.size_bytes, source.size_bytes)
-        chosen, unit = _find_time_unit(table, choice)
-        columns, absent = _gather(table, chosen, source.size_bytes)
-        beside = (*chosen[:-6], *gravity, *chosen[-3:])
-        parts = _gather(table, beside, source.size_bytes)[0] if gravity else None
+        time = _find_time(table, choice.stamp)
+        columns, absent_rows = _gather(table, choice, time, source.size_bytes)
+        if choice.gravity:
+            gravity, _ = _gather(table, replace(choice, acc=choice.gravity), time, source.size_bytes)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         raise DamagedFile from error
     if columns.rows == 0:
         raise NoSamples
-    if parts is not None:
-        scale_g = acc_scale_g(gravity[0].unit) or 1.0
-        if put_back_gravity(columns, parts, scale_g, chosen[-6], chosen[-3]):
-            chosen = (*chosen[:-6], *(replace(one, unit="g") for one in chosen[-6:-3]), *chosen[-3:])
-    unit.refuse_doubtful(columns)
-    kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
-    stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
-    recording = _build(columns, chosen, stamp_kind, absent, rate_hz)
-    return replace(recording, flags=(*recording.flags, *unit.flag()))
+    acc_unit, gyr_unit = choice.acc[0].unit, choice.gyr[0].unit
+    if choice.gravity:
+        scale_g = acc_scale_g(choice.gravity[0].unit) or 1.0
+        if put_back_gravity(columns, gravity, scale_g, choice.acc[0], choice.gyr[0]):
+            acc_unit = "g"
+    time.unit.refuse_doubtful(columns)
+    flags = drop_blank_rows(columns) if time.has_times else ()
+    if not time.has_times and rate_hz is None:
+        raise UnknownRate
+    flags += time.repair(columns) if time.has_times else ()
+    n_rows, first_us = columns.rows, int(columns.stamps[0])
+    grid = cut_stamped(columns) if time.has_times else cut_counted(columns, rate_hz or 0.0)
+    absent = (QualityFlag(Caveat.NAN, absent_rows),) if absent_rows else ()
+    clock = build_clock(time.read_start(first_us))
+    return build_recording(
+        grid,
+        TableClock(clock.start, clock.time_zone, (*clock.flags, *time.unit.flag())),
+        (*absent, *flags, *grid.flags),
+        {
+            "layout": "Parquet",
+            "columns": ", ".join(one.name for one in (choice.stamp, *choice.acc, *choice.gyr) if one),
+            "acceleration_unit": acc_unit or "",
+            "angular_rate_unit": gyr_unit or "",
+            "units_from": name_unit_source(acc_unit, gyr_unit),
+            "jitter_us": f"{grid.jitter_us:.1f}",
+            "samples": str(n_rows),
+            "time": "number" if time.has_times else "row number",
+        },
+        stated=Stated(acc_unit or "", gyr_unit or "", is_counted=not time.has_times),
+    )
 
 
 def check_pages(metadata: pq.FileMetaData, size_bytes: int) -> None:
@@ -109,8 +142,7 @@ def check_pages(metadata: pq.FileMetaData, size_bytes: int) -> None:
         raise UnsafeArchive(reason="ratio", limit=MAX_PAGE_RATIO)
 
 
-def _choose_columns(schema: pa.Schema) -> tuple[tuple[Column, ...], tuple[Column, ...]]:
-    """Time, if there is one, then acceleration and angular rate x, y, z; and gravity that may be lacking."""
+def _choose_columns(schema: pa.Schema) -> _Choice:
     columns = tuple(parse_column_name(name) for name in schema.names)
     (acc, gravity), gyr = choose_acceleration(columns), choose_vector(columns, "gyr")
     if acc is None or gyr is None:
@@ -119,145 +151,83 @@ def _choose_columns(schema: pa.Schema) -> tuple[tuple[Column, ...], tuple[Column
         if gyr is not None and choose_vector(columns, "linear"):
             raise NoGravity
         raise UnknownColumns(list=", ".join(schema.names)[:200], missing=name_missing(columns))
-    stamps = [
+    stamps = (
         column
         for column, kind in zip(columns, schema.types, strict=True)
         if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
-    ]
+    )
     unit = columns[acc[0]].unit
-    beside = [replace(columns[place], unit=columns[place].unit or unit) for place in gravity or ()]
-    return (*stamps[:1], *(columns[place] for place in (*acc, *gyr))), tuple(beside)
+    return _Choice(
+        next(stamps, None),
+        tuple(columns[place] for place in acc),
+        tuple(columns[place] for place in gyr),
+        tuple(replace(columns[place], unit=columns[place].unit or unit) for place in gravity or ()),
+    )
 
 
-def _find_time_unit(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tuple[Column, ...], TimeUnit]:
-    """Find the unit of the first times: it may not be that of the column's name."""
-    kind = table.schema_arrow.field(chosen[0].name).type
-    if len(chosen) < 7 or pa.types.is_timestamp(kind):
-        return chosen, IN_MICROSECONDS
-    batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=[chosen[0].name]), None)
-    values = (
+def _find_time(table: pq.ParquetFile, stamp: Column | None) -> TimeColumn:
+    """Find what the stamps are, by the first ones: their unit may not be that of the column's name.
+
+    Parquet keeps stamps with a zone in UTC, those without are a wall clock's.
+    """
+    if stamp is None:
+        return TimeColumn()
+    kind = table.schema_arrow.field(stamp.name).type
+    if pa.types.is_timestamp(kind):
+        return TimeColumn("calendar", IN_MICROSECONDS, offset_s=0 if kind.tz else None)
+    batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=[stamp.name]), None)
+    times = (
         batch.column(0).filter(_have_times(batch.column(0))).cast(pa.float64()).to_pylist() if batch else []
     )
-    unit = find_time_unit(values, chosen[0].unit) if values else None
-    if unit is None:
-        return chosen, IN_MICROSECONDS
-    return (replace(chosen[0], unit=UNIT_NAMES[unit.exponent]), *chosen[1:]), unit
+    unit = find_time_unit(times, stamp.unit) if times else None
+    return TimeColumn(
+        "number", unit or replace(IN_MICROSECONDS, exponent=TIME_UNITS_EXPONENT[stamp.unit or "us"])
+    )
 
 
-def _gather(table: pq.ParquetFile, chosen: Sequence[Column], size_bytes: int) -> tuple[SampleColumns, int]:
-    """Read batch by batch; rows with a value that is absent or not finite are counted and left out."""
+def _gather(
+    table: pq.ParquetFile, choice: _Choice, time: TimeColumn, size_bytes: int
+) -> tuple[SampleColumns, int]:
+    """Read batch by batch, in g and deg/s; rows with a value that is absent are left out and counted."""
     columns = SampleColumns()
     seen = absent = 0
-    for values, stamps in _read_batches(table, chosen):
-        rows = len(values)
+    scales = [acc_scale_g(choice.acc[0].unit) or 1.0] * 3 + [gyr_scale_dps(choice.gyr[0].unit) or 1.0] * 3
+    names = [one.name for one in (choice.stamp, *choice.acc, *choice.gyr) if one]
+    for batch in table.iter_batches(BATCH_ROWS, columns=names):
+        rows = len(batch)
         if (seen + rows) * ROW_BYTES > max(FREE_BYTES, MAX_RATIO * size_bytes):
             raise UnsafeArchive(reason="ratio", limit=MAX_RATIO)
         check_rows(seen, size_bytes, size_bytes)  # the index may not say how many there are
+        vectors = [batch.column(one.name).cast(pa.float64()) for one in (*choice.acc, *choice.gyr)]
+        values = np.stack([vector.to_numpy(zero_copy_only=False) for vector in vectors], axis=1) * scales
+        stamps = np.arange(seen, seen + rows)
+        if choice.stamp is not None:
+            times = batch.column(choice.stamp.name)
+            values[~_have_times(times)] = np.nan
+            stamps = _to_microseconds(times, time.unit.exponent)
         kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # false for what is not a number, too
-        columns.make_room(int(kept.sum()))
-        place = slice(columns.rows, columns.rows + int(kept.sum()))
+        n_kept = int(kept.sum())
+        place = columns.extend(n_kept)
         columns.acc[place], columns.gyr[place] = values[kept, :3], values[kept, 3:]
-        columns.stamps[place] = (np.arange(seen, seen + rows) if stamps is None else stamps)[kept]
-        columns.rows = place.stop
-        seen, absent = seen + rows, absent + rows - columns.rows + place.start
+        columns.stamps[place] = stamps[kept]
+        seen, absent = seen + rows, absent + rows - n_kept
     columns.trim()
     return columns, absent
-
-
-def _read_batches(
-    table: pq.ParquetFile, chosen: Sequence[Column]
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64] | None]]:
-    """Values in g and deg/s, shape (n, 6), and stamps in microseconds where there are any."""
-    for batch in table.iter_batches(BATCH_ROWS, columns=[column.name for column in chosen]):
-        vectors = [batch.column(column.name).cast(pa.float64()) for column in chosen[-6:]]
-        values = np.stack([vector.to_numpy(zero_copy_only=False) for vector in vectors], axis=1)
-        values[:, :3] *= acc_scale_g(chosen[-6].unit) or 1.0
-        values[:, 3:] *= gyr_scale_dps(chosen[-3].unit) or 1.0
-        stamps = None
-        if len(chosen) == 7:
-            times = batch.column(chosen[0].name)
-            values[~_have_times(times)] = np.nan
-            stamps = _to_microseconds(times, chosen[0])
-        yield values, stamps
 
 
 def _have_times(stamps: pa.Array) -> NDArray[np.bool_]:
     """Which rows have a finite time, shape (n,)."""
     if pa.types.is_floating(stamps.type):  # what is absent is NaN
-        timed: NDArray[np.bool_] = np.isfinite(stamps.to_numpy(zero_copy_only=False))
-    else:
-        timed = stamps.is_valid().to_numpy(zero_copy_only=False)
-    return timed
+        return np.asarray(np.isfinite(stamps.to_numpy(zero_copy_only=False)))
+    return np.asarray(stamps.is_valid().to_numpy(zero_copy_only=False))
 
 
-def _to_microseconds(stamps: pa.Array, column: Column) -> NDArray[np.int64]:
+def _to_microseconds(stamps: pa.Array, exponent: int) -> NDArray[np.int64]:
     """Stamps; any value stands where there is none."""
     if pa.types.is_timestamp(stamps.type):
         micros = stamps.cast(pa.timestamp("us", tz=stamps.type.tz), safe=False)
         return np.asarray(micros.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False), np.int64)
-    exponent = TIME_UNITS_EXPONENT[column.unit or "us"]
     if pa.types.is_integer(stamps.type) and exponent >= 0:
-        whole: NDArray[np.int64] = stamps.cast(pa.int64()).fill_null(0).to_numpy() * np.int64(10**exponent)
-        return whole
+        return np.asarray(stamps.cast(pa.int64()).fill_null(0).to_numpy() * np.int64(10**exponent))
     times = stamps.cast(pa.float64()).to_numpy(zero_copy_only=False)
-    seconds = np.where(np.isfinite(times), times, 0.0)
-    rounded: NDArray[np.int64] = np.rint(seconds * 10.0**exponent).astype(np.int64)
-    return rounded
-
-
-def _find_clock(stamp_kind: pa.DataType | None, first_us: int) -> TableClock:
-    """Read the first stamp: Parquet keeps stamps with a zone in UTC, those without are a wall clock's."""
-    if stamp_kind is None or not pa.types.is_timestamp(stamp_kind):
-        return build_clock(read_epoch(first_us) if stamp_kind is not None else None)
-    moment = datetime_at_us(first_us)
-    return build_clock(moment.replace(tzinfo=UTC) if moment and stamp_kind.tz else moment)
-
-
-def _repair_row_times(
-    columns: SampleColumns, stamp_kind: pa.DataType, column: Column
-) -> tuple[QualityFlag, ...]:
-    """Bring the rows into order; bare stamps are a wall clock's, whole numbers may be of a counter."""
-    if pa.types.is_timestamp(stamp_kind):
-        return repair_row_times(columns, is_wall_clock=not stamp_kind.tz)
-    exponent = TIME_UNITS_EXPONENT[column.unit or "us"]
-    is_count = exponent in (0, 3) and read_epoch(int(columns.stamps[0])) is None
-    return repair_row_times(columns, tick_us=10**exponent if is_count else 0)
-
-
-def _build(
-    columns: SampleColumns,
-    chosen: Sequence[Column],
-    stamp_kind: pa.DataType | None,
-    absent_rows: int,
-    rate_hz: float | None,
-) -> Recording:
-    has_time = stamp_kind is not None
-    blank = drop_blank_rows(columns) if has_time else ()
-    if not has_time and rate_hz is None:
-        raise UnknownRate
-    changes = _repair_row_times(columns, stamp_kind, chosen[0]) if stamp_kind is not None else ()
-    n_rows, first_us = columns.rows, int(columns.stamps[0])
-    clock = _find_clock(stamp_kind, first_us)
-    grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
-    flags = (*blank, *changes, *grid.flags)
-    if absent_rows:
-        flags = (QualityFlag(Caveat.NAN, absent_rows), *flags)
-    return Recording(
-        device="other",
-        sha256="",
-        start=clock.start,
-        time_zone=clock.time_zone,
-        duration_us=grid.duration_us,
-        segments=grid.segments,
-        flags=(*flags, *clock.flags),
-        understood={
-            "layout": "Parquet",
-            "columns": ", ".join(column.name for column in chosen),
-            "acceleration_unit": chosen[-6].unit or "",
-            "angular_rate_unit": chosen[-3].unit or "",
-            "units_from": name_unit_source(chosen[-6].unit, chosen[-3].unit),
-            "jitter_us": f"{grid.jitter_us:.1f}",
-            "samples": str(n_rows),
-            "time": "number" if has_time else "row number",
-        },
-    )
+    return np.asarray(np.rint(np.where(np.isfinite(times), times, 0.0) * 10.0**exponent), np.int64)

@@ -22,8 +22,7 @@ from fusion.readers.tables.columns import (
     parse_column_name,
 )
 from fusion.readers.tables.dates import DateOrder
-from fusion.readers.tables.header import find_sensors, split_fields
-from fusion.readers.tables.layout import TextLayout, decode_head, find_layout
+from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, find_sensors, split_fields
 from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
 from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
@@ -114,29 +113,12 @@ def parse_profile(text: str) -> ColumnProfile:
         raise UnusableProfile(why="names")
     stated = {name for name, value in values.items() if value} - {"name"}
     if "sensor" not in stated and stated != {"pose_held"}:
-        _check_places(values)
-    _check_units(values)
-    arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-    return ColumnProfile(**arguments)
-
-
-def _check_places(values: Mapping[str, Any]) -> None:
-    if not {"acceleration", "angular_rate"} <= set(values):
-        raise UnusableProfile(why="names")
-    places = [values["acceleration"], values["angular_rate"], [values.get("time", 1)]]
-    for three, count in zip(places, (3, 3, 1), strict=True):
-        is_list = isinstance(three, list) and len(three) == count
-        if not is_list or not all(_is_place(place) for place in three if count == 3 or place is not None):
+        if not {"acceleration", "angular_rate"} <= set(values):
+            raise UnusableProfile(why="names")
+        vectors = (values["acceleration"], values["angular_rate"])
+        is_vector = [isinstance(one, list) and len(one) == 3 and all(map(_is_place, one)) for one in vectors]
+        if not all(is_vector) or not (values.get("time") is None or _is_place(values["time"])):
             raise UnusableProfile(why="places")
-
-
-def _is_place(place: object) -> bool:
-    if isinstance(place, bool):
-        return False
-    return (isinstance(place, str) and place != "") or (isinstance(place, int) and 1 <= place <= 1000)
-
-
-def _check_units(values: Mapping[str, Any]) -> None:
     for name, units in CHOICES.items():
         if values.get(name, units[0]) not in units:
             raise UnusableProfile(why="units", name=name)
@@ -150,6 +132,14 @@ def _check_units(values: Mapping[str, Any]) -> None:
     for name in ("name", "sensor"):
         if not isinstance(values.get(name, ""), str):
             raise UnusableProfile(why="names", name=name)
+    arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    return ColumnProfile(**arguments)
+
+
+def _is_place(place: object) -> bool:
+    if isinstance(place, bool):
+        return False
+    return (isinstance(place, str) and place != "") or (isinstance(place, int) and 1 <= place <= 1000)
 
 
 def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
@@ -162,13 +152,17 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
     fusion.errors.SeveralSensors
         The sensor that it names is not there.
     """
+    acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
+    gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit or None
+    time_unit = profile.time_unit or None
     if profile.sensor:
-        return _state_units(choose_sensor(layout, profile.sensor), profile)
+        chosen = choose_sensor(layout, profile.sensor)
+        units = {"acc": acc_unit, "gyr": gyr_unit, "time": time_unit}
+        stated = (replace(column, unit=units.get(column.channel) or column.unit) for column in chosen.columns)
+        return replace(chosen, columns=tuple(stated))
     names = _find_names(layout, profile)
     beside = (parse_column_name(name) for name in names)
     columns = [one if one.channel == "gravity" else Column(one.name, "other") for one in beside]
-    acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
-    gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit or None
     vectors: tuple[tuple[Channel, tuple[Place, ...], str | None], ...] = (
         ("acc", profile.acceleration, acc_unit),
         ("gyr", profile.angular_rate, gyr_unit),
@@ -179,16 +173,7 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
             columns[at] = Column(names[at], channel, axis, unit)
     if profile.time is not None:
         at = _find_place(names, profile.time)
-        columns[at] = Column(names[at], "time", unit=profile.time_unit or None)
-    return replace(layout, columns=tuple(columns))
-
-
-def _state_units(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
-    """Give the columns of the chosen sensor the units that the profile states."""
-    acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit
-    gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit
-    units = {"acc": acc_unit, "gyr": gyr_unit, "time": profile.time_unit}
-    columns = (replace(column, unit=units.get(column.channel) or column.unit) for column in layout.columns)
+        columns[at] = Column(names[at], "time", unit=time_unit)
     return replace(layout, columns=tuple(columns))
 
 
@@ -211,7 +196,6 @@ def _find_place(names: Sequence[str], place: Place) -> int:
 
 
 # A proposal for a profile from a table's head, for a person to complete in a form.
-
 
 PREVIEW_ROWS = 5
 Vector = tuple[Place, Place, Place]
@@ -266,15 +250,16 @@ def propose_profile(head: bytes) -> ProfileProposal:
     columns = _find_columns(layout)
     sensors = {} if choose_vector(columns, "acc") and choose_vector(columns, "gyr") else find_sensors(columns)
     columns = next(iter(sensors.values())) if len(sensors) == 1 else columns
-    acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
+    acceleration, acc_unit = _describe_vector(columns, choose_vector(columns, "acc"), ACC_UNITS_G)
+    angular_rate, gyr_unit = _describe_vector(columns, choose_vector(columns, "gyr"), GYR_UNITS_DPS)
     time, time_unit = _find_time(layout, columns)
     return ProfileProposal(
         columns=tuple(column.name for column in columns),
         rows=layout.sample_rows[:PREVIEW_ROWS],
-        acceleration=_format_places(columns, acc),
-        angular_rate=_format_places(columns, gyr),
-        acceleration_unit=_unit_of(columns, acc, ACC_UNITS_G),
-        angular_rate_unit=_unit_of(columns, gyr, GYR_UNITS_DPS),
+        acceleration=acceleration,
+        angular_rate=angular_rate,
+        acceleration_unit=acc_unit,
+        angular_rate_unit=gyr_unit,
         time=None if time is None else _format_place(columns, time),
         time_unit=time_unit,
         sensors=tuple(sensors),
@@ -312,8 +297,7 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
 
 
 def _find_head_layout(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
-    source = open_source(io.BytesIO(head), is_hashed=False)
-    text = decode_head(source)
+    text = decode_head(open_source(io.BytesIO(head), is_hashed=False))
     layout = find_layout(text, profile.date_order if profile else None)
     if layout is None:
         raise UnknownFormat(kind="text")
@@ -328,24 +312,21 @@ def _find_columns(layout: TextLayout) -> Sequence[Column]:
     return [parse_column_name(name) for name in names] if len(names) == layout.n_columns else layout.columns
 
 
-def _format_places(columns: Sequence[Column], places: tuple[int, int, int] | None) -> Vector | None:
+def _describe_vector(
+    columns: Sequence[Column], places: tuple[int, int, int] | None, units: Mapping[str, float]
+) -> tuple[Vector | None, str]:
+    """The places of x, y, z as a profile has them, and their unit; None and "" where nothing tells."""
     if places is None:
-        return None
+        return None, ""
     x, y, z = (_format_place(columns, place) for place in places)
-    return x, y, z
+    unit = columns[places[0]].unit
+    return (x, y, z), unit if unit is not None and unit in units else ""
 
 
 def _format_place(columns: Sequence[Column], place: int) -> Place:
     """The name, where it is one and no other column has it; else the number from 1."""
     name = columns[place].name
     return name if name and [column.name for column in columns].count(name) == 1 else place + 1
-
-
-def _unit_of(
-    columns: Sequence[Column], places: tuple[int, int, int] | None, known: Mapping[str, float]
-) -> str:
-    unit = columns[places[0]].unit if places else None
-    return unit if unit is not None and unit in known else ""
 
 
 def _find_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int | None, str]:
@@ -355,11 +336,8 @@ def _find_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int | Non
             return place, column.unit or ""
     for place, column in enumerate(columns):
         times = read_times([row[place] for row in layout.sample_rows if len(row) > place], layout.decimal)
-        exponent = guess_exponent(times) if column.channel == "other" and _advances(times) else None
+        advances = len(times) > 1 and all(before < after for before, after in pairwise(times))
+        exponent = guess_exponent(times) if column.channel == "other" and advances else None
         if exponent is not None:
             return place, UNIT_NAMES[exponent]
     return None, ""
-
-
-def _advances(times: Sequence[float]) -> bool:
-    return len(times) > 1 and all(before < after for before, after in pairwise(times))

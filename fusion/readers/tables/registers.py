@@ -7,28 +7,27 @@ x axis of both sensors is turned round here; the ranges stand nowhere and are fo
 """
 
 import re
-from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import NoSamples
 from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.careful_path import IGNORED, NUMERIC_TIME, STAMP
-from fusion.readers.tables.layout import TextLayout, sniff_layout
-from fusion.readers.tables.rows import TablePlan, read_table
-from fusion.readers.timebase.clock import trust_clock
-from fusion.readers.timebase.grid import Grid, cut_stamped
-from fusion.readers.timebase.row_times import repair_row_times
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.readers.tables.columns import TimeUnit
+from fusion.readers.tables.csv_lines import IGNORED, STAMP
+from fusion.readers.tables.layout import sniff_layout
+from fusion.readers.tables.rows import TableClock, TablePlan, TimeColumn, build_recording, read_table
+from fusion.readers.timebase.clock import datetime_at_us, trust_clock
+from fusion.readers.timebase.grid import cut_stamped
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
 MIN_RECORDS = 20
 LONGEST_STEP_S = 3600
 TEXT_TARGETS = (STAMP, 4, 5, 6, 1, 2, 3, IGNORED, IGNORED, IGNORED)
+UNIX_SECONDS = TimeColumn("number", TimeUnit(6))
 
 
 def recognise_binary(source: Source) -> bool:
@@ -42,17 +41,12 @@ def recognise_binary(source: Source) -> bool:
 
 def recognise_text(source: Source) -> bool:
     """Whether the head holds ten columns, a stamp and nine whole numbers, and no header."""
-    if b"\0" in source.head:
+    layout = None if b"\0" in source.head else sniff_layout(source)
+    if layout is None or layout.header is not None or layout.n_columns != len(TEXT_TARGETS):
         return False
-    layout = sniff_layout(source)
-    return layout is not None and layout.header is None and _is_register_table(layout)
-
-
-def _is_register_table(layout: TextLayout) -> bool:
     rows = layout.sample_rows[:50]
     is_whole = all(re.fullmatch(r"-?\d{1,5}", field) for row in rows for field in row[1:])
-    has_stamps = all(re.fullmatch(r"\d{9,10}\.\d{3,9}", row[0]) for row in rows)
-    return layout.n_columns == len(TEXT_TARGETS) and is_whole and has_stamps
+    return is_whole and all(re.fullmatch(r"\d{9,10}\.\d{3,9}", row[0]) for row in rows)
 
 
 def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (stamps tell it)
@@ -63,14 +57,18 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
     NoSamples, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     columns = SampleColumns(source)
-    lost_bytes = 0
-    for block, rest_bytes in _read_records(source):
-        _take_block(columns, block)
-        lost_bytes = rest_bytes
+    carried = b""
+    for chunk in read_chunks(source):
+        content = carried + chunk
+        whole = len(content) // RECORD.itemsize * RECORD.itemsize
+        block, carried = np.frombuffer(content[:whole], RECORD), content[whole:]
+        rows = columns.extend(len(block))
+        columns.acc[rows], columns.gyr[rows] = block["acc"], block["gyr"]
+        columns.stamps[rows] = block["s"].astype(np.int64) * MICROSECONDS + block["us"]
     columns.trim()
     flags = drop_blank_rows(columns)
-    if lost_bytes:
-        flags += (QualityFlag(Caveat.TRUNC_TAIL, facts={"n": lost_bytes}),)
+    if carried:
+        flags += (QualityFlag(Caveat.TRUNC_TAIL, facts={"n": len(carried)}),)
     return _build(columns, flags, "LSM9DS1 registers, 26-byte records")
 
 
@@ -83,26 +81,8 @@ def read_text(source: Source, rate_hz: float | None = None) -> Recording:  # noq
     """
     layout = sniff_layout(source)
     assert layout is not None
-    rows = read_table(source, TablePlan(layout, TEXT_TARGETS, NUMERIC_TIME, 6))
+    rows = read_table(source, TablePlan(layout, TEXT_TARGETS, UNIX_SECONDS))
     return _build(rows.columns, rows.flags, "LSM9DS1 registers, text")
-
-
-def _read_records(source: Source) -> Iterator[tuple[NDArray[np.void], int]]:
-    carried = b""
-    for chunk in read_chunks(source):
-        content = carried + chunk
-        whole = len(content) // RECORD.itemsize * RECORD.itemsize
-        carried = content[whole:]
-        yield np.frombuffer(content[:whole], RECORD), len(carried)
-
-
-def _take_block(columns: SampleColumns, block: NDArray[np.void]) -> None:
-    columns.make_room(len(block))
-    rows = slice(columns.rows, columns.rows + len(block))
-    columns.acc[rows] = block["acc"]
-    columns.gyr[rows] = block["gyr"]
-    columns.stamps[rows] = block["s"].astype(np.int64) * MICROSECONDS + block["us"]
-    columns.rows += len(block)
 
 
 def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) -> Recording:
@@ -110,21 +90,16 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
         raise NoSamples
     columns.acc[:, 0] *= -1
     columns.gyr[:, 0] *= -1
-    flags += repair_row_times(columns)
-    first_us = int(columns.stamps[0])
-    n_rows = columns.rows
-    grid: Grid = cut_stamped(columns)
-    start, unset = trust_clock(datetime.fromtimestamp(first_us / MICROSECONDS, UTC))
+    flags += UNIX_SECONDS.repair(columns)
+    moment, n_rows = datetime_at_us(int(columns.stamps[0])), columns.rows
+    grid = cut_stamped(columns)
+    start, unset = trust_clock(moment.replace(tzinfo=UTC) if moment else None)
     mirrored = QualityFlag(Caveat.UNITS, facts={"what": "left-handed", "evidence": "layout", "turned": "x"})
-    return Recording(
-        device="lsm9ds1",
-        sha256="",
-        start=start,
-        time_zone="UTC+00:00" if start else None,
-        duration_us=grid.duration_us,
-        segments=grid.segments,
-        flags=(*flags, *grid.flags, *unset, mirrored),
-        understood={
+    return build_recording(
+        grid,
+        TableClock(start, "UTC+00:00" if start else None, (*unset, mirrored)),
+        (*flags, *grid.flags),
+        {
             "layout": layout,
             "columns": "gyroscope, accelerometer, magnetometer",
             "acceleration_unit": "registers",
@@ -132,4 +107,6 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(n_rows),
         },
+        stated=Stated("registers", "registers"),
+        device="lsm9ds1",
     )

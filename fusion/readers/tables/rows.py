@@ -1,39 +1,20 @@
-"""A table of samples, from its layout to rows with a clock: plan of the columns, rows, stamps."""
+"""A table of samples, from its layout to a recording: plan of the columns, rows, stamps, clock."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
 from math import isfinite
 from statistics import median
-from typing import NoReturn
+from typing import Any, Literal, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import CutByExcel, NoGravity, NoGyroscope, SeveralSensors, UnknownColumns, UnreadableRows
-from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
+from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
-from fusion.readers.tables.careful_path import (
-    ABSENT,
-    BAD,
-    BLANKS,
-    CALENDAR_TIME,
-    COUNTER,
-    FIRST_BAD_LINE,
-    HEADERS,
-    IGNORED,
-    LAST_BAD_LINE,
-    LINES,
-    NUMERIC_TIME,
-    SAMPLES,
-    STAMP,
-    TALLY_PLACES,
-    Destination,
-    LineForm,
-    Rules,
-)
+from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     Column,
@@ -45,21 +26,107 @@ from fusion.readers.tables.columns import (
     find_time_unit,
     name_missing,
 )
+from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
-from fusion.readers.tables.fast_path import parse_lines
-from fusion.readers.tables.header import CALENDAR, find_sensors
-from fusion.readers.tables.layout import TextLayout, drop_lines, read_line_pieces, read_text_pieces
-from fusion.readers.tables.plain_rows import PlainRows, read_plain_rows
+from fusion.readers.tables.layout import (
+    CALENDAR,
+    TextLayout,
+    drop_lines,
+    find_sensors,
+    read_line_pieces,
+    read_text_pieces,
+)
 from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
+from fusion.readers.timebase.grid import Grid
 from fusion.readers.timebase.row_times import repair_row_times
-from fusion.recording import QualityFlag, flag_counts
+from fusion.recording import QualityFlag, Recording, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
-
-# Which column goes where.
-
 
 PACKET_NUMBERS = 65_536
 """Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
+JUDGED_ROWS = 1001
+"""The median of so many first stamps gives the kind of number: single ones may be outliers."""
+WRAPPING_EXPONENTS = (0, 2, 3)
+"""Of micros(), tenths of a millisecond and millis(), which start over."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeColumn:
+    """What the stamps of a table are: microseconds, or numbers of rows or packets.
+
+    Attributes
+    ----------
+    kind
+        "row number" if no column holds a time; "packet counter": the 16-bit number of a packet; "number": a
+        number in some unit; "calendar": a date with a time, or a time of day.
+    unit
+        That of a number, and whether the header states another.
+    offset_s
+        Seconds east of UTC that calendar stamps carry; None: a bare wall clock.
+    has_date
+        False for times of day.
+    is_doubtful
+        Day and month may be the other way round.
+    """
+
+    kind: Literal["row number", "packet counter", "number", "calendar"] = "row number"
+    unit: TimeUnit = IN_MICROSECONDS
+    offset_s: int | None = None
+    has_date: bool = True
+    is_doubtful: bool = False
+
+    @property
+    def has_times(self) -> bool:
+        """Whether a column holds times, not numbers of rows or packets."""
+        return self.kind in ("number", "calendar")
+
+    def counts_since_1970(self, stamp_us: int) -> bool:
+        """Whether the stamps, of which this is one, are numbers since 1970."""
+        return self.kind == "number" and not self.unit.is_days and read_epoch(stamp_us) is not None
+
+    def read_start(self, first_us: int) -> datetime | None:
+        """Read the first stamp: a calendar's, a spreadsheet's, or an epoch, which counts UTC."""
+        if self.kind == "calendar" or self.unit.is_days:
+            moment = datetime_at_us(first_us)
+            if moment is None or self.offset_s is None:
+                return moment
+            return moment.replace(tzinfo=timezone(timedelta(seconds=self.offset_s)))
+        return read_epoch(first_us) if self.kind == "number" else None
+
+    def describe(self, first_us: int) -> str:
+        """Say in a word or two what the stamps are."""
+        if self.counts_since_1970(first_us):
+            return "number since 1970"
+        if self.unit.is_days:
+            return "calendar"
+        return self.kind if self.has_date else "time of day"
+
+    def repair(self, columns: SampleColumns, changes: Sequence[OffsetChange] = ()) -> tuple[QualityFlag, ...]:
+        """Repair the order and the stamps of the rows, in place; give the caveats.
+
+        Stamps that carry an offset were put on the first row's clock as they were read, with these changes.
+        Only a bare wall clock may hold the hour's step of daylight saving.
+        """
+        has_offset = self.offset_s is not None
+        is_epoch = self.counts_since_1970(int(np.median(columns.stamps[:JUDGED_ROWS])))
+        is_count = self.kind == "number" and not is_epoch and self.unit.exponent in WRAPPING_EXPONENTS
+        flags = repair_row_times(
+            columns,
+            tick_us=int(10**self.unit.exponent) if is_count else 0,
+            is_wall_clock=self.unit.is_days or (self.kind == "calendar" and not has_offset),
+        )
+        return flags + flag_changes(changes, int(columns.stamps[0])) if has_offset else flags
+
+
+def read_epoch(first_stamp_us: int) -> datetime | None:
+    """Microseconds since 1970 as a time in UTC; None for what a counter from power-on can show."""
+    moment = datetime_at_us(first_stamp_us)
+    return moment.replace(tzinfo=UTC) if moment is not None and is_clock_set(moment) else None
+
+
+# Which column goes where.
+
+LONGEST_LIST = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,33 +139,20 @@ class TablePlan:
         How the table is written.
     targets
         For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
-    stamp_kind, stamp_exponent
-        Where the stamps come from (:mod:`fusion.readers.tables.careful_path`), and the power of ten to
-        microseconds.
+    time
+        What the stamps are.
     acc_scale, gyr_scale
         Factors to g and deg/s.
-    counts_packets
-        The stamp is the 16-bit number of a packet, not a time.
-    unit
-        That of a numeric stamp, and whether the header states another.
     gravity
         Columns of the gravity that the acceleration may lack; None if it lacks none.
     """
 
     layout: TextLayout
     targets: tuple[int, ...]
-    stamp_kind: int = COUNTER
-    stamp_exponent: int = 0
+    time: TimeColumn = TimeColumn()
     acc_scale: float = 1.0
     gyr_scale: float = 1.0
-    counts_packets: bool = False
-    unit: TimeUnit = IN_MICROSECONDS
     gravity: Vector | None = None
-
-    @property
-    def has_times(self) -> bool:
-        """Whether a column holds times, not numbers of rows or packets."""
-        return self.stamp_kind != COUNTER and not self.counts_packets
 
     @property
     def acceleration(self) -> Column:
@@ -128,37 +182,17 @@ def plan_table(layout: TextLayout) -> TablePlan:
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
-    stamp, kind, unit = _choose_stamp(layout)
-    packets = _find_packet_counter(layout) if stamp is None else None
-    if packets is not None:
-        stamp, kind = packets, NUMERIC_TIME
-    if stamp is not None:
-        targets[stamp] = STAMP
+    place, time = _choose_stamp(layout)
+    if place is not None:
+        targets[place] = STAMP
     return TablePlan(
         layout,
         tuple(targets),
-        kind,
-        unit.exponent,
+        time,
         acc_scale_g(layout.columns[acc[0]].unit) or 1.0,
         gyr_scale_dps(layout.columns[gyr[0]].unit) or 1.0,
-        counts_packets=packets is not None,
-        unit=unit,
-        gravity=gravity,
+        gravity,
     )
-
-
-def plan_gravity(plan: TablePlan) -> TablePlan | None:
-    """Plan to read the gravity columns in place of the acceleration; None if there are none.
-
-    Gravity without a unit is in the unit of the acceleration.
-    """
-    if plan.gravity is None:
-        return None
-    targets = [IGNORED if 1 <= target <= 3 else target for target in plan.targets]
-    for axis, place in enumerate(plan.gravity):
-        targets[place] = 1 + axis
-    scale = acc_scale_g(plan.layout.columns[plan.gravity[0]].unit) or plan.acc_scale
-    return replace(plan, targets=tuple(targets), acc_scale=scale, gravity=None)
 
 
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
@@ -182,22 +216,18 @@ def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
     return replace(layout, columns=sensors[sensor]) if sensors else layout
 
 
-LONGEST_LIST = 400
-
-
 def _refuse_columns(layout: TextLayout) -> NoReturn:
-    columns = layout.columns
-    has_acc = any(column.channel == "acc" for column in columns)
-    has_gyr = any(column.channel == "gyr" for column in columns)
-    if has_gyr and not has_acc and any(column.channel == "linear" for column in columns):
-        raise NoGravity
-    if has_acc and not has_gyr:
+    channels = {column.channel for column in layout.columns}
+    if "acc" in channels and "gyr" not in channels:
         raise NoGyroscope
-    raise UnknownColumns(list=(layout.header or "").strip()[:LONGEST_LIST], missing=name_missing(columns))
+    if {"gyr", "linear"} <= channels and "acc" not in channels:
+        raise NoGravity
+    names = (layout.header or "").strip()[:LONGEST_LIST]
+    raise UnknownColumns(list=names, missing=name_missing(layout.columns))
 
 
-def _choose_stamp(layout: TextLayout) -> tuple[int | None, int, TimeUnit]:
-    """Place, kind and unit of the stamp column."""
+def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
+    """Place and kind of the stamp column; in a table without time a packet counter tells of lost packets."""
     places = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
     places.sort(key=lambda k: layout.columns[k].unit is None)
     if layout.header is not None and not layout.columns[0].name:
@@ -205,31 +235,36 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, int, TimeUnit]:
     for place in places:
         fields = [row[place] for row in layout.sample_rows if len(row) > place]
         if all(CALENDAR.fullmatch(field) for field in fields):
-            return place, CALENDAR_TIME, IN_MICROSECONDS
+            return place, choose_calendar(layout)
         times = read_times(fields, layout.decimal)
-        if is_row_number(times, layout.columns[place]):
+        if _is_row_number(times, layout.columns[place]):
             continue
         unit = find_time_unit(times, layout.columns[place].unit) if times else None
         if unit is not None:
-            return place, NUMERIC_TIME, unit
-    return None, COUNTER, IN_MICROSECONDS
-
-
-def is_row_number(times: Sequence[float], column: Column) -> bool:
-    """Whether a column without a unit counts the rows: whole numbers, each one more than the one before."""
-    steps = {after - before for before, after in pairwise(times)}
-    return column.unit is None and steps == {1.0} and times[0] in (0.0, 1.0)
-
-
-def _find_packet_counter(layout: TextLayout) -> int | None:
-    """Place of Xsens' packet counter where it counts up: in a table without time it tells of lost packets."""
+            return place, TimeColumn("number", unit)
     for place, column in enumerate(layout.columns):
         if column.channel == "counter" and column.name.strip().lower() == "packetcounter":
             fields = [row[place] for row in layout.sample_rows if len(row) > place]
             is_whole = all(field.isascii() and field.isdigit() for field in fields)
             steps = [(int(b) - int(a)) % PACKET_NUMBERS for a, b in pairwise(fields)] if is_whole else []
-            return place if steps and median(steps) == 1 else None
-    return None
+            if steps and median(steps) == 1:
+                return place, TimeColumn("packet counter")
+            break
+    return None, TimeColumn()
+
+
+def choose_calendar(layout: TextLayout) -> TimeColumn:
+    """Describe a column of dates with times, or of times of day."""
+    dates = layout.dates
+    if dates is None:
+        return TimeColumn("calendar")
+    return TimeColumn("calendar", IN_MICROSECONDS, dates.offset_s, dates.has_date, dates.is_doubtful)
+
+
+def _is_row_number(times: Sequence[float], column: Column) -> bool:
+    """Whether a column without a unit counts the rows: whole numbers, each one more than the one before."""
+    steps = {after - before for before, after in pairwise(times)}
+    return column.unit is None and steps == {1.0} and times[0] in (0.0, 1.0)
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
@@ -243,59 +278,28 @@ def read_times(fields: Sequence[str], decimal: str) -> list[float]:
 
 # The rows, piece by piece.
 
-
 EXCEL_ROWS = 1_048_576
 MAX_BAD_PART = 0.05
 FORECAST_BYTES = 1 << 18
 """After so many bytes the number of rows in the file is foreseen."""
+STAMP_KINDS = {
+    "row number": csv_lines.COUNTER,
+    "packet counter": csv_lines.NUMERIC_TIME,
+    "number": csv_lines.NUMERIC_TIME,
+    "calendar": csv_lines.CALENDAR_TIME,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableRows:
-    """The rows of a table, and what was met while they were read.
+    """The rows of a table; ``changes``: where the offset from UTC that the stamps carry changed.
 
-    Attributes
-    ----------
-    plan
-        How the table was read.
-    columns
-        The samples; stamps in microseconds, or row numbers where the layout has no time.
-    tally
-        Counts of lines and rows, shape (8,); its places stand in :mod:`fusion.readers.tables.careful_path`.
-    is_cut
-        The last line does not end.
-    changes
-        Where the offset from UTC that the stamps carry changed.
-    blank
-        The caveat of rows of zeros without a stamp, which are left out.
+    ``flags``: rows that were left out and why.
     """
 
-    plan: TablePlan
     columns: SampleColumns
-    tally: NDArray[np.int64]
-    is_cut: bool
+    flags: tuple[QualityFlag, ...]
     changes: tuple[OffsetChange, ...] = ()
-    blank: tuple[QualityFlag, ...] = ()
-
-    @property
-    def first_bad_line(self) -> int:
-        """The number in the file of the first line that could not be read, counted from 1."""
-        return int(self.tally[FIRST_BAD_LINE]) + self.plan.layout.first_line
-
-    @property
-    def flags(self) -> tuple[QualityFlag, ...]:
-        """Rows that were left out and why."""
-        bad = int(self.tally[BAD])
-        tail = int(self.is_cut and bad > 0 and self.tally[LAST_BAD_LINE] == self.tally[LINES])
-        flags = self.blank
-        if bad > tail:
-            flags += (QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": self.first_bad_line}),)
-        counts = {
-            Caveat.TRUNC_TAIL: tail,
-            Caveat.NAN: int(self.tally[ABSENT]),
-            Caveat.HEADER_REPEAT: int(self.tally[HEADERS]),
-        }
-        return flags + flag_counts(counts)
 
 
 def read_table(source: Source, plan: TablePlan) -> TableRows:
@@ -310,103 +314,139 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
     """
     layout = plan.layout
     columns = SampleColumns(source)
-    tally = np.zeros(TALLY_PLACES, np.int64)
-    rules = make_rules(plan)
+    tally = np.zeros(csv_lines.TALLY_PLACES, np.int64)
     done_bytes = 0
-    has_reserved = False
-    end = LastBytes()
     writer = StampWriter(layout.dates) if layout.dates and not layout.dates.is_iso else None
-    pieces = _rewrite(end.watch(read_text_pieces(source)), layout, writer)
-    for plain in read_plain_rows(drop_lines(read_line_pieces(pieces), layout.first_line), rules):
-        columns.make_room(plain.most_rows)
-        _take_rows(plain, columns, tally, counts_rows=plan.stamp_kind == COUNTER)
-        if plain.rest is not None:
-            destination = Destination(columns.acc, columns.gyr, columns.stamps, tally)
-            columns.rows = parse_lines(plain.rest, rules, destination, columns.rows)
-        done_bytes += len(plain)
-        if not has_reserved and done_bytes > FORECAST_BYTES:
-            has_reserved = True
-            columns.reserve(
-                round(1.02 * min(columns.rows * source.size_bytes / done_bytes, MOST_ROWS)) + plain.most_rows
+    is_whole = False
+
+    def watch_end(pieces: Iterable[bytes]) -> Iterator[bytes]:
+        nonlocal is_whole
+        for piece in pieces:
+            is_whole = piece.endswith((b"\n", b"\r"))
+            yield piece
+
+    pieces = rewrite_pieces(rewrite_pieces(watch_end(read_text_pieces(source)), layout.labels), writer)
+    if layout.is_single_spaced:
+        pieces = (piece.replace(b" ", b"\t") for piece in pieces)
+    lines = read_line_pieces(drop_lines(pieces, layout.first_line))
+    for piece_bytes, (acc, gyr, stamps, found) in csv_lines.read_pieces(lines, _make_rules(plan)):
+        rows = columns.extend(len(stamps))
+        columns.acc[rows], columns.gyr[rows], columns.stamps[rows] = acc, gyr, stamps
+        if plan.time.kind == "row number":
+            columns.stamps[rows] += tally[csv_lines.SAMPLES]
+        if found[csv_lines.BAD]:
+            tally[csv_lines.FIRST_BAD_LINE] = (
+                tally[csv_lines.FIRST_BAD_LINE] or tally[csv_lines.LINES] + found[csv_lines.FIRST_BAD_LINE]
             )
+            tally[csv_lines.LAST_BAD_LINE] = tally[csv_lines.LINES] + found[csv_lines.LAST_BAD_LINE]
+        found[csv_lines.FIRST_BAD_LINE] = found[csv_lines.LAST_BAD_LINE] = 0
+        tally += found
+        if done_bytes <= FORECAST_BYTES < done_bytes + piece_bytes:
+            columns.foresee(done_bytes + piece_bytes, source.size_bytes)
+        done_bytes += piece_bytes
     columns.trim()
-    if plan.unit.is_days:
+    if plan.time.unit.is_days:
         count_from_1970(columns.stamps)
-    changes = tuple(writer.changes) if writer else ()
-    rows = TableRows(plan, columns, tally, not end.is_whole, changes)
-    _refuse_rows(rows)
-    return rows if plan.stamp_kind == COUNTER else replace(rows, blank=drop_blank_rows(columns))
+    bad, first_bad = int(tally[csv_lines.BAD]), int(tally[csv_lines.FIRST_BAD_LINE]) + layout.first_line
+    if bad > MAX_BAD_PART * int(tally[csv_lines.LINES] - tally[csv_lines.BLANKS]) and bad > 1:
+        raise UnreadableRows(k=bad, line=first_bad)
+    if layout.first_line + int(tally[csv_lines.LINES]) == EXCEL_ROWS:
+        raise CutByExcel
+    flags = () if plan.time.kind == "row number" else drop_blank_rows(columns)
+    tail = int(not is_whole and bad > 0 and tally[csv_lines.LAST_BAD_LINE] == tally[csv_lines.LINES])
+    if bad > tail:
+        flags += (QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": first_bad}),)
+    counts = {
+        Caveat.TRUNC_TAIL: tail,
+        Caveat.NAN: int(tally[csv_lines.ABSENT]),
+        Caveat.HEADER_REPEAT: int(tally[csv_lines.HEADERS]),
+    }
+    return TableRows(columns, flags + flag_counts(counts), tuple(writer.changes) if writer else ())
 
 
-def _take_rows(
-    plain: PlainRows, columns: SampleColumns, tally: NDArray[np.int64], *, counts_rows: bool
-) -> None:
-    """Put the plain rows of a piece behind those read before it."""
-    acc, gyr, stamps, found = plain.found
-    first, stop = columns.rows, columns.rows + len(stamps)
-    columns.acc[first:stop], columns.gyr[first:stop] = acc, gyr
-    columns.stamps[first:stop] = stamps
-    if counts_rows:
-        columns.stamps[first:stop] += tally[SAMPLES]
-    tally += found
-    columns.rows = stop
-
-
-def _rewrite(pieces: Iterable[bytes], layout: TextLayout, writer: StampWriter | None) -> Iterator[bytes]:
-    """Bring names within the rows, stamps and separators into the form that the kernels read."""
-    pieces = rewrite_pieces(rewrite_pieces(pieces, layout.labels), writer)
-    return (piece.replace(b" ", b"\t") for piece in pieces) if layout.is_single_spaced else iter(pieces)
-
-
-def make_rules(plan: TablePlan) -> Rules:
-    """The plan as the kernels take it."""
+def _make_rules(plan: TablePlan) -> csv_lines.Rules:
     layout = plan.layout
     columns = np.full(7, -1, np.int64)
     for column, target in enumerate(plan.targets):
         if target != IGNORED:
             columns[target] = column
-    return Rules(
+    return csv_lines.Rules(
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
-        line=LineForm(
-            targets=np.array(plan.targets, np.int64),
-            delimiter_byte=ord(layout.delimiter),
-            decimal_byte=ord(layout.decimal),
-            stamp_kind=plan.stamp_kind,
-            stamp_exponent=plan.stamp_exponent,
-        ),
+        targets=np.array(plan.targets, np.int64),
         columns=columns,
         scales=np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale]),
+        delimiter=ord(layout.delimiter),
+        decimal=ord(layout.decimal),
+        stamp_kind=STAMP_KINDS[plan.time.kind],
+        stamp_exponent=plan.time.unit.exponent,
     )
 
 
-class LastBytes:
-    """Whether the last line of the text that passed ends with a line end."""
+# Gravity that a phone or a watch removed from the acceleration and wrote in separate columns.
 
-    def __init__(self) -> None:
-        self.is_whole = False
-
-    def watch(self, pieces: Iterable[bytes]) -> Iterator[bytes]:
-        """Pass the pieces on."""
-        for piece in pieces:
-            self.is_whole = piece.endswith((b"\n", b"\r"))
-            yield piece
+LOOKED_AT_ROWS = 20_000
+STEADY_PART = 0.05
+"""What is called gravity keeps its length within this part, at nine of ten rows; else it is not used."""
+NEAR_ONE = 0.1
+CORE_MOTION = "rotationrate"
+"""Core Motion's word for the gyroscope. Its gravity points down, and at rest so does the sum."""
 
 
-def _refuse_rows(rows: TableRows) -> None:
-    lines = int(rows.tally[LINES] - rows.tally[BLANKS])
-    bad = int(rows.tally[BAD])
-    if bad > MAX_BAD_PART * lines and bad > 1:
-        raise UnreadableRows(k=bad, line=rows.first_bad_line)
-    if rows.plan.layout.first_line + int(rows.tally[LINES]) == EXCEL_ROWS:
-        raise CutByExcel
+def add_gravity(source: Source, plan: TablePlan, columns: SampleColumns) -> bool:
+    """Read a table again for the gravity that its acceleration may lack, and add it; whether it was.
+
+    Gravity without a unit is in the unit of the acceleration.
+    """
+    if plan.gravity is None:
+        return False
+    targets = [IGNORED if 1 <= target <= 3 else target for target in plan.targets]
+    for axis, place in enumerate(plan.gravity):
+        targets[place] = 1 + axis
+    scale_g = acc_scale_g(plan.layout.columns[plan.gravity[0]].unit) or plan.acc_scale
+    beside = replace(plan, targets=tuple(targets), acc_scale=scale_g, gravity=None)
+    gravity = read_table(source, beside).columns
+    return put_back_gravity(columns, gravity, scale_g, plan.acceleration, plan.angular_rate)
 
 
-# The clock of the rows: when it began, by which offset, and whether that changed.
+def put_back_gravity(
+    columns: SampleColumns, gravity: SampleColumns, scale_g: float, acc: Column, gyr: Column
+) -> bool:
+    """Add gravity to an acceleration that lacks it, in place; return whether it did.
 
+    Both were read by ``scale_g``. The unit does not depend on what it is called: gravity is 1 g long, and the
+    acceleration beside it is in the same unit. Rows without gravity are left out. Core Motion's readings, in
+    g, are turned over: the sum is then what an accelerometer measures.
+
+    Raises
+    ------
+    NoGravity
+        The acceleration lacks gravity by its name, and the columns hold none.
+    """
+    order = np.argsort(gravity.stamps, kind="stable")
+    stamps = gravity.stamps[order]
+    place = np.searchsorted(stamps, columns.stamps).clip(max=max(len(stamps) - 1, 0))
+    has_gravity = stamps[place] == columns.stamps if len(stamps) else np.zeros(columns.rows, np.bool_)
+    looked_at = np.flatnonzero(has_gravity)[:: max(1, columns.rows // LOOKED_AT_ROWS)]
+    parts_g, acc_g = gravity.acc[order[place[looked_at]]], columns.acc[looked_at]
+    lengths_g = np.linalg.norm(parts_g, axis=1)
+    low, length_g, high = np.quantile(lengths_g, [0.05, 0.5, 0.95]) if len(looked_at) else np.zeros(3)
+    if length_g == 0.0 or high - low > STEADY_PART * length_g:
+        if acc.channel == "linear":
+            raise NoGravity
+        return False
+    without_g = np.median(np.linalg.norm(acc_g - parts_g, axis=1))
+    if acc.channel != "linear" and without_g < np.median(np.linalg.norm(acc_g, axis=1)):
+        return False  # gravity is in it
+    is_core_motion = CORE_MOTION in gyr.name.lower() and abs(length_g / scale_g - 1.0) < NEAR_ONE
+    columns.acc[:] += gravity.acc[order[place]]
+    columns.acc[:] *= np.float32((-1.0 if is_core_motion else 1.0) / length_g)
+    columns.keep(has_gravity)
+    return True
+
+
+# The clock at the first row, and the recording.
 
 START_TOLERANCE = timedelta(minutes=1)
-JUDGED_ROWS = 1001
-"""The median of so many first stamps gives the kind of number: single ones may be outliers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -415,87 +455,35 @@ class TableClock:
 
     start: datetime | None
     time_zone: str | None
-    flags: tuple[QualityFlag, ...]
-
-
-def repair_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
-    """Repair the order and the stamps of the rows, in place; give the caveats.
-
-    Stamps that carry an offset were put on the first row's clock as they were read. Only a bare wall clock
-    may hold the hour's step of daylight saving.
-    """
-    plan, stamps = rows.plan, rows.columns.stamps
-    dates = plan.layout.dates
-    is_calendar = plan.stamp_kind == CALENDAR_TIME
-    has_offset = dates is not None and dates.offset_s is not None
-    is_epoch = counts_since_1970(plan, int(np.median(stamps[:JUDGED_ROWS])))
-    flags = repair_row_times(
-        rows.columns,
-        tick_us=0 if is_calendar or is_epoch else find_tick_us(plan),
-        is_wall_clock=plan.unit.is_days or (is_calendar and not has_offset),
-    )
-    if is_calendar and has_offset:
-        flags += flag_changes(rows.changes, int(rows.columns.stamps[0]))
-    return flags
-
-
-def find_tick_us(plan: TablePlan) -> int:
-    """Microseconds in a count of micros() or millis(), which start over; 0 for other stamps."""
-    if plan.stamp_kind != NUMERIC_TIME or plan.counts_packets or plan.stamp_exponent not in (0, 2, 3):
-        return 0
-    return int(10**plan.stamp_exponent)
-
-
-def read_epoch(first_stamp_us: int) -> datetime | None:
-    """Microseconds since 1970 as a time in UTC; None for what a counter from power-on can show."""
-    moment = datetime_at_us(first_stamp_us)
-    return moment.replace(tzinfo=UTC) if moment is not None and is_clock_set(moment) else None
-
-
-def counts_since_1970(plan: TablePlan, first_stamp_us: int) -> bool:
-    """Whether the stamps of a table are numbers since 1970."""
-    is_number = plan.stamp_kind == NUMERIC_TIME and not plan.counts_packets and not plan.unit.is_days
-    return is_number and read_epoch(first_stamp_us) is not None
-
-
-def find_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
-    """Read the clock at the first row: from the preamble, from a calendar column, or from an epoch.
-
-    An epoch (seconds, milli-, micro- or nanoseconds since 1970) counts UTC.
-    """
-    layout = plan.layout
-    start = read_preamble_start(layout)
     flags: tuple[QualityFlag, ...] = ()
-    if start is not None and plan.stamp_kind == CALENDAR_TIME:
-        start, flags = _compare_starts(start, layout, first_stamp_us)
-    elif start is None and plan.stamp_kind == CALENDAR_TIME:
-        start = _read_stamp(layout, first_stamp_us)
-        if layout.dates is not None and not layout.dates.has_date and start is not None:
-            flags = (QualityFlag(Caveat.NO_DATE, facts={"time_of_day": f"{start:%H:%M:%S}"}),)
-            start = None
-        elif layout.dates is not None and layout.dates.is_doubtful and start is not None:
-            flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
-    elif start is None and plan.unit.is_days:
-        start = datetime_at_us(first_stamp_us)
-    elif start is None and counts_since_1970(plan, first_stamp_us):
-        start = read_epoch(first_stamp_us)
+
+
+def find_clock(layout: TextLayout, time: TimeColumn, first_us: int) -> TableClock:
+    """Read the clock at the first row: from the preamble (`# start: 2026-03-02T07:58:00-05:00`) or a stamp.
+
+    If both tell it and differ, the rows' own time is taken; the preamble's offset holds for both.
+    """
+    start = time.read_start(first_us)
+    flags: tuple[QualityFlag, ...] = ()
+    try:
+        stated = datetime.fromisoformat(layout.facts().get("start", ""))
+    except ValueError:
+        stated = None
+    if stated is not None:
+        if time.kind != "calendar" or start is None or not time.has_date:
+            return build_clock(stated)
+        if start.tzinfo is None or stated.tzinfo is None:
+            start = start.replace(tzinfo=start.tzinfo or stated.tzinfo)
+            stated = stated.replace(tzinfo=start.tzinfo)
+        if abs(stated - start) <= START_TOLERANCE:
+            return build_clock(stated)
+        facts = {"header": f"{stated:%Y-%m-%d %H:%M:%S}", "first": f"{start:%Y-%m-%d %H:%M:%S}"}
+        return build_clock(start, (QualityFlag(Caveat.START, facts=facts),))
+    if start is not None and not time.has_date:
+        return build_clock(None, (QualityFlag(Caveat.NO_DATE, facts={"time_of_day": f"{start:%H:%M:%S}"}),))
+    if start is not None and time.is_doubtful:
+        flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
     return build_clock(start, flags)
-
-
-def _compare_starts(
-    stated: datetime, layout: TextLayout, first_stamp_us: int
-) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """Take the rows' own time where the preamble's start differs; the preamble's offset holds for both."""
-    stamp = _read_stamp(layout, first_stamp_us)
-    if stamp is None or (layout.dates is not None and not layout.dates.has_date):
-        return stated, ()
-    if stamp.tzinfo is None or stated.tzinfo is None:
-        stamp = stamp.replace(tzinfo=stamp.tzinfo or stated.tzinfo)
-        stated = stated.replace(tzinfo=stamp.tzinfo)
-    if abs(stated - stamp) <= START_TOLERANCE:
-        return stated, ()
-    facts = {"header": f"{stated:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
-    return stamp, (QualityFlag(Caveat.START, facts=facts),)
 
 
 def build_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
@@ -509,16 +497,27 @@ def build_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> 
     return TableClock(start, format_offset(round(offset.total_seconds())), (*flags, *unset))
 
 
-def read_preamble_start(layout: TextLayout) -> datetime | None:
-    """`# start: 2026-03-02T07:58:00-05:00`; None where there is none that can be read."""
-    try:
-        return datetime.fromisoformat(layout.facts().get("start", ""))
-    except ValueError:
-        return None
+def build_recording(
+    grid: Grid,
+    clock: TableClock,
+    flags: Iterable[QualityFlag],
+    understood: Mapping[str, str],
+    *,
+    device: str = "other",
+    **facts: Any,
+) -> Recording:
+    """Put the segments, the clock and the caveats of any table together.
 
-
-def _read_stamp(layout: TextLayout, stamp_us: int) -> datetime | None:
-    moment = datetime_at_us(stamp_us)
-    if moment is None or layout.dates is None or layout.dates.offset_s is None:
-        return moment
-    return moment.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))
+    ``flags``: those before the clock's; ``facts``: further fields of the recording.
+    """
+    return Recording(
+        device=device,
+        sha256="",
+        start=clock.start,
+        time_zone=clock.time_zone,
+        duration_us=grid.duration_us,
+        segments=grid.segments,
+        flags=(*flags, *clock.flags),
+        understood=understood,
+        **facts,
+    )

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
 from functools import cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
@@ -14,7 +14,6 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording
 #
 # Only a file that counts UTC and names its zone is converted to that zone; a device's own wall clock never
 # is. For other files the zones of the world decide whether a step of the clock can be daylight saving.
-
 
 WINDOWS_ZONES = {
     "Eastern Time (US": "America/Toronto",
@@ -33,14 +32,6 @@ WINDOWS_ZONES = {
 DAY, NEAR = timedelta(days=1), timedelta(seconds=2)
 
 
-@dataclass(frozen=True, slots=True)
-class FollowedZone:
-    """The wall clock at the first sample, and the change of its offset during the recording, if any."""
-
-    start: datetime
-    flags: tuple[QualityFlag, ...]
-
-
 def find_zone(display_name: str) -> ZoneInfo | None:
     """The zone of a Windows display name; None for a name that is not in ``WINDOWS_ZONES``."""
     keys = [key for part, key in WINDOWS_ZONES.items() if part in display_name]
@@ -50,19 +41,25 @@ def find_zone(display_name: str) -> ZoneInfo | None:
         return None
 
 
-def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZone:
+def follow_zone(
+    first_unix_s: int, duration_s: int, zone: ZoneInfo
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
     """Give the start with the zone's offset at that time; flag a change of it before the end (W-DST)."""
-    first = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone)
-    before, after = (
-        datetime.fromtimestamp(unix_s, UTC).astimezone(zone).utcoffset() or timedelta()
-        for unix_s in (first_unix_s, first_unix_s + duration_s)
-    )
-    start = first.replace(tzinfo=timezone(before))
+
+    def read_offset(at_s: int) -> timedelta:
+        moment = datetime.fromtimestamp(first_unix_s + at_s, UTC).astimezone(zone)
+        return moment.utcoffset() or timedelta()
+
+    before, after = read_offset(0), read_offset(duration_s)
+    start = datetime.fromtimestamp(first_unix_s, UTC).astimezone(timezone(before))
     if before == after:
-        return FollowedZone(start, ())
-    at_s = _find_change_s(first_unix_s, duration_s, zone)
+        return start, ()
+    low, high = 0, duration_s
+    while high - low > 1:  # halve the recording until the second of the change is found
+        middle = (low + high) // 2
+        low, high = (middle, high) if read_offset(middle) == before else (low, middle)
     step_s = round((after - before).total_seconds())
-    return FollowedZone(start, (QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": step_s}),))
+    return start, (QualityFlag(Caveat.DST, 1, 0.0, float(high), float(high), {"step_s": step_s}),)
 
 
 @cache
@@ -84,24 +81,13 @@ def is_change_of_offset(moment: datetime, before_s: int, after_s: int) -> bool:
 
 def is_change_of_wall_clock(reading: datetime, step_s: int) -> bool:
     """Whether some zone's clocks step so at this reading, which is naive, give or take two seconds."""
-    return any(_step_s(reading, zone) == step_s for zone in load_zones())
 
+    def measure_step_s(zone: ZoneInfo) -> float:
+        before = (reading - NEAR).replace(tzinfo=zone).astimezone(UTC)
+        offsets = [one.astimezone(zone).utcoffset() or timedelta() for one in (before, before + 2 * NEAR)]
+        return (offsets[1] - offsets[0]).total_seconds()
 
-def _step_s(reading: datetime, zone: ZoneInfo) -> float:
-    before = (reading - NEAR).replace(tzinfo=zone).astimezone(UTC)
-    offsets = [one.astimezone(zone).utcoffset() or timedelta() for one in (before, before + 2 * NEAR)]
-    return (offsets[1] - offsets[0]).total_seconds()
-
-
-def _find_change_s(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> float:
-    """Halve the recording until the second of the change is found."""
-    low, high = 0, duration_s
-    before = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone).utcoffset()
-    while high - low > 1:
-        middle = (low + high) // 2
-        moment = datetime.fromtimestamp(first_unix_s + middle, UTC).astimezone(zone)
-        low, high = (middle, high) if moment.utcoffset() == before else (low, middle)
-    return float(high)
+    return any(measure_step_s(zone) == step_s for zone in load_zones())
 
 
 FIRST_PLAUSIBLE_YEAR = 2008

@@ -18,8 +18,6 @@ from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import PAUSE, SampleColumns
 from fusion.readers.timebase.row_kernels import (
-    count_backward,
-    count_runs,
     find_long_steps,
     find_stretches,
     fit_line,
@@ -111,22 +109,27 @@ def cut_stamped(columns: SampleColumns) -> Grid:
     stamps = columns.stamps
     mended = spread_coarse_stamps(stamps)
     period_us = estimate_period_us(stamps)
-    mended += sort_late_rows(columns, period_us)
+    if count_backward(stamps):  # of all kernels this one takes longest to compile, and few files need it
+        late = sort_windows(columns.acc, columns.gyr, stamps, EVEN_STEP_PERIODS * period_us)
+        mended += flag_counts({Caveat.ORDER: late})
     replaced = mend_stamps(stamps, period_us)
     holes = find_holes(stamps, period_us)
     stretches = find_rate_changes(stamps, period_us)
     if len(stretches):
         holes, stretches = leave_stretches(holes, stretches, columns.rows)
         period_us = choose_period_us(stamps, stretches, period_us)
-    if are_too_many(holes, columns.rows):
-        return _cut_even_rows(columns, find_even_rows(holes, columns.rows), mended)
+    if len(holes.row) > MOST_HOLES_PART * columns.rows + FREE_HOLES:
+        is_even = find_even_rows(holes, columns.rows)
+        dropped = int(np.count_nonzero(~is_even))
+        columns.keep(is_even)  # the time of the others is then missing
+        grid = cut_stamped(columns)
+        return replace(grid, flags=(*mended, QualityFlag(Caveat.ROWS_DROPPED, dropped), *grid.flags))
     mended += flag_rates(stamps, stretches)
     fits = _fit_runs(stamps, holes, stretches, period_us)
     segments = place_segments(columns, holes, fits)
     duration_us = segments[-1].end_us
     jitter_us = max(fit.jitter_us for fit in fits)
-    flags = mended + flag_time(holes, replaced, jitter_us / period_us)
-    flags += flag_gaps(segments, duration_us)
+    flags = (*mended, *flag_time(holes, replaced, jitter_us / period_us), *flag_gaps(segments, duration_us))
     return Grid(segments, duration_us, flags, period_us, jitter_us)
 
 
@@ -160,16 +163,6 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     if n_pauses:
         flags += (QualityFlag(Caveat.PAUSE, n_pauses),)
     return Grid(tuple(segments), duration_us, flags, period_us, 0.0)
-
-
-def _cut_even_rows(
-    columns: SampleColumns, is_even: NDArray[np.bool_], mended: tuple[QualityFlag, ...]
-) -> Grid:
-    """Leave out stretches without even sampling, whose time is then missing, and cut the rest."""
-    dropped = int(np.count_nonzero(~is_even))
-    columns.keep(is_even)
-    grid = cut_stamped(columns)
-    return replace(grid, flags=(*mended, QualityFlag(Caveat.ROWS_DROPPED, dropped), *grid.flags))
 
 
 def _fit_runs(
@@ -213,15 +206,11 @@ def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) 
         start_us = round(run.first_us - clock_us + run.offset_us) if segments else 0
         acc, gyr = columns.acc[first:stop], columns.gyr[first:stop]
         rate_hz = MICROSECONDS / run.period_us
-        segments.append(Segment(max(reached_us, start_us), rate_hz, acc, gyr, bridged_ranges(inside)))
+        ends = (inside.row + np.cumsum(inside.added)).tolist()
+        bridged = tuple((end - k, end) for end, k in zip(ends, inside.added.tolist(), strict=True) if k)
+        segments.append(Segment(max(reached_us, start_us), rate_hz, acc, gyr, bridged))
         first = stop
     return tuple(segments)
-
-
-def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
-    """Row ranges that were put into a run."""
-    stops = (holes.row + np.cumsum(holes.added)).tolist()
-    return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)
 
 
 def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[QualityFlag, ...]:
@@ -237,8 +226,7 @@ def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[
     return flag_counts(found)
 
 
-# Rows that share a coarse stamp get times of their own; rows at most a second late get into their place.
-
+# Rows that share a coarse stamp get times of their own.
 
 COARSE_ROWS = 4.0
 """Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
@@ -252,7 +240,8 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     The n rows of a second T lie at T + k/n, as those of a `.gt3x` do; where clearly fewer than usual share a
     stamp, they keep the usual distance and the rest is a hole.
     """
-    if count_runs(stamps) < 3 or len(stamps) < COARSE_ROWS * count_runs(stamps):
+    runs = 1 + np.count_nonzero(stamps[1:] != stamps[:-1])
+    if runs < 3 or len(stamps) < COARSE_ROWS * runs:
         return ()
     edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps)) + 1, [len(stamps)]])
     counts = np.diff(edges)
@@ -283,16 +272,12 @@ EVEN_STEP_PERIODS = 0.4
 """Sorted rows lie at least so many periods apart, else two runs of samples would be mixed."""
 
 
-def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFlag, ...]:
-    """Sort rows that came at most a second late; whatever is more is a clock that was set."""
-    if count_backward(columns.stamps) == 0:
-        return ()  # of all kernels this one takes longest to compile, and few files need it
-    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP_PERIODS * period_us)
-    return flag_counts({Caveat.ORDER: late})
+def count_backward(stamps: NDArray[np.int64]) -> int:
+    """How many stamps are earlier than the one before."""
+    return int(np.count_nonzero(stamps[1:] < stamps[:-1]))
 
 
 # The sample period.
-
 
 BLOCK_ROWS = 32
 MAX_STEPS = 20_000
@@ -317,31 +302,22 @@ def estimate_period_us(stamps: NDArray[np.int64]) -> float:
     """
     if len(stamps) < 2:
         raise UnusableTime(why="rows")
-    period_us = _estimate_period_us(stamps)
+    steps = steps_between(stamps, 1)
+    usual_us = float(np.median(steps)) if len(steps) else 0.0
+    alike = steps[np.abs(steps - usual_us) <= 0.5 * usual_us]
+    quantum_us = find_quantum_us(stamps)
+    # a double step looks unlike a single one: not at 952 Hz on a clock of whole milliseconds
+    is_exact = quantum_us == usual_us and quantum_us > COARSE_CLOCK_US
+    if usual_us > 0.0 and len(alike) >= ALIKE_SHARE * len(steps) and (is_exact or usual_us >= 2 * quantum_us):
+        period_us = float(alike.mean())
+    else:
+        blocks = steps_between(stamps, BLOCK_ROWS)
+        period_us = float(np.median(blocks)) if len(steps) and len(blocks) else 0.0
     if period_us <= 0.0:
         raise UnusableTime(why="constant")
     if not SLOWEST_HZ <= MICROSECONDS / period_us <= FASTEST_HZ:
         raise UnknownRate(m=round(MICROSECONDS / period_us, 4), cure="time unit")
     return period_us
-
-
-def _estimate_period_us(stamps: NDArray[np.int64]) -> float:
-    steps = steps_between(stamps, 1)
-    if len(steps) == 0:
-        return 0.0
-    usual_us = float(np.median(steps))
-    alike = steps[np.abs(steps - usual_us) <= 0.5 * usual_us]
-    if len(alike) < ALIKE_SHARE * len(steps) or usual_us <= 0.0:
-        return _median_or_zero(steps_between(stamps, BLOCK_ROWS))
-    if _tells_single_steps(find_quantum_us(stamps), usual_us):
-        return float(alike.mean())
-    return _median_or_zero(steps_between(stamps, BLOCK_ROWS))
-
-
-def _tells_single_steps(quantum_us: int, usual_us: float) -> bool:
-    """Whether a double step looks unlike a single one: not at 952 Hz on a clock of whole milliseconds."""
-    is_exact = quantum_us == usual_us and quantum_us > COARSE_CLOCK_US
-    return is_exact or usual_us >= 2 * quantum_us
 
 
 def steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
@@ -352,10 +328,6 @@ def steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
     starts = np.arange(0, len(stamps) - rows, max(1, len(stamps) // MAX_STEPS))
     steps = (stamps[starts + rows] - stamps[starts]) / rows
     return np.asarray(steps[steps >= 0], dtype=np.float64)
-
-
-def _median_or_zero(values: NDArray[np.float64]) -> float:
-    return float(np.median(values)) if len(values) else 0.0
 
 
 def find_quantum_us(stamps: NDArray[np.int64]) -> int:
@@ -369,7 +341,9 @@ def find_quantum_us(stamps: NDArray[np.int64]) -> int:
 
 def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
     """Where rows are missing."""
-    limit_us = max(1.5 * period_us, longest_even_step_us(stamps, period_us))
+    quantum_us = find_quantum_us(stamps)  # so coarse a clock shows 2 ms at 952 Hz in whole milliseconds
+    even_us = quantum_us * math.ceil(period_us / quantum_us - 1e-6) if quantum_us else 0.0
+    limit_us = max(1.5 * period_us, even_us)
     rows = np.empty(len(stamps) // 10 + 100, np.int64)
     found = find_long_steps(stamps, limit_us, period_us, rows)
     if found > len(rows):
@@ -382,22 +356,11 @@ def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
     return Holes(rows, step_us, np.where(is_short, whole, 0))
 
 
-def longest_even_step_us(stamps: NDArray[np.int64], period_us: float) -> float:
-    """How long a step an unbroken run can show on so coarse a clock: 2 ms at 952 Hz in whole milliseconds."""
-    quantum_us = find_quantum_us(stamps)
-    return quantum_us * math.ceil(period_us / quantum_us - 1e-6) if quantum_us else 0.0
-
-
 WINDOW_ROWS = 1000
 MOST_HOLES_PART, FREE_HOLES = 0.1, 100
 """One row in ten that begins a hole is no even sampling; a few are free, for short files."""
 LEAST_EVEN_PART = 0.5
 """With fewer rows in even stretches the stamps are not those of a sampling."""
-
-
-def are_too_many(holes: Holes, rows: int) -> bool:
-    """Whether so many holes are none of an even sampling."""
-    return len(holes.row) > MOST_HOLES_PART * rows + FREE_HOLES
 
 
 def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
@@ -416,7 +379,6 @@ def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
 
 
 # Stretches whose rows come at a rate of their own (every second one lost, say).
-
 
 SHORTEST_SLOW_US = 10 * MICROSECONDS
 """For less, rows that are lacking are bridged, and the segment goes on."""

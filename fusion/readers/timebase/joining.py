@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from fusion.caveats import Caveat
-from fusion.checks.stopped import cut_rows
+from fusion.checks.faults import cut_rows
 from fusion.errors import UnusableJoin
 from fusion.readers.timebase.clock import flag_days, is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_spans
@@ -73,10 +73,13 @@ def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
         raise UnusableJoin(why="overlap")
     if offset_us + later.duration_us > LONGEST_SPAN_US:
         raise UnusableJoin(why="span")
-    moved = [_move(segment, offset_us) for segment in later.segments]
+    moved = [replace(segment, start_us=segment.start_us + offset_us) for segment in later.segments]
     kept = tuple(piece for segment in moved for piece in _start_after(segment, joined.duration_us))
     segments = (*joined.segments, *kept)
-    excluded = (*joined.excluded, *(_move_span(span, offset_us) for span in later.excluded))
+    excluded = (
+        *joined.excluded,
+        *(replace(span, start_us=span.start_us + offset_us) for span in later.excluded),
+    )
     duration_us = max(joined.duration_us, offset_us + later.duration_us)
     between = [Span(joined.duration_us, -overlap_us)] if overlap_us < -1 else []
     flags = (*joined.flags, *(_move_flag(flag, offset_us) for flag in later.flags))
@@ -98,10 +101,6 @@ def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[Qual
     return (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": offsets_s[1] - offsets_s[0]}),)
 
 
-def _move(segment: Segment, offset_us: int) -> Segment:
-    return replace(segment, start_us=segment.start_us + offset_us)
-
-
 def _start_after(segment: Segment, end_us: int) -> list[Segment]:
     """Drop the rows that begin before ``end_us``."""
     if segment.start_us >= end_us:
@@ -109,10 +108,6 @@ def _start_after(segment: Segment, end_us: int) -> list[Segment]:
     period_us = MICROSECONDS / segment.rate_hz
     rows = min(len(segment), -int(-(end_us - segment.start_us) // period_us))
     return cut_rows(segment, [(0, rows)])
-
-
-def _move_span(span: Span, offset_us: int) -> Span:
-    return replace(span, start_us=span.start_us + offset_us)
 
 
 def _move_flag(flag: QualityFlag, offset_us: int) -> QualityFlag:

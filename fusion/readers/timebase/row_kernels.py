@@ -20,52 +20,6 @@ LARGEST_CHANGE = 0.03
 EVEN_PART, SAME_PACE = 0.4, 0.02
 
 
-# Steps forward and backward.
-
-
-@njit(cache=True, nogil=True)
-def count_forward(stamps: NDArray[np.int64]) -> int:
-    """How many stamps are later than the one before."""
-    forward = 0
-    for row in range(1, len(stamps)):
-        forward += int(stamps[row] > stamps[row - 1])
-    return forward
-
-
-@njit(cache=True, nogil=True)
-def count_backward(stamps: NDArray[np.int64]) -> int:
-    """How many stamps are earlier than the one before."""
-    backward = 0
-    for row in range(1, len(stamps)):
-        backward += int(stamps[row] < stamps[row - 1])
-    return backward
-
-
-@njit(cache=True, nogil=True)
-def find_backward(stamps: NDArray[np.int64], row_count: int) -> NDArray[np.int64]:
-    """The ``row_count`` rows whose stamps are earlier than the one before; needs no array of log length."""
-    rows = np.empty(row_count, np.int64)
-    found = 0
-    for row in range(1, len(stamps)):
-        if found < row_count and stamps[row] < stamps[row - 1]:
-            rows[found] = row
-            found += 1
-    return rows
-
-
-@njit(cache=True, nogil=True)
-def find_edges(stamps: NDArray[np.int64], longest_us: float, back_us: int, edges: NDArray[np.int64]) -> int:
-    """Write the rows before which the clock steps far either way; return how many there are in all."""
-    found = 0
-    for row in range(1, len(stamps)):
-        step = stamps[row] - stamps[row - 1]
-        if step > longest_us or step < -back_us:
-            if found < len(edges):
-                edges[found] = row
-            found += 1
-    return found
-
-
 # Rows that came late.
 
 
@@ -129,15 +83,6 @@ def sort_windows(
 
 
 @njit(cache=True, nogil=True)
-def count_runs(stamps: NDArray[np.int64]) -> int:
-    """How many runs of equal stamps there are."""
-    runs = 1
-    for k in range(1, len(stamps)):
-        runs += int(stamps[k] != stamps[k - 1])
-    return runs
-
-
-@njit(cache=True, nogil=True)
 def find_equal_runs(stamps: NDArray[np.int64], shortest_rows: int) -> NDArray[np.int64]:
     """Rows that share a stamp, ``shortest_rows`` of them or more: first and first after, shape (m, 2).
 
@@ -182,63 +127,6 @@ def spread_runs(
         base = stamps[first]
         for k in range(rows):
             stamps[first + k] = base + np.int64(np.round((k + late) * share_us))
-
-
-# Rows that stand in a table twice.
-
-
-@njit(cache=True, nogil=True)
-def is_alike(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], row: int, other_row: int
-) -> bool:
-    """Whether two rows have the same stamp and the same readings."""
-    if stamps[row] != stamps[other_row]:
-        return False
-    for axis in range(3):
-        if acc[row, axis] != acc[other_row, axis] or gyr[row, axis] != gyr[other_row, axis]:
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def find_alike(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], row: int
-) -> int:
-    """The first row that is as ``row``; itself if none before it is."""
-    for k in range(row):
-        if is_alike(acc, gyr, stamps, k, row):
-            return k
-    return row
-
-
-@njit(cache=True, nogil=True)
-def count_alike(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], first_row: int, row: int
-) -> int:
-    """How many rows from ``row`` on repeat those from ``first_row`` on."""
-    count = 0
-    while row + count < len(stamps) and is_alike(acc, gyr, stamps, first_row + count, row + count):
-        count += 1
-    return count
-
-
-# Counters that start over.
-
-
-@njit(cache=True, nogil=True)
-def lift_wraps(stamps: NDArray[np.int64], wrap_us: int, margin_us: int) -> int:
-    """Undo wraps from within ``margin_us`` of the counter's end to within as much of its start, in place."""
-    shift = np.int64(0)
-    wraps = 0
-    previous_raw = stamps[0]
-    for k in range(1, len(stamps)):
-        raw = stamps[k]
-        if previous_raw > wrap_us - margin_us and raw < margin_us:
-            shift += wrap_us
-            wraps += 1
-        previous_raw = raw
-        stamps[k] = raw + shift
-    return wraps
 
 
 # Rows on an even grid: single wrong stamps, holes, the line through the stamps, bridged rows.

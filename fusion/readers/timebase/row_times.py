@@ -15,18 +15,8 @@ from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
-from fusion.readers.timebase.grid import steps_between
-from fusion.readers.timebase.row_kernels import (
-    LONGEST_DELAY_US,
-    count_alike,
-    count_backward,
-    count_forward,
-    find_alike,
-    find_backward,
-    find_edges,
-    find_equal_runs,
-    lift_wraps,
-)
+from fusion.readers.timebase.grid import count_backward, steps_between
+from fusion.readers.timebase.row_kernels import LONGEST_DELAY_US, find_equal_runs
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, flag_counts
 
 
@@ -51,7 +41,11 @@ def repair_row_times(
     UnusableTime
         The newest row stands first, or the clock stands still for most rows.
     """
-    refuse_reversed(columns.stamps[: columns.rows])
+    stamps = columns.stamps[: columns.rows]
+    backward = count_backward(stamps)
+    forward = np.count_nonzero(stamps[1:] > stamps[:-1]) if backward else 0
+    if len(stamps) >= 3 and backward and backward >= TURNED_SHARE * (backward + forward):
+        raise UnusableTime(why="reversed")
     flags = undo_daylight_saving(columns.stamps) if is_wall_clock else ()
     flags += unwrap_counter(columns.stamps, tick_us)
     flags += leave_out_stopped(columns)
@@ -61,27 +55,11 @@ def repair_row_times(
     return flags + place_outliers(columns) + leave_out_ends(columns)
 
 
-# A table that stands with its newest row first.
-
-
 TURNED_SHARE = 0.9
 """So many of the steps run backwards in a table that was turned round."""
 
 
-def refuse_reversed(stamps: NDArray[np.int64]) -> None:
-    """Refuse a table whose newest row stands first.
-
-    Raises
-    ------
-    UnusableTime
-    """
-    backward = count_backward(stamps)
-    if len(stamps) >= 3 and backward and backward >= TURNED_SHARE * (backward + count_forward(stamps)):
-        raise UnusableTime(why="reversed")
-
-
 # A wall clock that followed daylight saving.
-
 
 HOUR_US = 3600 * MICROSECONDS
 CHANGE_US = HOUR_US // 2
@@ -132,7 +110,6 @@ def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int
 
 # Counters that start over: micros() and millis() of 32 bits.
 
-
 BITS = 32
 MARGIN_US = 60 * MICROSECONDS
 """A wrap is one only near both ends of the counter: a logger that started again is none."""
@@ -142,11 +119,13 @@ def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag
     """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 where stamps are no counts."""
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
-    return flag_counts({Caveat.WRAP: lift_wraps(stamps, 2**BITS * tick_us, MARGIN_US)})
+    wrap_us = 2**BITS * tick_us
+    is_wrap = (stamps[:-1] > wrap_us - MARGIN_US) & (stamps[1:] < MARGIN_US)
+    stamps[1:] += wrap_us * np.cumsum(is_wrap)
+    return flag_counts({Caveat.WRAP: int(is_wrap.sum())})
 
 
 # How the stamps advance, and the pieces between two long steps of the clock.
-
 
 PACE_ROWS = 1024
 
@@ -164,19 +143,6 @@ class Pace:
         return max(1.5 * self.step_us, LONGEST_BRIDGE_US)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
-    """Rows between two long steps of the clock, in the order of the file; shape (n,) each."""
-
-    first: NDArray[np.int64]
-    stop: NDArray[np.int64]
-    low_us: NDArray[np.int64]
-    high_us: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.first)
-
-
 def measure_pace(stamps: NDArray[np.int64]) -> Pace:
     """Measure how the stamps usually advance; zeros where they do not."""
     steps = steps_between(stamps, 1)
@@ -185,18 +151,7 @@ def measure_pace(stamps: NDArray[np.int64]) -> Pace:
     return Pace(*usual)
 
 
-def find_pieces(stamps: NDArray[np.int64], pace: Pace) -> Pieces:
-    """Cut the rows at long steps of the clock; rows at most a second late stay where they are."""
-    limits = (pace.longest_us, LONGEST_DELAY_US)
-    edges = np.empty(find_edges(stamps, *limits, np.empty(0, np.int64)), np.int64)
-    find_edges(stamps, *limits, edges)
-    first = np.concatenate([np.zeros(1, np.int64), edges])
-    stop = np.append(edges, len(stamps))
-    return Pieces(first, stop, np.minimum.reduceat(stamps, first), np.maximum.reduceat(stamps, first))
-
-
 # A clock that stood still, and one that left for a while and came back.
-
 
 FAR_US = 60 * MICROSECONDS
 """A single row at either end of a file, so far from the others, is an outlier."""
@@ -248,18 +203,22 @@ def place_outliers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
-    pieces = find_pieces(stamps, pace)
-    first, stop = pieces.first[1:-1], pieces.stop[1:-1]
+    steps = np.diff(stamps)  # rows at most a second late stay where they are
+    edges = np.flatnonzero((steps > pace.longest_us) | (steps < -LONGEST_DELAY_US)) + 1
+    first, stop = edges[:-1], edges[1:]  # pieces between two long steps of the clock
+    if len(first) == 0:
+        return ()
+    low_us, high_us = (extreme.reduceat(stamps, edges)[:-1] for extreme in (np.minimum, np.maximum))
     before_us, after_us = stamps[first - 1], stamps[stop % len(stamps)]
-    span_us = pieces.high_us[1:-1] - pieces.low_us[1:-1]
-    is_outside = (pieces.high_us[1:-1] < before_us) | (pieces.low_us[1:-1] > after_us)
+    span_us = high_us - low_us
+    is_outside = (high_us < before_us) | (low_us > after_us)
     is_away = is_outside & (after_us - before_us - span_us >= pace.period_us)
     for k in np.flatnonzero(is_away):
         rows = int(stop[k] - first[k])
         room_us = min(float(after_us[k] - before_us[k]), (rows + 1) * pace.period_us)
         stood_still = span_us[k] < 0.5 * (rows - 1) * pace.period_us
         even_us = np.linspace(0.0, room_us, rows + 2)[1:-1]
-        own_us = stamps[first[k] : stop[k]] - pieces.low_us[1 + k] + min(pace.period_us, even_us[0])
+        own_us = stamps[first[k] : stop[k]] - low_us[k] + min(pace.period_us, even_us[0])
         stamps[first[k] : stop[k]] = before_us[k] + np.rint(even_us if stood_still else own_us).astype(
             np.int64
         )
@@ -285,7 +244,6 @@ def _leave_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[Quality
 
 # Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
 
-
 LEAST_ROWS = 10
 """So many rows alike in all readings and in their stamps, and not all one, come about by copying only."""
 MOST_STEPS = 64
@@ -299,9 +257,8 @@ def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     if not 0 < count <= MOST_STEPS:
         return ()
     kept = np.ones(columns.rows, np.bool_)
-    for row in find_backward(stamps, count).tolist():
-        first = find_alike(columns.acc, columns.gyr, stamps, row)
-        rows = count_alike(columns.acc, columns.gyr, stamps, first, row) if first < row else 0
+    for row in (np.flatnonzero(stamps[1:] < stamps[:-1]) + 1).tolist():
+        rows = _count_repeated(columns, row)
         if rows >= LEAST_ROWS and np.ptp(columns.acc[row : row + rows], axis=0).any():
             kept[row : row + rows] = False
     repeated = columns.rows - int(kept.sum())
@@ -309,3 +266,20 @@ def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
         return ()
     columns.keep(kept)
     return (QualityFlag(Caveat.DUP, repeated),)
+
+
+def _count_repeated(columns: SampleColumns, row: int) -> int:
+    """How many rows from ``row`` on repeat, stamps and readings, those from the first that is like it on."""
+    stamps, acc, gyr = columns.stamps[: columns.rows], columns.acc, columns.gyr
+    like = np.flatnonzero(stamps[:row] == stamps[row])
+    like = like[((acc[like] == acc[row]) & (gyr[like] == gyr[row])).all(axis=1)]
+    if len(like) == 0:
+        return 0
+    first, rows = int(like[0]), len(stamps) - row
+    differs = stamps[first : first + rows] != stamps[row:]
+    rows = int(np.argmax(differs)) if differs.any() else rows
+    is_same = (acc[first : first + rows] == acc[row : row + rows]) & (
+        gyr[first : first + rows] == gyr[row : row + rows]
+    )
+    differs = ~is_same.all(axis=1)
+    return int(np.argmax(differs)) if differs.any() else rows

@@ -33,7 +33,7 @@ def test_starting_the_fork_server_loads_nothing_of_the_command_line() -> None:
     assert find_loaded("app.start", {"typer", "app.cli", "app.settings", "numpy"}) == ""
 
 
-@pytest.mark.parametrize("module", ["app.report.render.write", "app.report.pair", "app.report.change"])
+@pytest.mark.parametrize("module", ["app.report.render.write", "app.report.pairs"])
 def test_writing_a_report_loads_no_compiler(module: str) -> None:
     assert find_loaded(module, {"numba", "scipy", "pandas", "pyarrow"}) == ""
 

@@ -11,14 +11,14 @@ from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.report.agreement.study_report import StudyFacts, build_study
+from app.report.agreement.report import StudyFacts, build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
 from app.roads.agreement_study import find_study_files
 from fusion.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
-from fusion.source_paper import TITLES
 from tests.fusion.comparison.test_agreement_statistics import OURS, REFERENCE
+from tests.simulated_tasks import TITLES
 
 FAILED = {
     ("P02/broken.csv", "E-TYPE"),

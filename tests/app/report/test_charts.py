@@ -9,9 +9,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.analysis.day import Day, build_timeline, merge_spans
 from app.report.charts.bars import Slice, draw_bar
-from app.report.charts.day import DayLabels, draw_day
+from app.report.charts.day import Day, DayLabels, build_timeline, draw_day, merge_spans
 from app.report.charts.svg import RAMP, number
 from app.report.words.numbers import Clock
 from app.report.words.wording import load_wording

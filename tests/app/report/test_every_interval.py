@@ -16,6 +16,7 @@ from fusion.recording import Recording, Segment
 from fusion.settings import AnalysisSettings
 from fusion.simulation.shift import simulate_shift
 from tests.app.analysis_factory import make_subject
+from tests.simulated_shifts import play_shift
 
 ENDS = ("low", "high", "low_pose", "high_pose")
 KEYS = ("lower_deg", "upper_deg", "threshold_deg", "length_s", "than_s", "start_s", "end_s", *ENDS)
@@ -36,7 +37,7 @@ EXCEPTIONS = {
 
 def record_shift() -> Recording:
     """Two hours and a quarter of a simulated worker, so that three clock hours are compared or left out."""
-    day = simulate_shift("gt9x", 2.25, seed=3).in_arrays()
+    day = play_shift(simulate_shift("gt9x", 2.25, seed=3))
     segment = Segment(0, day.rate_hz, day.acc_g, day.gyr_dps)
     return Recording("gt9x", "0" * 64, day.start, None, segment.duration_us, (segment,))
 

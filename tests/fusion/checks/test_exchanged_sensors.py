@@ -1,11 +1,13 @@
 """Acceleration and angular rate under each other's names are refused as such."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from fusion.checks.physics import are_exchanged, check_physics
 from fusion.errors import ExchangedSensors
-from fusion.recording import Recording, Segment
+from fusion.recording import Recording, Segment, Stated
 from tests.badfiles.arm import Matrix
 from tests.conftest import SHARED_DATA
 from tests.fusion.made_motion import tumble
@@ -19,9 +21,9 @@ def turning() -> tuple[Matrix, Matrix]:
     return acc_g + chance.normal(0.0, 0.002, acc_g.shape), gyr_dps + chance.normal(0.0, 0.1, gyr_dps.shape)
 
 
-def recording_of(acc: Matrix, gyr: Matrix, **understood: str) -> Recording:
+def recording_of(acc: Matrix, gyr: Matrix, **stated: Any) -> Recording:
     segment = Segment(0, 100.0, acc.astype(np.float32), gyr.astype(np.float32))
-    return Recording("other", "", None, None, segment.duration_us, (segment,), understood=understood)
+    return Recording("other", "", None, None, segment.duration_us, (segment,), stated=Stated(**stated))
 
 
 def test_columns_under_their_own_names_do_not_look_exchanged() -> None:
@@ -32,7 +34,7 @@ def test_exchanged_columns_are_refused_with_their_cause() -> None:
     acc_g, gyr_dps = turning()
 
     with pytest.raises(ExchangedSensors):
-        check_physics(recording_of(gyr_dps, acc_g, acceleration_unit="g", angular_rate_unit="dps"))
+        check_physics(recording_of(gyr_dps, acc_g, acc_unit="g", gyr_unit="dps"))
 
 
 @pytest.mark.real_recordings

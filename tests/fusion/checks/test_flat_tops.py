@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.checks.clipping import find_flat_range
 from fusion.checks.physics import check_physics
+from fusion.checks.summary import find_flat_range, summarise_sensor
 from fusion.quality.time_account import find_exclusions
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import rest_and_turn
@@ -22,25 +22,25 @@ def swings(size: float, rows: int = 4000) -> NDArray[np.float32]:
 
 
 def test_the_size_at_which_swings_are_cut_off_is_found() -> None:
-    assert find_flat_range([np.clip(swings(200.0), -100.0, 100.0)], 50.0) == 100.0
+    assert find_flat_range([summarise_sensor(np.clip(swings(200.0), -100.0, 100.0))], 50.0) == 100.0
 
 
 def test_the_ends_of_a_signed_range_may_differ_by_a_count() -> None:
-    assert find_flat_range([np.clip(swings(200.0), -100.0, 99.93)], 50.0) == 100.0
+    assert find_flat_range([summarise_sensor(np.clip(swings(200.0), -100.0, 99.93))], 50.0) == 100.0
 
 
 def test_round_tops_are_no_flat_tops() -> None:
-    assert find_flat_range([swings(300.0)], 50.0) is None
+    assert find_flat_range([summarise_sensor(swings(300.0))], 50.0) is None
 
 
 def test_four_flat_tops_are_not_enough() -> None:
-    assert find_flat_range([np.clip(swings(200.0, 350), -100.0, 100.0)], 50.0) is None
+    assert find_flat_range([summarise_sensor(np.clip(swings(200.0, 350), -100.0, 100.0))], 50.0) is None
 
 
 def test_coarse_noise_of_a_sensor_at_rest_is_not_cut_off() -> None:
     noise = np.random.default_rng(0).integers(-1, 2, (5000, 3)).astype(np.float32)
 
-    assert find_flat_range([noise], 50.0) is None
+    assert find_flat_range([summarise_sensor(noise)], 50.0) is None
 
 
 def test_what_is_cut_off_below_the_stated_range_is_excluded() -> None:
@@ -61,6 +61,6 @@ def test_what_is_cut_off_below_the_stated_range_is_excluded() -> None:
 def test_no_trial_of_broad_is_cut_off(shared_data: Callable[[str], Path]) -> None:
     trials = load_trials(shared_data("broad"))
 
-    found = [find_flat_range([trial.gyr_dps.astype(np.float32)], 50.0) for trial in trials]
+    found = [find_flat_range([summarise_sensor(trial.gyr_dps.astype(np.float32))], 50.0) for trial in trials]
 
     assert found == [None] * len(trials)

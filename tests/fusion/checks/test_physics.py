@@ -1,13 +1,15 @@
 """Unit and hand are found from the samples and changed on strong evidence only; a scale is doubted."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.checks.gravity_windows import find_rests
 from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.rests import find_rests
 from fusion.errors import MixedColumns, NoGravity, UnknownUnit, WrongScale
-from fusion.recording import Recording, Segment
+from fusion.recording import Recording, Segment, Stated
 from tests.fusion.made_motion import rest_and_turn
 
 RATE_HZ = 100.0
@@ -39,19 +41,19 @@ def swinging_arm(duration_s: int = 240) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def recording_of(
-    acc: NDArray[np.float64], gyr: NDArray[np.float64], device: str = "other", **understood: str
+    acc: NDArray[np.float64], gyr: NDArray[np.float64], device: str = "other", **stated: Any
 ) -> Recording:
     segment = Segment(0, RATE_HZ, acc.astype(np.float32), gyr.astype(np.float32))
-    return Recording(device, "", None, None, segment.duration_us, (segment,), understood=understood)
+    return Recording(device, "", None, None, segment.duration_us, (segment,), stated=Stated(**stated))
 
 
 def told(recording: Recording) -> list[object]:
     return [flag.facts["what"] for flag in recording.flags]
 
 
-STATED = {"acceleration_unit": "g", "angular_rate_unit": "dps"}
-UNSTATED = {"acceleration_unit": "", "angular_rate_unit": ""}
-KNOWN = {**STATED, "units_from": "header"}
+STATED = {"acc_unit": "g", "gyr_unit": "dps"}
+UNSTATED = {"acc_unit": "", "gyr_unit": ""}
+KNOWN: dict[str, Any] = {**STATED, "is_known": True}
 
 
 def test_a_right_recording_comes_through_untouched() -> None:
@@ -133,7 +135,7 @@ def test_a_known_header_is_not_overruled_on_the_unit() -> None:
 def test_acceleration_in_another_unit_becomes_g(factor: float, unit: str) -> None:
     acc, gyr = swinging_arm()
 
-    checked = check_physics(recording_of(acc * factor, gyr, acceleration_unit=unit, angular_rate_unit="dps"))
+    checked = check_physics(recording_of(acc * factor, gyr, acc_unit=unit, gyr_unit="dps"))
 
     assert np.linalg.norm(checked.segments[0].acc_g, axis=1) == pytest.approx(1.0, abs=1e-4)
     assert told(checked) == ["acceleration"]
@@ -170,7 +172,7 @@ def test_thousandths_of_a_degree_are_told_from_degrees(factor: float) -> None:
 def test_radians_are_told_from_degrees(unit: str) -> None:
     acc, gyr = swinging_arm()
 
-    checked = check_physics(recording_of(acc, np.radians(gyr), acceleration_unit="g", angular_rate_unit=unit))
+    checked = check_physics(recording_of(acc, np.radians(gyr), acc_unit="g", gyr_unit=unit))
 
     assert checked.segments[0].gyr_dps == pytest.approx(gyr, abs=1e-3)
     assert told(checked) == ["angular rate"]
@@ -181,7 +183,7 @@ def test_an_unstated_rate_without_motion_is_asked_for(unit: str) -> None:
     acc = np.tile([0.0, 0.0, 1.0], (3000, 1))
 
     with pytest.raises(UnknownUnit) as refusal:
-        check_physics(recording_of(acc, np.zeros((3000, 3)), acceleration_unit="g", angular_rate_unit=unit))
+        check_physics(recording_of(acc, np.zeros((3000, 3)), acc_unit="g", gyr_unit=unit))
 
     assert refusal.value.facts == {"sensor": "gyroscope"}
 
@@ -199,8 +201,8 @@ def test_the_ranges_of_a_register_dump_are_found(
         recording_of(
             np.round(acc / g_per_count),
             np.round(gyr / dps_per_count),
-            acceleration_unit="registers",
-            angular_rate_unit="registers",
+            acc_unit="registers",
+            gyr_unit="registers",
         )
     )
 
@@ -208,10 +210,10 @@ def test_the_ranges_of_a_register_dump_are_found(
     assert checked.segments[0].gyr_dps == pytest.approx(gyr, abs=0.04)
 
 
-def slow_turns(change: NDArray[np.float64], **understood: str) -> Recording:
+def slow_turns(change: NDArray[np.float64], **stated: Any) -> Recording:
     """Turns by 40 to 120 deg in two seconds each, the rates read through a matrix, as it comes out."""
     motion = rest_and_turn(80, rate_hz=2.0 * RATE_HZ)
-    return check_physics(recording_of(motion.acc_g, 0.5 * motion.gyr_dps @ change.T, **STATED, **understood))
+    return check_physics(recording_of(motion.acc_g, 0.5 * motion.gyr_dps @ change.T, **STATED, **stated))
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (0, 2, 1), (1, 2, 0)])
@@ -244,7 +246,7 @@ def test_a_scale_is_doubted_if_all_movement_is_fast() -> None:
 
 def test_a_scale_where_somebody_told_the_rate_may_be_a_wrong_rate() -> None:
     """100 Hz were told for 50: all durations are halved, and the gyroscope seems to read half."""
-    (flag,) = slow_turns(0.5 * np.eye(3), time="row number").flags
+    (flag,) = slow_turns(0.5 * np.eye(3), is_counted=True).flags
 
     assert flag.code == "W-RATE"
     assert flag.facts["other_hz"] == pytest.approx(50.0, abs=0.5)
@@ -254,7 +256,7 @@ def test_the_error_of_a_devices_library_is_undone_where_the_frame_is_left_handed
     """Arduino_LSM9DS1 prints 61.04 mdps for a count of 70 mdps, in the left-handed frame of the chip."""
     motion = rest_and_turn(80)
     rates = motion.gyr_dps * MIRROR / 1.14688
-    recording = recording_of(motion.acc_g * MIRROR, rates, **STATED, left_gyr_factor="1.14688")
+    recording = recording_of(motion.acc_g * MIRROR, rates, **STATED, left_gyr_factor=1.14688)
 
     checked = check_physics(recording)
 
@@ -366,6 +368,6 @@ def test_an_acceleration_that_is_lively_and_never_at_rest_is_doubted() -> None:
 
     waxing = 1.0 + 0.8 * np.sin(np.arange(24_000) / 500.0)[:, None]
 
-    checked = check_physics(recording_of(waxing * acc, gyr, units_from="header", **STATED))
+    checked = check_physics(recording_of(waxing * acc, gyr, is_known=True, **STATED))
 
     assert "W-SCALE-DOUBT" in [flag.code for flag in checked.flags]

@@ -10,22 +10,23 @@ from numpy.typing import NDArray
 
 from fusion.checks.physics import check_physics
 from fusion.pipeline import analyse
-from fusion.recording import Recording, Segment
+from fusion.recording import Recording, Segment, Stated
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
+from tests.simulated_shifts import play_shift
 from tests.validation.broad import load_trials, resample_to_100_hz
 
 Rows = NDArray[np.float32]
-STATED = {"acceleration_unit": "g", "angular_rate_unit": "dps"}
+STATED = Stated("g", "dps")
 
 
 def record(rate_hz: float, acc_g: NDArray[np.floating], gyr_dps: NDArray[np.floating]) -> Recording:
     segment = Segment(0, rate_hz, acc_g.astype(np.float32), gyr_dps.astype(np.float32))
-    return Recording("other", "0" * 64, None, None, segment.duration_us, (segment,), understood=STATED)
+    return Recording("other", "0" * 64, None, None, segment.duration_us, (segment,), stated=STATED)
 
 
 def simulate(device: Device, hours: float, seed: int) -> Recording:
-    made = simulate_shift(device, hours, seed).in_arrays()
+    made = play_shift(simulate_shift(device, hours, seed))
     return record(float(made.rate_hz), np.asarray(made.acc_g), np.asarray(made.gyr_dps))
 
 

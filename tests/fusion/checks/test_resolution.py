@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.checks.resolution import flag_resolution
+from fusion.checks.summary import flag_resolution
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.pipeline import analyse

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.live import StreamClock
+from fusion.live.lines import StreamClock
 
 
 def place(*frames: tuple[int | None, int | None, int]) -> list[tuple[int, int]]:

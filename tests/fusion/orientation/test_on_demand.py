@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.orientation.on_demand import VerticalOnDemand
+from fusion.orientation.angle_rows import VerticalOnDemand
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.pose.calibrate import calibrate
 from tests.factories import hold

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from fusion.conventions import MethodName
 from fusion.orientation import estimate_vertical
 from fusion.orientation.arrays import UnusableArrays
-from fusion.orientation.smoothed import SmoothedParameters, smooth_vertical
 from fusion.sensor.model import SensorRun, hold_bias
+from tests.estimates import smooth_vertical
 from tests.fusion.made_motion import Motion, angle_between_deg, tumble
 
 OFFSET = np.array([10.0, -20.0, 15.0])
@@ -56,19 +56,9 @@ def test_turning_about_x_at_90_deg_per_s_swings_the_vertical_from_z_to_y(method:
 def test_a_perfect_sensor_gives_the_vertical_at_the_time_of_each_sample() -> None:
     motion = tumble(30.0, 100.0, seed=1)
 
-    prompt = smooth_vertical(as_run(motion), parameters=SmoothedParameters(gyro_lag_s=0.0)).up
+    prompt = smooth_vertical(as_run(motion)).up
 
     assert angle_between_deg(np.asarray(prompt, dtype=float), motion.up).max() < 0.01
-
-
-def test_a_gyroscope_that_is_late_by_what_is_allowed_for_does_no_harm() -> None:
-    # Samples of a tumble shifted by one row at 2000 Hz are a gyroscope that is 0.5 ms late.
-    motion = tumble(20.0, 2000.0, seed=12)
-    late = SensorRun(0.0, 2000.0, motion.acc_g[1:], motion.gyr_dps[:-1])
-
-    up = np.asarray(smooth_vertical(late, parameters=SmoothedParameters(gyro_lag_s=0.0005)).up, dtype=float)
-
-    assert angle_between_deg(up, motion.up[1:]).max() < 0.01
 
 
 def test_a_perfect_sensor_is_not_made_worse_by_calibrating_itself() -> None:
@@ -156,10 +146,9 @@ def test_run_backwards_the_smoothed_vertical_is_the_same(seed: int) -> None:
     motion = tumble(20.0, 99.0, seed=seed)
     forwards = as_run(motion)
     backwards = SensorRun(0.0, 99.0, motion.acc_g[::-1].copy(), -motion.gyr_dps[::-1])
-    every_row = SmoothedParameters(node_rate_hz=99.0, gyro_lag_s=0.0)
 
-    there = smooth_vertical(forwards, hold_bias(np.zeros(3)), parameters=every_row).up
-    back = smooth_vertical(backwards, hold_bias(np.zeros(3)), parameters=every_row).up[::-1]
+    there = smooth_vertical(forwards, hold_bias(np.zeros(3)), node_rate_hz=99.0).up
+    back = smooth_vertical(backwards, hold_bias(np.zeros(3)), node_rate_hz=99.0).up[::-1]
 
     assert angle_between_deg(np.asarray(there, dtype=float), np.asarray(back, dtype=float)).max() < 1e-6
 
@@ -169,7 +158,7 @@ def test_filtering_at_nodes_gives_what_filtering_at_every_sample_gives() -> None
     run = as_run(motion)
 
     at_nodes = smooth_vertical(run).up
-    everywhere = smooth_vertical(run, parameters=SmoothedParameters(node_rate_hz=500.0)).up
+    everywhere = smooth_vertical(run, node_rate_hz=500.0).up
 
     assert angle_between_deg(np.asarray(at_nodes, float), np.asarray(everywhere, float)).max() < 0.01
 

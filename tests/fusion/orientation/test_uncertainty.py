@@ -17,6 +17,7 @@ from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
 from tests.badfiles.person_files import swing
 from tests.factories import hold, record
+from tests.simulated_shifts import play_shift
 
 
 def smoothed(*disagreement_deg: float) -> SmoothedNodes:
@@ -82,7 +83,7 @@ def test_on_simulated_days_the_band_of_95_percent_covers_the_truth_about_as_ofte
 
 
 def cover(device: Device, seed: int) -> float:
-    made = simulate_shift(device, 2.0, seed, 50.0).in_arrays()
+    made = play_shift(simulate_shift(device, 2.0, seed, 50.0))
     recording = record(made.acc_g.astype(float), made.gyr_dps.astype(float), made.rate_hz)
     segment = estimate_elevation(calibrate(recording)).segments[0]
     assert segment.sigma_deg is not None

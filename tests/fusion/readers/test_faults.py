@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.checks.faults import exclude_faults, refuse_dead
-from fusion.checks.stopped import cut_rows
+from fusion.checks.faults import cut_rows, exclude_faults, refuse_dead
 from fusion.errors import DeadSensor
 from fusion.readers import read_recording
 from fusion.recording import Recording, Segment, Span

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.checks.unmeasured import leave_out_zeros
+from fusion.checks.faults import leave_out_zeros
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.pipeline import analyse
 from fusion.readers import read_recording

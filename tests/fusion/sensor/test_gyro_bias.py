@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.sensor.gyroscope import BiasSettings, estimate_gyro_bias, find_jumps
+from fusion.sensor.gyroscope import find_jumps
 from fusion.sensor.model import GyroBias, SensorRun
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
+from tests.estimates import estimate_gyro_bias
 from tests.fusion.made_motion import Motion, tumble
+from tests.simulated_shifts import make_perfect, play_shift
 
 OFFSET = np.array([10.0, -20.0, 15.0])
 
@@ -97,7 +99,7 @@ def test_too_short_a_recording_has_no_still_moment() -> None:
 
 def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followed() -> None:
     # Eight hours; the bias goes up and down by 0.5 deg/s about 10 deg/s, twice on x, once on y.
-    made = simulate_shift("lsm9ds1", 8.0, 3, 25.0, perfect=True).in_arrays()
+    made = play_shift(make_perfect(simulate_shift("lsm9ds1", 8.0, 3, 25.0)))
     hours = np.arange(len(made.acc_g)) / made.rate_hz / 3600.0
     wander = 0.5 * np.stack([np.sin(np.pi * hours / 2.0), np.sin(np.pi * hours / 4.0), 0.0 * hours], axis=1)
     run = SensorRun(0.0, made.rate_hz, made.acc_g, made.gyr_dps + (10.0 + wander).astype(np.float32))
@@ -111,7 +113,7 @@ def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followe
 
 def rest_with_jump(jump_s: float, to_dps: NDArray[np.float64]) -> SensorRun:
     """Work whose gyroscope's offset is another from one sample to the next."""
-    made = simulate_shift("gt9x", 0.5, 1, 50.0, perfect=True).in_arrays()
+    made = play_shift(make_perfect(simulate_shift("gt9x", 0.5, 1, 50.0)))
     gyr = made.gyr_dps.astype(np.float64)
     gyr[round(jump_s * 50.0) :] += to_dps
     return SensorRun(0.0, made.rate_hz, made.acc_g, gyr)
@@ -135,6 +137,6 @@ def test_an_offset_that_jumps_is_known_at_the_rests_before_and_after_it(jump_s: 
 def test_an_offset_that_changes_by_little_is_one_line(size_dps: float) -> None:
     run = rest_with_jump(900.0, np.array([size_dps, 0.0, 0.0]))
 
-    jumps_s = find_jumps(find_still_moments([reduce_run(run)]), BiasSettings())
+    jumps_s = find_jumps(find_still_moments([reduce_run(run)]))
 
     assert jumps_s == []

@@ -39,7 +39,7 @@ def swing(
     acc_g = pose.inv().apply([0.0, 0.0, 1.0]) + own_g + (np.zeros(3) if offset_g is None else offset_g)
     turn_rad = np.diff(angle, prepend=0.0)[:, None] * axis
     nil = np.zeros_like(acc_g)
-    return Nodes(0.0, PERIOD_S, 5, 5 * len(acc_g), 0.0, acc_g, turn_rad, nil, np.eye(3))
+    return Nodes(0.0, PERIOD_S, 5, acc_g, turn_rad, nil, np.eye(3))
 
 
 def still(direction: tuple[float, float, float], offset_g: Table, count: int = 20) -> QuietTable:

@@ -10,6 +10,7 @@ from fusion.simulation import simulate_shift
 from fusion.simulation.body import Body, Channel, feel, play
 from fusion.simulation.shift import plan_day
 from fusion.units import STANDARD_GRAVITY
+from tests.simulated_shifts import make_perfect, play_shift
 
 FloatArray = NDArray[np.float64]
 
@@ -130,8 +131,8 @@ def test_an_arm_at_rest_feels_one_g_towards_the_zenith() -> None:
 
 
 def test_integrating_the_gyroscope_through_minutes_of_work_gives_the_true_elevation() -> None:
-    shift = simulate_shift("lsm9ds1", 0.04, 3, perfect=True)
-    whole = shift.in_arrays()
+    shift = make_perfect(simulate_shift("lsm9ds1", 0.04, 3))
+    whole = play_shift(shift)
     gyr_dps = whole.gyr_dps @ shift.errors.mounting
 
     turned = integrate(gyr_dps, shift.rate_hz, turn_arm(play(shift.motion, 0, 1, shift.rate_hz))[0])

@@ -16,9 +16,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fusion.simulation import simulate_shift, write_recordings, write_shift
-from fusion.simulation.imu_rows import ROW, SecondCutter
-from fusion.simulation.write_csv import put_counter_rows, round_to_millionths
-from fusion.simulation.write_truth import count_entries
+from fusion.simulation.files import (
+    ROW,
+    SecondCutter,
+    count_entries,
+    put_counter_rows,
+    round_to_millionths,
+)
+from tests.simulated_shifts import play_shift
 
 HOURS = 0.05
 Record = tuple[int, int, bytes]
@@ -112,7 +117,7 @@ def test_records_follow_each_other_by_one_second(gt9x: tuple[Path, ...]) -> None
 
 
 def test_the_rows_are_the_simulated_counts_in_order(gt9x: tuple[Path, ...]) -> None:
-    whole = simulate_shift("gt9x", HOURS, 1).in_arrays()
+    whole = play_shift(simulate_shift("gt9x", HOURS, 1))
 
     rows = np.concatenate(read_rows(gt9x[0]))
 
@@ -218,7 +223,7 @@ def test_a_lsm9ds1_file_tells_what_it_is_before_its_columns(lsm9ds1: tuple[Path,
 
 
 def test_a_lsm9ds1_file_holds_the_simulated_samples(lsm9ds1: tuple[Path, ...]) -> None:
-    whole = simulate_shift("lsm9ds1", HOURS, 1).in_arrays()
+    whole = play_shift(simulate_shift("lsm9ds1", HOURS, 1))
 
     table = read_csv(lsm9ds1[0], 5, range(7))
 
@@ -275,7 +280,7 @@ def test_the_truth_lies_on_sample_instants_at_most_a_hundred_times_a_second(
     truth = pq.read_table(lsm9ds1[1])
 
     assert np.array_equal(truth["time_s"].to_numpy(), np.arange(0, shift.sample_count, 5) / shift.rate_hz)
-    assert np.array_equal(truth["elevation_deg"].to_numpy(), shift.in_arrays().elevation_deg[::5])
+    assert np.array_equal(truth["elevation_deg"].to_numpy(), play_shift(shift).elevation_deg[::5])
 
 
 def test_the_truth_of_a_gt9x_has_every_sample(gt9x: tuple[Path, ...]) -> None:
@@ -286,7 +291,7 @@ def test_the_truth_of_a_gt9x_has_every_sample(gt9x: tuple[Path, ...]) -> None:
 
 def test_the_true_exposure_adds_up_and_agrees_with_the_angles(gt9x: tuple[Path, ...]) -> None:
     exposure = json.loads(gt9x[3].read_text())["exposure"]
-    elevation_deg = simulate_shift("gt9x", HOURS, 1).in_arrays().elevation_deg
+    elevation_deg = play_shift(simulate_shift("gt9x", HOURS, 1)).elevation_deg
 
     assert sum(exposure["bin_percent"]) == pytest.approx(100.0)
     assert exposure["above_percent"][1] == pytest.approx(100.0 * (elevation_deg >= 60.0).mean())

@@ -5,9 +5,16 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.numerics.rotations import find_angle_deg
-from fusion.simulation.activities import Activity, Choreography, stand, walk
+from fusion.simulation.activities import (
+    Activity,
+    Choreography,
+    Person,
+    draw_person,
+    shift_posture,
+    stand,
+    walk,
+)
 from fusion.simulation.body import Body, feel, play
-from fusion.simulation.people import Person, draw_person, shift_posture
 
 RATE_HZ = 50.0
 UP = np.array([0.0, 0.0, 1.0])

@@ -12,10 +12,10 @@ from fusion.simulation.sensor import (
     Part,
     SensorErrors,
     draw_errors,
-    draw_perfect,
     quantise,
     sense,
 )
+from tests.simulated_shifts import draw_perfect
 
 TIME_S = np.arange(6000) / 100.0
 

@@ -7,20 +7,21 @@ import pytest
 
 from fusion.simulation import SimulatedShift, simulate_shift
 from fusion.simulation.sensor import Device
+from tests.simulated_shifts import make_perfect, play_shift
 from tests.simulated_tasks import TASKS, simulate_task
 
 DEVICES = get_args(Device)
 
 
 def test_the_same_seed_gives_the_same_samples() -> None:
-    once, again = (simulate_shift("gt9x", 0.05, 7).in_arrays() for _ in range(2))
+    once, again = (play_shift(simulate_shift("gt9x", 0.05, 7)) for _ in range(2))
 
     assert np.array_equal(once.acc_g, again.acc_g)
     assert np.array_equal(once.gyr_dps, again.gyr_dps)
 
 
 def test_another_seed_gives_another_day() -> None:
-    one, other = (simulate_shift("gt9x", 0.05, seed).in_arrays() for seed in (7, 8))
+    one, other = (play_shift(simulate_shift("gt9x", 0.05, seed)) for seed in (7, 8))
 
     assert not np.array_equal(one.elevation_deg[3000:18000], other.elevation_deg[3000:18000])
 
@@ -33,10 +34,10 @@ def test_both_devices_live_through_the_same_day() -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_day_begins_with_twenty_seconds_of_an_arm_hanging_still(device: Device) -> None:
-    shift = simulate_shift(device, 0.02, 1, perfect=True)
+    shift = make_perfect(simulate_shift(device, 0.02, 1))
     still = slice(0, int(20.0 * shift.rate_hz))
 
-    whole = shift.in_arrays()
+    whole = play_shift(shift)
 
     assert shift.calibration_s == (0.0, 20.0)
     assert whole.elevation_deg[still].max() < 0.5
@@ -69,7 +70,7 @@ def test_an_hour_holds_every_activity() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_day_is_as_loaded_as_published_ones(seed: int) -> None:
-    elevation_deg = simulate_shift("gt9x", 8.0, seed, 25.0).in_arrays().elevation_deg
+    elevation_deg = play_shift(simulate_shift("gt9x", 8.0, seed, 25.0)).elevation_deg
 
     assert 4.0 < 100.0 * (elevation_deg > 60.0).mean() < 12.0
     assert 18.0 < np.median(elevation_deg) < 32.0
@@ -89,19 +90,19 @@ def test_another_nominal_rate_may_be_asked_for() -> None:
 
 
 def test_a_perfect_sensor_reads_one_g_at_rest_whatever_its_mounting() -> None:
-    acc_g = simulate_shift("gt9x", 0.005, 4, perfect=True).in_arrays().acc_g
+    acc_g = play_shift(make_perfect(simulate_shift("gt9x", 0.005, 4))).acc_g
 
     assert np.linalg.norm(acc_g, axis=1).mean() == pytest.approx(1.0, abs=1e-4)
 
 
 def test_an_imperfect_sensor_reads_whole_steps_of_its_resolution() -> None:
-    gyr_dps = simulate_shift("lsm9ds1", 0.005, 4).in_arrays().gyr_dps.astype(np.float64)
+    gyr_dps = play_shift(simulate_shift("lsm9ds1", 0.005, 4)).gyr_dps.astype(np.float64)
 
     assert np.abs(gyr_dps / 0.070 - np.rint(gyr_dps / 0.070)).max() < 1e-3
 
 
 def peak_rate_dps(shift: SimulatedShift) -> float:
-    return float(np.abs(shift.in_arrays().gyr_dps).max())
+    return float(np.abs(play_shift(shift).gyr_dps).max())
 
 
 @pytest.mark.parametrize("number", TASKS)
@@ -117,7 +118,7 @@ def test_the_arm_is_raised_at_the_tempo_of_the_task(number: int, tempo_hz: float
     first = shift.plan[1]
     rows = slice(int((first.start_s + 1.8) * shift.rate_hz), int((first.end_s - 1.0) * shift.rate_hz))
 
-    elevation_deg = shift.in_arrays().elevation_deg[rows]
+    elevation_deg = play_shift(shift).elevation_deg[rows]
 
     above = elevation_deg > np.median(elevation_deg)
     rises = np.flatnonzero(~above[:-1] & above[1:])

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.simulation import SimulatedShift
+from tests.simulated_shifts import play_shift
 from tests.simulated_tasks import CALIBRATION_S, LOWERING_S, TASKS, simulate_session, simulate_task
 
 QUASI_STATIC = (2, 5)
@@ -20,7 +21,7 @@ def session() -> SimulatedShift:
 
 @pytest.fixture(scope="module")
 def elevation_deg(session: SimulatedShift) -> NDArray[np.float64]:
-    return session.in_arrays().elevation_deg
+    return play_shift(session).elevation_deg
 
 
 def at(session: SimulatedShift, time_s: float) -> int:
@@ -50,7 +51,7 @@ def test_the_person_sits_after_each_task_for_at_least_twenty_seconds(session: Si
 def test_who_stands_between_the_tasks_lets_the_arm_hang() -> None:
     standing = simulate_session(1, "gt9x", seated=False)
     rests = [entry for entry in standing.plan if entry.name == "rest"]
-    elevation_deg = standing.in_arrays().elevation_deg
+    elevation_deg = play_shift(standing).elevation_deg
 
     largest_deg = [elevation_deg[at(standing, r.start_s + 1.0) : at(standing, r.end_s)].max() for r in rests]
 

@@ -77,9 +77,8 @@ def test_rows_in_uneven_bunches_are_no_stopped_clock() -> None:
     lengths = np.random.default_rng(5).geometric(1 / 40, 400)
     stamps = 10_000 * np.repeat(np.cumsum(lengths), lengths)
     columns = SampleColumns()
-    columns.make_room(len(stamps))
-    columns.rows = len(stamps)
-    columns.stamps[: len(stamps)] = stamps
+    rows = columns.extend(len(stamps))
+    columns.stamps[rows] = stamps
 
     flags = leave_out_stopped(columns)
 

@@ -1,0 +1,40 @@
+"""The steps of `smoothed` alone, without the calibration of the sensor that goes before them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.orientation.smoothed import smooth_nodes
+from fusion.recording import Float64Array
+from fusion.sensor.gyroscope import follow_gyro_bias, reduce_about_start
+from fusion.sensor.model import GyroBias, SensorRun, hold_bias
+from fusion.sensor.nodes import NODE_RATE_HZ, reduce_to_nodes, spread_rows
+from fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothedVertical:
+    """The vertical at every sample, shape (n, 3), with the disagreement each ``rows_per_value`` samples."""
+
+    up: Float64Array
+    uncertainty_deg: Float64Array
+    rows_per_value: int
+
+
+def smooth_vertical(
+    run: SensorRun, bias: GyroBias | None = None, node_rate_hz: float = NODE_RATE_HZ
+) -> SmoothedVertical:
+    """Find the vertical at the time of each sample, and how far past and future disagree."""
+    nodes = reduce_to_nodes(run, bias or hold_bias(np.zeros(3)), node_rate_hz)
+    smoothed = smooth_nodes(nodes)
+    up = np.empty((len(run), 3))
+    spread_rows(run.gyr_dps, run.rate_hz, nodes, smoothed.up, up, 0)
+    return SmoothedVertical(up, smoothed.disagreement_deg, smoothed.nodes_per_value * nodes.rows_per_node)
+
+
+def estimate_gyro_bias(runs: Sequence[SensorRun], stills: QuietTable | None = None) -> GyroBias:
+    """Find the bias of all runs of one recording together; ``stills`` where they are known already."""
+    if stills is None:
+        stills = find_still_moments([reduce_run(run) for run in runs])
+    return follow_gyro_bias(reduce_about_start(runs, stills), stills)
