@@ -30,7 +30,7 @@ from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angle
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses, survey
 from fusion.pose.windows import reduce_recording
-from fusion.quality import propose_nonwear
+from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Span
 from fusion.sensor.accelerometer import calibrate_accelerometer
