@@ -269,12 +269,14 @@ def respond_to_error(request: Request, error: Exception) -> Response:
         is_page = is_page or accepts_page
     response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
+    if isinstance(refusal, WrongVerb) and refusal.facts["allowed"]:
+        response.headers["Allow"] = str(refusal.facts["allowed"])
     return response
 
 
 def _find_methods(request: Request) -> list[str]:
     """Give every method of the address; the framework names only those of the first route it finds."""
-    known = (route for routes in (*ROUTES, page_routes) for route in routes.routes)
+    known = (route for routes in (*ROUTES, *PAGES) for route in routes.routes)
     here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 

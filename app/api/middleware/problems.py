@@ -169,8 +169,6 @@ def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
     headers = {"Content-Language": language, "Vary": "Accept-Language"}
     if request.method not in ("GET", "HEAD"):
         headers["Connection"] = "close"  # there may be a body that nobody will read
-    if isinstance(error, WrongVerb) and error.facts.get("allowed"):
-        headers["Allow"] = str(error.facts["allowed"])
     if isinstance(error, NoSuchRange):
         headers["Content-Range"] = f"bytes */{error.facts['size']}"
     if view.retryable and view.status in (409, 423, 429, 503, 507):
@@ -189,7 +187,7 @@ def translate_error(request: Request, error: Exception) -> Refusal:
     if isinstance(error, RequestValidationError):
         return _build_bad_parameter(error.errors()[0], partial(format_route_hint, request))
     if isinstance(error, HTTPException) and error.status_code == 405:
-        return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
+        return WrongVerb()
     if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
         cause = error.__cause__
         return cause if isinstance(cause, Refusal) else BadParameter(name="body", value="", allowed="JSON")

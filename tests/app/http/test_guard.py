@@ -194,10 +194,14 @@ def test_every_refusal_is_a_problem_document(
     assert answer.headers["content-type"] == "application/problem+json"
 
 
-def test_a_wrong_verb_is_told_every_right_one(client: TestClient) -> None:
-    refused = client.delete("/api/v1/recordings")
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [("/api/v1/recordings", "GET, POST"), ("/columns/0", "POST"), ("/login", "GET, POST"), ("/help", "GET")],
+)
+def test_a_wrong_verb_is_told_every_right_one(client: TestClient, path: str, allowed: str) -> None:
+    refused = client.delete(path)
 
-    assert (refused.status_code, refused.headers["allow"]) == (405, "GET, POST")
+    assert (refused.status_code, refused.headers["allow"]) == (405, allowed)
 
 
 def test_a_code_can_be_looked_up(client: TestClient) -> None:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fusion.errors import UnusableArrays
 from fusion.live import Frames, LiveElevation, LiveSession, replay_frames
-from fusion.orientation.arrays import UnusableArrays
 from fusion.recording import Recording
 from tests.factories import MadeRecording, hold
 from tests.fusion.made_motion import tumble

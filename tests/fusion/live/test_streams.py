@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fusion.errors import UnusableArrays
 from fusion.live import LiveElevation
-from fusion.orientation.arrays import UnusableArrays
 from fusion.orientation.live import LiveVertical
 from tests.factories import hold
 from tests.fusion.made_motion import angle_between_deg, tumble

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusion.conventions import MethodName
+from fusion.errors import UnusableArrays
 from fusion.orientation import estimate_vertical
-from fusion.orientation.arrays import UnusableArrays
 from fusion.sensor.model import SensorRun, hold_bias
 from tests.estimates import smooth_vertical
 from tests.fusion.made_motion import Motion, angle_between_deg, tumble
