@@ -482,14 +482,14 @@ class Logins:
 
     def begin_enrolment(self, person_id: str) -> str:
         """Make a secret for an authenticator; it counts once a code of it was given. Gives the ticket."""
-        secret = self.accounts.secrets.encrypt(self._codes.make_secret(), name_second_factor(person_id))
+        secret = self.accounts.secrets.encrypt(self._passwords.make_secret(), name_second_factor(person_id))
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
         """Give the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
         found = self.tickets.look("enrol", ticket)
         secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
-        return secret, self._codes.draw_secret(secret, person.login)
+        return secret, self._passwords.draw_secret(secret, person.login)
 
     def enrol(self, ticket: str, code: str) -> tuple[str, Sequence[str]]:
         """Turn an authenticator on by its first code; gives the person and the recovery codes.
@@ -498,11 +498,11 @@ class Logins:
         """
         found = self.tickets.look("enrol", ticket)
         secret = self._open_secret(found)
-        step = self._codes.find_step(secret, code, self.accounts.clock(), 0)
+        step = self._passwords.find_step(secret, code, self.accounts.clock(), 0)
         if step is None:
             raise LoginRefused
         self.tickets.take("enrol", ticket)
-        codes: Sequence[str] = self._codes.make_recovery_codes()
+        codes: Sequence[str] = self._passwords.make_recovery_codes()
         self.credentials.set_second_factor(found.person_id, secret, step, codes)
         return found.person_id, codes
 
@@ -558,10 +558,6 @@ class Logins:
     def _passwords(self) -> ModuleType:
         return load_extra("app.access.passwords", EXTRA)
 
-    @property
-    def _codes(self) -> ModuleType:
-        return load_extra("app.access.second_factor", EXTRA)
-
     def _take(self, found: Credentials | None, caller: Caller, of_person: Budget) -> Sequence[Budget]:
         """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""
         known_as = found.person_id if found is not None else ""
@@ -594,9 +590,9 @@ class Logins:
         typed = code.replace(" ", "")
         if _is_step(code):
             now_s = self.accounts.clock()
-            step = self._codes.find_step(found.second_factor, typed, now_s, found.last_step)
+            step = self._passwords.find_step(found.second_factor, typed, now_s, found.last_step)
             return step is not None and self.credentials.use_step(found.person_id, step)
-        return self.credentials.use_recovery_code(found.person_id, self._codes.read_recovery_code(code))
+        return self.credentials.use_recovery_code(found.person_id, self._passwords.read_recovery_code(code))
 
 
 def _is_step(code: str) -> bool:

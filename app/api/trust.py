@@ -26,8 +26,7 @@ from app.jobs.audit_log import (
     find_lines,
     parse_moment,
 )
-from app.jobs.governance.aggregate import StudyGroup
-from app.jobs.governance.releases import Release
+from app.jobs.governance import Release
 from app.jobs.recordings import HoldReason
 from app.report.export.csv import INTERNATIONAL, encode_table
 from app.report.words.wording import Language, load_wording
@@ -158,11 +157,7 @@ class AggregateView(BaseModel):
 @router.get("/studies/{study_id}/aggregate.json", tags=["studies"])
 def get_aggregate(study_id: str, services: UsedServices) -> AggregateView:
     """Give group figures of a study: never of fewer than five people."""
-    return view_group(services.aggregates.publish(study_id))
-
-
-def view_group(group: StudyGroup) -> AggregateView:
-    """Show the published blocks of a study."""
+    group = services.aggregates.publish(study_id)
     blocks = [
         BlockView(**{name: value for name, value in asdict(one).items() if name != "id"})
         for one in group.blocks

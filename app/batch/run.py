@@ -187,7 +187,7 @@ def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
     """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:
-        outcome = _attempt(task, task.request, staging, load_and_render_again(task.folder), go_on)
+        outcome = _attempt(task, task.request, staging, partial(load_and_render_again, task.folder), go_on)
         if outcome.code:
             return outcome
         if language == before.language:

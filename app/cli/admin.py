@@ -476,7 +476,7 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
+    from app.jobs.governance import RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)

@@ -20,8 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
-from app.live.early import SessionFiles
-from app.live.ports import PushedPort
+from app.live.ports import PushedPort, SessionFiles
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import LineSource, Source

@@ -19,7 +19,7 @@ from app.api.trust import find_names
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Entry, Library
+from app.jobs.listing import Entry, Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter
 from app.jobs.store import JobFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results

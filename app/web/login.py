@@ -23,7 +23,7 @@ from app.api.middleware.callers import (
     name_cookie,
     set_cookie,
 )
-from app.api.middleware.echoes import drop_secrets
+from app.api.middleware.problems import drop_secrets
 from app.errors import (
     AppError,
     LoginRefused,

@@ -21,7 +21,7 @@ from starlette.types import Scope
 from app.access.logins import Logins
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import find_logins
-from app.api.middleware.echoes import drop_secrets
+from app.api.middleware.problems import drop_secrets
 from app.errors import NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent

@@ -20,8 +20,8 @@ from app.report.words.numbers import format_angle
 from app.report.words.wording import fill, find_nearest
 from app.services import UsedServices
 from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
-from app.web.recording.curves import CurveView
 from app.web.recording.day import DayClock, Piece, cut_curve, find_day
+from app.web.recording.page_one import CurveView
 from app.web.rendering import Page, UsedPage
 from app.web.views import JobRow, build_row, format_size
 from fusion.errors import FusionError

@@ -12,13 +12,13 @@ from urllib.parse import urlencode
 from fastapi import Request
 
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures
-from app.jobs.library.listing import (
+from app.jobs.listing import (
     FALLING,
     GROUPS,
     ORDERS,
     Entry,
     Group,
+    HeadlineFigures,
     Library,
     LibraryFilter,
     Order,
@@ -531,7 +531,7 @@ def _build_figures(headline: HeadlineFigures, words: Words, language: Language) 
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:
-    """Draw a day of :func:`app.jobs.library.figures.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
+    """Draw a day of :func:`app.jobs.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
 
     Gives the path with its lowest and highest angle; "" for each where no angle is known.
     """

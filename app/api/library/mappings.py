@@ -7,7 +7,7 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.jobs.library.mappings import ColumnMapping
+from app.jobs.mappings import ColumnMapping
 from app.report.words.subject import clean_text
 from app.services import UsedServices
 

@@ -17,7 +17,7 @@ from app.api.middleware.problems import Refusal
 from app.api.trust import find_names, find_person_name
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Entry
+from app.jobs.listing import Entry
 from app.jobs.results import can_regenerate
 from app.jobs.results import retry as retry_job
 from app.jobs.store import JobFilter
@@ -30,8 +30,7 @@ from app.request import ReportRequest
 from app.services import Services, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
 from app.web.pairs import Offer as PairOffer
-from app.web.pairs import find_offers
-from app.web.profile import find_days_address
+from app.web.pairs import find_days_address, find_offers
 from app.web.recording.columns import Offer as ColumnOffer
 from app.web.recording.columns import find_offer
 from app.web.recording.conclusion import ConclusionCard, build_conclusion

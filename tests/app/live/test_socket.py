@@ -17,8 +17,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
 from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
-from app.live.early import SessionFiles, begin_files
-from app.live.ports import SerialPort
+from app.live.ports import SerialPort, SessionFiles, begin_files
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
