@@ -63,7 +63,7 @@ def show_batch(batch_id: str, page: UsedPage) -> Response:
     jobs = page.services.batches.find_jobs(batch_id)
     return page.render(
         "batch.html",
-        build_library(page, replace(read_filter(page.request), batch=batch.id)),
+        **build_library(page, replace(read_filter(page.request), batch=batch.id)),
         batch=batch,
         told=_describe_batch(page, batch),
         squares=_draw_squares(page, batch_id, jobs),

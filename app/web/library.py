@@ -361,18 +361,11 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
 # The trash: put in, take back, delete for good.
 
 
-@dataclass(frozen=True, slots=True)
-class TrashView:
-    """How long the trash keeps what is in it, and the title of the page of terms."""
-
-    term: str
-    terms: str
-
-
-def _describe_trash(page: Page) -> TrashView:
+def _describe_trash(page: Page) -> dict[str, str]:
+    """Return how long the trash keeps what is in it, and the title of the page of terms."""
     days = page.services.retention.find_trash_term_s(page.services.settings.trash_term_s) / DAY_S
     term = fill(page.words()["trash"]["term"], {"days": f"{days:.0f}"})
-    return TrashView(term, page.words("trail")["terms"]["title"])
+    return {"term": term, "terms": page.words("trail")["terms"]["title"]}
 
 
 @router.get("/recordings/{recording_id}/delete")
@@ -398,7 +391,7 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
         backups = fill(page.words()["trash"]["backups"][term.kind], {"until": term.until})
     return page.render(
         "delete.html",
-        _describe_trash(page),
+        **_describe_trash(page),
         recording=row,
         size=format_size(row.size_bytes, page.language),
         added=format_moment(row.created_at),
@@ -443,4 +436,4 @@ def show_trash(page: UsedPage) -> Response:
     """List what is in the trash."""
     found = page.services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
     shown = [(row, format_size(row.size_bytes, page.language)) for row in found]
-    return page.render("trash.html", _describe_trash(page), rows=shown)
+    return page.render("trash.html", **_describe_trash(page), rows=shown)

@@ -3,8 +3,8 @@
 Many days are those of one person, of both arms or of a group, before and after a change.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from datetime import date
 from typing import Annotated, Any, Literal
 
@@ -19,12 +19,12 @@ from app.jobs.children.pairs import AnyJobs, AskedJobs, PairReport
 from app.jobs.job import Job
 from app.jobs.listing import Entry, Library, LibraryFilter
 from app.report.pairs import format_rows, load_pair_words
-from app.report.words.messages import Problem, describe_problem
+from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_percent
 from app.report.words.wording import fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
 from app.services import Services, UsedServices
-from app.web.recording.page_one import CurveView, Laid, build_curves
+from app.web.recording.page_one import Laid, build_curves
 from app.web.rendering import Page, UsedPage
 from app.web.reports import lay_way_of_query
 from fusion.comparison import FigureChange
@@ -95,31 +95,6 @@ def find_asked(
 AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
 
 
-@dataclass(frozen=True, slots=True)
-class PairView:
-    """Two analyses and, of a pair, the trunk; ``figures`` is None while one person is asked for.
-
-    ``days``: when two visits began; ``differences``: the settings in which they differ; ``changes``: the rows
-    of a comparison.
-    """
-
-    kind: PairKind
-    first: Job
-    second: Job
-    trunk: Job | None
-    offset: str
-    trunk_offset: str
-    same_subject: bool
-    days: tuple[str, str] = ("", "")
-    trunks: tuple[Job, ...] = ()
-    figures: Mapping[str, Any] | None = None
-    sentences: Sequence[str] = ()
-    differences: Sequence[str] = ()
-    trunk_limit: str = ""
-    changes: Sequence[Sequence[str]] = ()
-    curves: Sequence[CurveView] = ()
-
-
 @router.get("/beside/{kind}")
 def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
@@ -131,30 +106,33 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         "" if offset_s is None else f"{offset_s:g}" for offset_s in (request.offset_s, request.trunk_offset_s)
     )
     first, second, *trunk = asked.jobs
-    pair = (first, second, next(iter(trunk), None))
-    view = PairView(request.kind, *pair, offset, trunk_offset, request.same_subject)
+    shown: dict[str, Any] = {"kind": request.kind, "first": first, "second": second}
+    shown |= {"trunk": next(iter(trunk), None), "offset": offset, "trunk_offset": trunk_offset}
+    shown |= {"same_subject": request.same_subject, "days": ("", ""), "figures": None, "trunk_limit": ""}
+    shown |= dict.fromkeys(("trunks", "sentences", "differences", "changes", "curves"), ())
     try:
         report = _make(page.services, asked)
     except RecordedProblem as problem:
         if problem.facts.get("why") != "person":
             raise
-        return page.render("beside.html", view)
+        return page.render("beside.html", **shown)
     figures = report.read_figures()
     before, after = (
         _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
     )
-    view = replace(
-        view,
-        days=(before, after),
-        trunks=_offer_trunks(page.services, asked, figures),
-        figures=figures,
-        sentences=report.read_sentences(page.language),
-        differences=[words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS],
-        trunk_limit=load_pair_words(page.language)["pair"]["trunk"]["limit"],
-        changes=format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
-        curves=build_curves(page, _lay_curves(page, asked, figures, (before, after))),
-    )
-    return page.render("beside.html", view)
+    shown |= {
+        "days": (before, after),
+        "trunks": _offer_trunks(page.services, asked, figures),
+        "figures": figures,
+        "sentences": report.read_sentences(page.language),
+        "differences": [
+            words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS
+        ],
+        "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
+        "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
+        "curves": build_curves(page, _lay_curves(page, asked, figures, (before, after))),
+    }
+    return page.render("beside.html", **shown)
 
 
 def _lay_curves(
@@ -317,19 +295,6 @@ class Choice:
     is_after: bool
 
 
-@dataclass(frozen=True, slots=True)
-class DaysView:
-    """Answer and drawings, or the refusal in their place; then the form to choose other days."""
-
-    query: str
-    asked: ProfileRequest
-    choices: Sequence[Choice]
-    problem: Problem | None = None
-    sentences: Sequence[str] = ()
-    drawings: Sequence[Mapping[str, str]] = ()
-    figures: Mapping[str, Any] = field(default_factory=dict)
-
-
 @router.get("/days")
 def show_days(asked: AskedDays, page: UsedPage) -> Response:
     """Show several days laid over one another, with a form of the person's recordings to choose from."""
@@ -339,16 +304,16 @@ def show_days(asked: AskedDays, page: UsedPage) -> Response:
         if refused.code != CannotProfile.code:
             raise
         problem = describe_problem(refused.code, refused.facts, page.language)
-        shown: dict[str, Any] = {"problem": problem}
+        shown: dict[str, Any] = {"problem": problem, "sentences": (), "drawings": (), "figures": {}}
     else:
         drawings = [
             {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
             for chart in made.read_drawings(page.language)
         ]
         sentences, figures = made.read_sentences(page.language), made.read_figures()
-        shown = {"sentences": sentences, "drawings": drawings, "figures": figures}
-    choices = _list_choices(page, asked)
-    return page.render("days.html", DaysView(page.request.url.query, asked.request, choices, **shown))
+        shown = {"problem": None, "sentences": sentences, "drawings": drawings, "figures": figures}
+    choices, query = _list_choices(page, asked), page.request.url.query
+    return page.render("days.html", query=query, asked=asked.request, choices=choices, **shown)
 
 
 @router.get("/days/report.{form}", response_class=Response)

@@ -22,7 +22,6 @@ from app.jobs.listing import (
     Library,
     LibraryFilter,
     Order,
-    SavedView,
     Took,
 )
 from app.report.words.columns import format_columns
@@ -383,41 +382,6 @@ class Chip:
     is_chosen: bool
 
 
-@dataclass(frozen=True, slots=True)
-class LibraryView:
-    """The list of the first page, or of a batch: what is ``wanted``, its rows, and the links around them.
-
-    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
-    """
-
-    entries: Sequence[ShownEntry]
-    headings: Sequence[Heading]
-    wanted: LibraryFilter
-    tags: Sequence[str]
-    views: Sequence[SavedView]
-    number: int
-    older: int
-    query: str
-    chips: Sequence[Chip]
-    count: str
-    is_empty: bool
-    page: int
-    pages: int
-    earlier_page: str
-    later_page: str
-    source_query: str
-
-
-@dataclass(frozen=True, slots=True)
-class Neighbours:
-    """What was shown before and after an analysis in the list that it was opened from."""
-
-    previous_id: str | None
-    next_id: str | None
-    query: str
-    back: str
-
-
 def read_filter(request: Request) -> LibraryFilter:
     """Read the filter of an address."""
     return parse_filter(request.query_params)
@@ -449,8 +413,11 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
     return urlencode({name: value for name, value in (parameters | changes).items() if value})
 
 
-def build_library(page: Page, wanted: LibraryFilter) -> LibraryView:
-    """Build everything that the list of the first page, or of a batch, needs."""
+def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
+    """Build what the list of the first page, or of a batch, needs: its rows, and the links around them.
+
+    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
+    """
     words, services = page.words(), page.services
     library = Library(services.store.reader)
     counts = library.count(wanted)
@@ -461,7 +428,7 @@ def build_library(page: Page, wanted: LibraryFilter) -> LibraryView:
     done = fill(words["list"]["summary"], facts)
     entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
     took = find_took(services, entries)
-    return LibraryView(
+    return dict(  # noqa: C408  as keywords of a template
         entries=[build_entry(entry, page.language, took) for entry in entries],
         headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
         wanted=wanted,
@@ -550,13 +517,12 @@ def draw_spark(day: str) -> tuple[str, str, str]:
     return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
-def find_neighbours(page: Page, job: Job) -> Neighbours:
+def find_neighbours(page: Page, job: Job) -> dict[str, str | None]:
     """Find what was shown before and after an analysis in the list that it was opened from."""
     wanted = read_filter(page.request)
     before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
-    return Neighbours(
-        before, after, write_filter(wanted), f"/batches/{wanted.batch}" if wanted.batch else "/"
-    )
+    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
+    return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 
 def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
