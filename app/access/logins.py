@@ -391,14 +391,13 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Entered:
-    """A login that is done: the values of both cookies, and recovery codes to be shown once.
+    """A login that is done: the values of both cookies.
 
     ``is_to_be_told``: the password was set by a link since, which the person is to be told.
     """
 
     session: str
     browser: str
-    recovery_codes: Sequence[str] = ()
     is_to_be_told: bool = False
 
 
@@ -450,12 +449,12 @@ class Logins:
         self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
         return self.enter(person_id, caller)
 
-    def enter(self, person_id: str, caller: Caller, codes: Sequence[str] = ()) -> Entered:
+    def enter(self, person_id: str, caller: Caller) -> Entered:
         """Begin a session, in a browser that is known from now on."""
         browser = self.credentials.note_browser(caller.browser, person_id)
         use = self.credentials.find_link_use(person_id)
         is_news = use is not None and not use.is_told
-        return Entered(self.accounts.begin_session(person_id), browser, codes, is_news)
+        return Entered(self.accounts.begin_session(person_id), browser, is_news)
 
     def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
         """Take the password, or a code of the authenticator, again from somebody who is logged in.

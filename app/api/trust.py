@@ -12,6 +12,7 @@ from starlette.requests import HTTPConnection
 
 from app.access.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
 from app.access.subjects import Permission, Subject
+from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.api.middleware.access import UsedSubject
 from app.api.middleware.callers import find_logins
 from app.api.middleware.problems import PROBLEM_RESPONSES
@@ -214,8 +215,7 @@ def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) ->
     """Give the lines as a table."""
     rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
     body = encode_table(AUDIT_COLUMNS, rows, INTERNATIONAL)
-    headers = {"Content-Disposition": 'attachment; filename="audit_log.csv"', "Cache-Control": "no-store"}
-    return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+    return respond_with_file(body, MEDIA_TYPES["csv"], "audit_log.csv")
 
 
 @router.get("/trail/trail.jsonl", tags=["trail"])

@@ -313,10 +313,6 @@ class LiveHub:
             raise NotHere
         return session
 
-    def sessions(self) -> tuple[RunningSession, ...]:
-        """Return all sessions that are remembered."""
-        return tuple(self._sessions.values())
-
     def close(self) -> None:
         """Stop all sessions, as the server stops: their raw files are recordings then."""
         for session in self._sessions.values():

@@ -21,6 +21,7 @@ from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.responses import JSONResponse
 from markupsafe import Markup, escape
 
+from app.api.library.files import respond_with_file
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.intake import Intake
 from app.report.analysis.report import build_report
@@ -174,8 +175,7 @@ def get_example_pdf(page: UsedPage) -> Response:
 
     attached = {"results.json": find_example().read_bytes()}
     body = render_pdf(_build_example(page.language), attached, page.services.settings.paper)
-    headers = {"Content-Disposition": 'attachment; filename="acromion-example.pdf"'}
-    return Response(body, media_type="application/pdf", headers=headers)
+    return respond_with_file(body, "application/pdf", "acromion-example.pdf")
 
 
 # The pictures of "How to read this": the drawings of page 1, of an invented day.
@@ -263,7 +263,7 @@ def _tell(shares: Sequence[float], language: Language) -> str:
 # The OpenAPI document as a page of our own: nothing is loaded from elsewhere.
 
 
-_CODE = re.compile(r"``(.+?)``")
+_QUOTED = re.compile(r"``(.+?)``")
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,4 +309,4 @@ def show_docs(page: UsedPage) -> Response:
 
 def _mark_code(text: str) -> Markup:
     """Set what stands between double backticks as code."""
-    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before
+    return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before

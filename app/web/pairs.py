@@ -83,7 +83,8 @@ def find_asked(
     kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
 ) -> AskedJobs[PairRequest]:
     """Find the analyses that an address names; a comparison has neither trunk nor offset."""
-    trunk, offsets_s = "", (None, None)
+    trunk = ""
+    offsets_s: tuple[float | None, float | None] = (None, None)
     if kind == "pair":
         trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
         offsets_s = (parse_offset(query.offset_s), trunk_offset_s)

@@ -337,7 +337,7 @@ class ShownEntry:
     when: str
     is_added: bool
     arm: str
-    figures: "ShownFigures | None" = None
+    figures: Mapping[str, Any] | None = None
     tags: tuple[tuple[str, str], ...] = ()
     """Each with the address of all that have it."""
     attempt: JobRow | None = None
@@ -346,20 +346,6 @@ class ShownEntry:
     def active(self) -> JobRow | None:
         """The analysis of the row that is under way."""
         return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
-
-
-@dataclass(frozen=True, slots=True)
-class ShownFigures:
-    """The main figures of a report; ``spark`` draws the day, "" where it is not known."""
-
-    hours: str
-    verdict: str
-    quality: str
-    is_older: bool
-    is_pose_open: bool
-    above: str
-    spark: str
-    spark_words: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -483,18 +469,19 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
     )
 
 
-def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> ShownFigures:
+def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> dict[str, Any]:
+    """Show the main figures of a report; ``spark`` draws the day, "" where it is not known."""
     spark, lowest, highest = draw_spark(headline.day)
-    return ShownFigures(
-        hours=format_duration(headline.recorded_s, language),
-        verdict=headline.verdict,
-        quality=str(words["verdict_short"].get(headline.verdict, "")),
-        is_older=0 < headline.method_version < int(METHOD_VERSION),
-        is_pose_open=headline.calibration_state == "assumed",
-        above=format_percent(headline.above_60_percent, language),
-        spark=spark,
-        spark_words=fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
-    )
+    return {
+        "hours": format_duration(headline.recorded_s, language),
+        "verdict": headline.verdict,
+        "quality": str(words["verdict_short"].get(headline.verdict, "")),
+        "is_older": 0 < headline.method_version < int(METHOD_VERSION),
+        "is_pose_open": headline.calibration_state == "assumed",
+        "above": format_percent(headline.above_60_percent, language),
+        "spark": spark,
+        "spark_words": fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
+    }
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:
@@ -517,7 +504,7 @@ def draw_spark(day: str) -> tuple[str, str, str]:
     return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
-def find_neighbours(page: Page, job: Job) -> dict[str, str | None]:
+def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
     """Find what was shown before and after an analysis in the list that it was opened from."""
     wanted = read_filter(page.request)
     before, after = Library(page.services.store.reader).find_neighbours(job, wanted)

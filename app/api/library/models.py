@@ -399,8 +399,10 @@ class StartedAnalyses(AnalysisView):
     items: list[AnalysisView]
 
 
-SAME = ("id", "recording_id", "stage", "attempts", "file_name", "size_bytes", "sha256")
-SAME += ("batch_id", "replaced_by", "interruptions")
+SAME = (
+    *("id", "recording_id", "stage", "attempts", "file_name", "size_bytes", "sha256"),
+    *("batch_id", "replaced_by", "interruptions"),
+)
 
 
 def view_analysis(job: Job, language: Language) -> AnalysisView:

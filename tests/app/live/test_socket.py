@@ -357,7 +357,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
-    assert [session.state for session in hub.sessions()] == ["stopped"]
+    assert [session.state for session in hub._sessions.values()] == ["stopped"]
 
 
 @pytest.fixture
