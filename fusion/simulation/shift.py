@@ -56,16 +56,10 @@ class PlannedActivity:
 class SampleBlock:
     """A stretch of samples as they come.
 
-    Attributes
-    ----------
-    first
-        Index of its first sample in the recording.
-    time_s
-        Shape (n,): exact instants, seconds from the first sample.
-    state
-        The truth.
-    readings
-        With the sensor's errors, before rounding and clipping.
+    ``first_sample``: index of its first sample in the recording.
+    ``time_s``: shape (n,): exact instants, seconds from the first sample.
+    ``state``: the truth.
+    ``readings``: with the sensor's errors, before rounding and clipping.
     """
 
     first_sample: int
