@@ -19,8 +19,7 @@ from app.intake import Intake
 from app.report.analysis.report import build_report
 from app.report.export.results import decode_results
 from app.report.figures import load_results
-from app.report.model import Report
-from app.report.render.brief import format_brief
+from app.report.model import Report, format_brief
 from app.report.render.html import find_template_folder, render_html
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
 from app.report.words.wording import Language, find_other_language
