@@ -314,10 +314,8 @@ def collect_outcomes(out: Path) -> Collected:
 
     A recording without a report or a failure is not done: a process that was killed can say nothing.
 
-    Raises
-    ------
-    OSError, ValueError, KeyError, TypeError
-        Where no process with ``--shard`` has written, or its plan cannot be read.
+    Raises OSError, ValueError, KeyError or TypeError if no process with ``--shard`` has written, or its
+    plan cannot be read.
     """
     content = (out / SHARDS / _PLAN).read_bytes()
     plan, plan_sha256 = json.loads(content), hashlib.sha256(content).hexdigest()

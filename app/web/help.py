@@ -30,8 +30,7 @@ from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness,
 from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import decode_results
 from app.report.figures import load_results
-from app.report.model import Report
-from app.report.render.brief import format_brief
+from app.report.model import Report, format_brief
 from app.report.render.html import find_template_folder, render_html
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
 from app.report.words.numbers import Clock, format_duration, format_number, format_percent, percent_sign

@@ -126,8 +126,9 @@ def test_a_value_type_documents_each_of_its_fields(name: str) -> None:
     documented = inspect.getdoc(VALUES[name]) or ""
     attributes = documented.partition("Attributes\n----------\n")[2]
     headings = re.findall(r"^(\w+(?:, \w+)*)$", attributes, re.MULTILINE)
+    headings += re.findall(r"^((?:``\w+``, )*``\w+``): ", documented, re.MULTILINE)
 
-    assert [field for line in headings for field in line.split(", ")] == [
+    assert [field.strip("`") for line in headings for field in line.split(", ")] == [
         field.name for field in dataclasses.fields(VALUES[name])
     ]
 

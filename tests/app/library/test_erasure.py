@@ -15,7 +15,6 @@ from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import Storage
 from app.upkeep.backup import back_up, drill, restore
-from app.upkeep.envelope import Recipients
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, do_next, on_both_set_ups
 
@@ -130,16 +129,16 @@ def test_the_restored_database_never_held_a_row_of_what_was_erased(
 
 
 @pytest.fixture
-def age(tmp_path: Path) -> tuple[Recipients, Path]:
+def age(tmp_path: Path) -> tuple[tuple[str], Path]:
     """A recipient, and the file of its identity."""
     x25519 = pytest.importorskip("pyrage").x25519
     identity = x25519.Identity.generate()
     (tmp_path / "identity.txt").write_text(f"# created by a test\n{identity}\n")
-    return Recipients((str(identity.to_public()),)), tmp_path / "identity.txt"
+    return (str(identity.to_public()),), tmp_path / "identity.txt"
 
 
 def test_an_encrypted_backup_is_closed_to_everybody_else(
-    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[Recipients, Path]
+    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[tuple[str], Path]
 ) -> None:
     fill_every_place(served, client, bench)
 
@@ -154,7 +153,7 @@ def test_an_encrypted_backup_is_closed_to_everybody_else(
 
 
 def test_a_drill_restores_an_encrypted_backup_and_reads_every_byte(
-    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[Recipients, Path]
+    served: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[tuple[str], Path]
 ) -> None:
     fill_every_place(served, client, bench)
     copied = back_up(served, tmp_path / "b.age", age[0])

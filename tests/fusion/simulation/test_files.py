@@ -17,10 +17,11 @@ from hypothesis import strategies as st
 
 from fusion.simulation import simulate_shift, write_recordings, write_shift
 from fusion.simulation.files import (
+    NO_STAMPS,
     ROW,
     SecondCutter,
     count_entries,
-    put_counter_rows,
+    put_rows,
     round_to_millionths,
 )
 from tests.simulated_shifts import play_shift
@@ -255,7 +256,7 @@ def test_the_counter_of_the_logger_wraps_at_32_bits(tmp_path: Path) -> None:
 def test_numbers_are_written_with_all_their_decimals(values: list[int], decimals: int) -> None:
     out = np.empty(24 * (len(values) + 1), np.uint8)
 
-    size = put_counter_rows(out, np.array([7]), np.array([values]), np.full(len(values), decimals))
+    size = put_rows(out, NO_STAMPS, np.array([7]), 1, np.array([values]), np.full(len(values), decimals))
 
     one = 10**decimals
     numbers = [f"{'-' * (v < 0)}{abs(v) // one}.{abs(v) % one:0{decimals}}" for v in values]
