@@ -54,7 +54,7 @@ def list_stays(states: list[object]) -> list[tuple[object, int, int]]:
 
 
 @given(SERIES, GAPS)
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_variation_is_counted_where_it_lies_at_every_error(
     series: NDArray[np.float64], gaps: list[int]
 ) -> None:
@@ -79,7 +79,7 @@ def test_variation_is_counted_where_it_lies_at_every_error(
 
 
 @given(SERIES, GAPS, st.integers(1, 89))
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_rest_is_counted_where_it_lies_at_every_error(
     series: NDArray[np.float64], gaps: list[int], cut: int
 ) -> None:
@@ -119,7 +119,7 @@ def check_stays(states: list[bool], counted: NDArray[np.float64]) -> list[tuple[
 
 
 @given(SERIES, GAPS)
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_changes_of_direction_are_counted_one_by_one(series: NDArray[np.float64], gaps: list[int]) -> None:
     angle = make_angle(series, gaps)
     counts = np.zeros(1)
@@ -144,7 +144,7 @@ def count_cycles(angle: MetricAngle, edges_us: NDArray[np.int64], *errors_deg: f
 
 
 @given(SERIES, GAPS)
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_cycles_of_all_blocks_are_those_of_the_day(series: NDArray[np.float64], gaps: list[int]) -> None:
     angle = make_angle(series, gaps)
 
@@ -171,7 +171,7 @@ def test_an_error_of_the_angle_changes_a_range_only_at_an_end_of_the_scale() -> 
 
 
 @given(SERIES, GAPS, st.floats(-15.0, 15.0))
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_cycles_with_an_error_are_those_of_the_angle_without_it(
     series: NDArray[np.float64], gaps: list[int], error_deg: float
 ) -> None:
@@ -203,7 +203,7 @@ def test_frequencies_above_5_hz_are_left_out() -> None:
 @given(
     hnp.arrays(np.int32, (4, 6), elements=st.integers(0, 900)), st.sampled_from([100.0, 99.97, 238.0, 33.3])
 )
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_time_adds_up_to_the_rounded_whole(counts: NDArray[np.int32], rate_hz: float) -> None:
     cell_us = np.zeros((4, 6), np.int64)
     add_time(counts, rate_hz, cell_us)
@@ -216,7 +216,7 @@ def test_time_adds_up_to_the_rounded_whole(counts: NDArray[np.int32], rate_hz: f
     hnp.arrays(np.int64, (3, 1800), elements=st.integers(0, 50)).filter(lambda cells: bool(cells.sum() > 0)),
     st.sampled_from([0.0, 3.0]),
 )
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_drawn_shares_and_percentiles_are_those_of_the_days_added_up(
     cells: NDArray[np.int64], sigma_deg: float
 ) -> None:
@@ -236,7 +236,7 @@ def test_drawn_shares_and_percentiles_are_those_of_the_days_added_up(
 
 
 @given(SERIES, GAPS)
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_speeds_are_those_of_the_steps_sorted(series: NDArray[np.float64], gaps: list[int]) -> None:
     elevation = elevate(series, rate_hz=2.0)
     elevation.segments[0].valid[[gap for gap in gaps if gap < len(series)]] = False
