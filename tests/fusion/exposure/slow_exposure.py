@@ -27,25 +27,6 @@ def list_runs(elevation: Elevation) -> list[tuple[Run, float]]:
     return runs
 
 
-def time_between(elevation: Elevation, lower_deg: float, upper_deg: float) -> float:
-    return sum(
-        period_s
-        for run, period_s in list_runs(elevation)
-        for _, angle in run
-        if lower_deg <= angle < upper_deg or (upper_deg == 180 and angle == 180)
-    )
-
-
-def find_percentile(elevation: Elevation, percent: float) -> float:
-    rows = sorted((angle, period_s) for run, period_s in list_runs(elevation) for _, angle in run)
-    total_s, reached_s = sum(period_s for _, period_s in rows), 0.0
-    for angle, period_s in rows:
-        reached_s += period_s
-        if reached_s >= total_s * percent / 100 - 1e-9:
-            return angle
-    raise AssertionError
-
-
 def _states(run: Run, threshold_deg: float) -> list[bool]:
     states: list[bool] = []
     for _, angle in run:

@@ -52,25 +52,6 @@ def end_s(elevation: Elevation) -> float:
 
 
 @given(elevations())
-@settings(max_examples=30, deadline=None)
-def test_time_in_each_bin_is_the_time_of_its_rows(elevation: Elevation) -> None:
-    exposure = summarise_exposure(elevation)
-
-    for part in exposure.bins:
-        slow_s = slow_exposure.time_between(elevation, part.lower_deg, part.upper_deg)
-        assert part.duration_s == pytest.approx(slow_s, abs=2e-6)
-
-
-@given(elevations())
-@settings(max_examples=30, deadline=None)
-def test_percentiles_lie_within_a_cell_of_the_sorted_rows(elevation: Elevation) -> None:
-    exposure = summarise_exposure(elevation)
-
-    for percent, angle_deg in exposure.percentiles_deg.items():
-        assert angle_deg == pytest.approx(slow_exposure.find_percentile(elevation, percent), abs=0.1 + 1e-6)
-
-
-@given(elevations())
 @settings(max_examples=40, deadline=None)
 def test_entries_are_those_of_the_trigger_walked_row_by_row(elevation: Elevation) -> None:
     exposure = summarise_exposure(elevation)

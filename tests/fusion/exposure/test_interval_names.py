@@ -50,9 +50,3 @@ def test_an_error_of_the_angle_does_not_widen_speeds() -> None:
 
     first, second = (exposure.intervals["inclination_velocity_p50_dps"] for exposure in exposures)
     assert first == second
-
-
-def test_an_error_of_the_angle_widens_repetitions(day: Exposure) -> None:
-    interval = day.intervals["episodes_above_60_median_s"]
-
-    assert interval.high - interval.low > 1.0

@@ -9,9 +9,8 @@ from scipy.stats import norm
 
 from fusion.elevation import Elevation
 from fusion.exposure import Interval, summarise_exposure, withhold_short
-from fusion.exposure.bins import CELLS
-from fusion.exposure.intervals import draw_day, name_speed_intervals
-from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks
+from fusion.exposure.intervals import name_speed_intervals
+from fusion.exposure.resampling import DRAWS, Resampling
 from fusion.exposure.speeds import SpeedTally
 from fusion.exposure.types import Velocity
 from tests.factories import elevate
@@ -23,6 +22,12 @@ def make_day(minutes: int = 240) -> Elevation:
     return elevate(np.tile(np.clip(quantiles, 0, 180), minutes), rate_hz=1.0)
 
 
+def range_above_60(elevation: Elevation, sigma_deg: float) -> tuple[float, float]:
+    interval = summarise_exposure(elevation, bias_sigma_deg=sigma_deg).time_above[1].interval
+    assert interval is not None
+    return interval.low, interval.high
+
+
 def test_without_a_known_error_there_is_no_interval() -> None:
     exposure = summarise_exposure(make_day())
 
@@ -30,47 +35,32 @@ def test_without_a_known_error_there_is_no_interval() -> None:
     assert all(above.interval is None for above in exposure.time_above)
 
 
-def test_an_exact_angle_in_a_day_of_equal_blocks_has_no_width() -> None:
-    exposure = summarise_exposure(make_day(), bias_sigma_deg=0.0)
+# 0 to 180 deg, evenly, in each block
+EVEN = elevate(np.tile(np.arange(0.05, 180, 0.1), 6), rate_hz=6.0)
+# 48 blocks, half of them above: a binomial share of 50 % with a standard deviation of 7.2 %
+TWO_HALVES = elevate(np.repeat([10.0, 80.0], 7200), rate_hz=1.0)
 
-    for above in exposure.time_above:
-        assert above.interval is not None
-        assert (above.interval.low, above.interval.high) == pytest.approx((above.percent, above.percent))
+
+@pytest.mark.parametrize(
+    ("elevation", "sigma_deg", "middle", "half_width", "within"),
+    [(EVEN, 0.0, 66.67, 0.0, 0.01), (EVEN, 1.8, 66.67, 1.96, 0.05), (TWO_HALVES, 0.0, 50.0, 14.1, 3.0)],
+    ids=["exact angle, equal blocks", "in proportion to the error", "exact angle, blocks that differ"],
+)
+def test_the_range_of_time_above_60_deg(
+    elevation: Elevation, sigma_deg: float, middle: float, half_width: float, within: float
+) -> None:
+    ends = (middle - half_width, middle + half_width)
+
+    assert range_above_60(elevation, sigma_deg) == pytest.approx(ends, abs=within)
 
 
 def test_in_a_day_of_equal_blocks_a_percentile_moves_by_two_sigma_each_way() -> None:
     exposure = summarise_exposure(make_day(), bias_sigma_deg=3.0)
 
-    median, width_deg = exposure.intervals["elevation_p50_deg"], 1.96 * 3.0
     # 200 draws stop a little short of the 2.5 % tails
-    assert median.low == pytest.approx(exposure.percentiles_deg[50] - width_deg, abs=0.15)
-    assert median.high == pytest.approx(exposure.percentiles_deg[50] + width_deg, abs=0.15)
-
-
-def test_an_even_spread_gains_time_above_in_proportion_to_the_error() -> None:
-    spread = elevate(np.tile(np.arange(0.05, 180, 0.1), 6), rate_hz=6.0)  # each block is 0 to 180 deg, evenly
-    exposure = summarise_exposure(spread, bias_sigma_deg=1.8)
-
-    interval = exposure.time_above[1].interval
-    assert interval is not None
-    assert (interval.low, interval.high) == pytest.approx((66.67 - 1.96, 66.67 + 1.96), abs=0.05)
-
-
-def test_blocks_that_differ_widen_the_interval_of_an_exact_angle() -> None:
-    exposure = summarise_exposure(elevate(np.repeat([10.0, 80.0], 7200), rate_hz=1.0), bias_sigma_deg=0.0)
-
-    interval = exposure.time_above[1].interval
-    # 48 blocks, half of them above: a binomial share of 50 % with a standard deviation of 7.2 %
-    assert interval is not None
-    assert (interval.low, interval.high) == pytest.approx((50 - 14.1, 50 + 14.1), abs=3.0)
-
-
-def test_the_bins_of_every_draw_add_up() -> None:
-    random = np.random.default_rng(4)
-    blocks = random.integers(0, 40_000, (7, CELLS))
-    draws = draw_day(blocks, draw_blocks(blocks.sum(axis=1), 4.0), is_npose=False).draws
-
-    assert draws.bins_percent.sum(axis=1) == pytest.approx(np.full(DRAWS, 100.0))
+    interval, median_deg = exposure.intervals["elevation_p50_deg"], exposure.percentiles_deg[50]
+    assert interval.low == pytest.approx(median_deg - 1.96 * 3.0, abs=0.15)
+    assert interval.high == pytest.approx(median_deg + 1.96 * 3.0, abs=0.15)
 
 
 def test_an_arm_that_hangs_all_day_has_an_interval_inside_the_scale() -> None:
@@ -133,23 +123,18 @@ def test_draws_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_z
     assert found["arm_velocity_mean_dps"] == Interval(10.0, 10.0)
 
 
-def test_half_an_hour_keeps_its_ranges_and_rates() -> None:
-    exposure = summarise_exposure(make_day(minutes=30), bias_sigma_deg=3.0)
-
-    assert withhold_short(exposure) is exposure
-
-
 def test_under_half_an_hour_no_range_and_no_rate_per_hour_is_left_in_day_or_part() -> None:
-    exposure = summarise_exposure(make_day(minutes=29), bias_sigma_deg=3.0)
+    whole, exposure = (summarise_exposure(make_day(minutes), bias_sigma_deg=3.0) for minutes in (30, 29))
 
     kept = withhold_short(exposure)
-    told = asdict(kept)
-    rates = {name: value for name, value in find_all(told) if "per_hour" in name or "per_h" in name}
-    ranges = [value for name, value in find_all(told) if name in {"interval", "intervals"} and value]
+    told = list(find_all(asdict(kept)))
+    rates = {name: value for name, value in told if "per_hour" in name or "per_h" in name}
+    assert withhold_short(whole) is whole
     assert set(rates) == {
         "per_hour", "entries_above_60_per_h", "neutral_slow_per_hour", "slow_per_hour", "crossings_per_hour",
     }  # fmt: skip
-    assert (set(rates.values()), ranges) == ({None}, [])
+    assert set(rates.values()) == {None}
+    assert [value for name, value in told if name in {"interval", "intervals"} and value] == []
     assert kept.percentiles_deg == exposure.percentiles_deg
     assert [entries.count for entries in kept.entries] == [entries.count for entries in exposure.entries]
 

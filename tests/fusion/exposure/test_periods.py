@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fusion.diary import KINDS, DiaryEntry, Kind
 from fusion.errors import UnusableDiary
-from fusion.exposure.periods import Period, Placed, divide_day, find_left_out, place_diary
+from fusion.exposure.periods import Period, Placed, divide_day, place_diary
 
 SECOND = 1_000_000
 HOUR = 3600 * SECOND
@@ -119,15 +119,6 @@ def test_a_break_within_a_task_cuts_it_and_what_no_row_names_is_work() -> None:
     assert [(p.end_us, p.period, p.reason) for p in pieces] == [
         (40, 0, ""), (60, 1, "break"), (100, 0, ""), (180, -1, ""),
     ]  # fmt: skip
-
-
-def test_outside_the_shift_nothing_is_analysed() -> None:
-    pieces = divide_day([Period(10, 90, "shift")], 100)
-
-    assert [(s.start_us, s.end_us, s.reason) for s in find_left_out(pieces)] == [
-        (0, 10, "outside"),
-        (90, 100, "outside"),
-    ]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """How uncertain the angle is said to be, and whether that is true."""
 
-import io
-
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
@@ -9,14 +7,10 @@ from scipy.ndimage import uniform_filter1d
 from fusion.conventions import MethodName
 from fusion.elevation import estimate_elevation
 from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
-from fusion.pipeline import analyse
 from fusion.pose.calibrate import calibrate
-from fusion.readers import read_recording
 from fusion.sensor.accelerometer import AccelerometerCorrection, leave_accelerometer
-from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
-from tests.badfiles.person_files import swing
 from tests.factories import hold, record
 from tests.simulated_shifts import play_shift
 
@@ -84,16 +78,3 @@ def cover(device: Device, seed: int) -> float:
     assert segment.sigma_deg is not None
     sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / made.rate_hz).astype(int)]
     return float((np.abs(segment.elevation_deg - made.elevation_deg) < 1.96 * sigma_deg).mean())
-
-
-def test_where_nobody_held_a_pose_the_ranges_are_wider() -> None:
-    recording = read_recording(io.BytesIO(swing(3.0, duration_s=1830.0)()), file_name="shift.csv")
-    named = AnalysisSettings(calibration_windows_s=((28.5, 30.5),))
-
-    found, told = (analyse(recording, settings).exposure for settings in (None, named))
-
-    wide, narrow = (exposure.time_above[0].interval for exposure in (found, told))
-    assert wide is not None
-    assert narrow is not None
-    # 6 deg where none was held, 3 deg * sqrt(5 s / 2 s) = 4.7 deg for the two seconds that were named
-    assert wide.high - wide.low > 1.2 * (narrow.high - narrow.low)
