@@ -173,19 +173,17 @@ def test_an_unknown_kind_of_a_diary_entry_is_refused_with_the_allowed_ones() -> 
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "told"),
+    ("field", "told"),
     [
-        ("acceleration_unit", "furlong", "allowed: '', 'g', "),
-        ("angular_rate_unit", "rpm3", "allowed: '', 'dps', "),
-        ("time_unit", "weeks", "allowed: '', 's', "),
-        ("date_order", "mmd", "allowed: None, 'ymd', 'dmy', 'mdy'"),
+        ("acceleration_unit", "allowed: '', 'g', "),
+        ("angular_rate_unit", "allowed: '', 'dps', "),
+        ("time_unit", "allowed: '', 's', "),
+        ("date_order", "allowed: None, 'ymd', 'dmy', 'mdy'"),
     ],
 )
-def test_an_unknown_name_in_a_column_profile_is_refused_with_the_allowed_ones(
-    field: str, value: str, told: str
-) -> None:
-    with pytest.raises(ValueError, match=re.escape(f"{field}='{value}'; {told}")):
-        ColumnProfile(**{field: value})  # type: ignore[arg-type]
+def test_an_unknown_name_in_a_column_profile_is_refused_with_the_allowed_ones(field: str, told: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"{field}='furlong'; {told}")):
+        ColumnProfile(**{field: "furlong"})  # type: ignore[arg-type]
 
 
 def test_an_arm_axis_by_name_is_refused_by_the_live_angle_which_takes_a_direction() -> None:

@@ -40,6 +40,9 @@ def lsm9ds1(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
     return write_recordings(tmp_path_factory.mktemp("lsm9ds1"), "lsm9ds1", HOURS, 1)
 
 
+SHIFT, OTHER = simulate_shift("gt9x", HOURS, 1), simulate_shift("lsm9ds1", HOURS, 1)
+
+
 def split_log(path: Path) -> list[Record]:
     """Split log.bin into (type, time, payload), checking every checksum."""
     log = zipfile.ZipFile(path).read("log.bin")
@@ -104,7 +107,7 @@ def test_every_second_has_primary_samples_and_all_but_the_last_have_about_a_hund
 def test_the_rows_are_the_simulated_counts_in_order_and_the_clock_that_of_the_description(
     gt9x: tuple[Path, ...],
 ) -> None:
-    whole, records = play_shift(simulate_shift("gt9x", HOURS, 1)), split_log(gt9x[0])
+    whole, records = play_shift(SHIFT), split_log(gt9x[0])
     ticks = int(re.findall(rb"Start Date: (\d+)", zipfile.ZipFile(gt9x[0]).read("info.txt"))[0])
 
     rows = np.concatenate(read_rows(gt9x[0]))
@@ -170,7 +173,10 @@ def test_halves_are_printed_away_from_zero_as_dot_net_does(value: float, printed
     assert round_to_millionths(np.array([value]))[0] == printed
 
 
-def test_a_lsm9ds1_file_tells_what_it_is_before_its_columns(lsm9ds1: tuple[Path, ...]) -> None:
+def test_a_lsm9ds1_file_tells_what_it_is_and_holds_the_simulated_samples(lsm9ds1: tuple[Path, ...]) -> None:
+    whole, table = play_shift(OTHER), read_csv(lsm9ds1[0], 5, range(7))
+    steps_us = np.diff(table[:, 0])
+
     assert lsm9ds1[0].read_text().splitlines()[:5] == [
         "# device: LSM9DS1",
         "# start: 2026-03-02T07:00:00",
@@ -178,26 +184,11 @@ def test_a_lsm9ds1_file_tells_what_it_is_before_its_columns(lsm9ds1: tuple[Path,
         "# gyr_range_dps: 2000",
         "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps",
     ]
-
-
-def test_a_lsm9ds1_file_holds_the_simulated_samples(lsm9ds1: tuple[Path, ...]) -> None:
-    whole = play_shift(simulate_shift("lsm9ds1", HOURS, 1))
-
-    table = read_csv(lsm9ds1[0], 5, range(7))
-
     assert np.abs(table[:, 1:4] - whole.acc_g).max() < 1e-6
     assert np.abs(table[:, 4:7] - whole.gyr_dps).max() < 1e-4
-
-
-def test_the_counter_of_the_logger_steps_by_the_true_period_with_a_little_jitter(
-    lsm9ds1: tuple[Path, ...],
-) -> None:
-    period_us = 1e6 / simulate_shift("lsm9ds1", HOURS, 1).rate_hz
-
-    steps_us = np.diff(read_csv(lsm9ds1[0], 5, range(1)))
-
-    assert steps_us.mean() == pytest.approx(period_us, abs=0.01)
-    assert 1.0 < np.abs(steps_us - period_us).max() <= 42.0
+    # The counter of the logger steps by the true period with a little jitter.
+    assert steps_us.mean() == pytest.approx(1e6 / OTHER.rate_hz, abs=0.01)
+    assert 1.0 < np.abs(steps_us - 1e6 / OTHER.rate_hz).max() <= 42.0
 
 
 def test_the_counter_of_the_logger_wraps_at_32_bits(tmp_path: Path) -> None:
@@ -234,33 +225,28 @@ def test_seconds_are_cut_where_the_clock_says(rate_hz: float, counts: set[int]) 
 def test_the_truth_lies_on_sample_instants_at_most_a_hundred_times_a_second(
     lsm9ds1: tuple[Path, ...],
 ) -> None:
-    shift = simulate_shift("lsm9ds1", HOURS, 1)
-
     truth = pq.read_table(lsm9ds1[1])
 
-    assert np.array_equal(truth["time_s"].to_numpy(), np.arange(0, shift.sample_count, 5) / shift.rate_hz)
-    assert np.array_equal(truth["elevation_deg"].to_numpy(), play_shift(shift).elevation_deg[::5])
+    assert np.array_equal(truth["time_s"].to_numpy(), np.arange(0, OTHER.sample_count, 5) / OTHER.rate_hz)
+    assert np.array_equal(truth["elevation_deg"].to_numpy(), play_shift(OTHER).elevation_deg[::5])
 
 
 def test_the_true_exposure_adds_up_and_agrees_with_the_angles(gt9x: tuple[Path, ...]) -> None:
-    shift, truth = simulate_shift("gt9x", HOURS, 1), json.loads(gt9x[3].read_text())
-    elevation_deg = play_shift(shift).elevation_deg
+    truth, elevation_deg = json.loads(gt9x[3].read_text()), play_shift(SHIFT).elevation_deg
 
     assert sum(truth["exposure"]["bin_percent"]) == pytest.approx(100.0)
     assert truth["exposure"]["above_percent"][1] == pytest.approx(100.0 * (elevation_deg >= 60.0).mean())
-    assert truth["sensor"]["gyr_offset_dps"] == shift.errors.gyr_offset_dps.tolist()
-    assert pq.read_table(gt9x[2]).num_rows == shift.sample_count
+    assert truth["sensor"]["gyr_offset_dps"] == SHIFT.errors.gyr_offset_dps.tolist()
+    assert pq.read_table(gt9x[2]).num_rows == SHIFT.sample_count
 
 
 @pytest.mark.parametrize(
     ("angles_deg", "entries"),
     [([70, 0, 70], 1), ([0, 62, 0], 0), ([0, 70, 58, 70], 1), ([0, 70, 54, 70], 2), ([70], 0)],
 )
-def test_true_entries_have_ten_degrees_of_hysteresis(angles_deg: list[float], entries: int) -> None:
-    assert count_entries(np.array(angles_deg, float), 60.0, -1)[0] == entries
+def test_true_entries_have_ten_degrees_of_hysteresis_from_block_to_block(
+    angles_deg: list[float], entries: int
+) -> None:
+    first, state = count_entries(np.array(angles_deg[:2], float), 60.0, -1)
 
-
-def test_true_entries_go_on_from_block_to_block() -> None:
-    state = count_entries(np.array([0.0, 70.0]), 60.0, -1)[1]
-
-    assert count_entries(np.array([62.0, 50.0, 66.0]), 60.0, state)[0] == 1
+    assert first + count_entries(np.array(angles_deg[2:], float), 60.0, state)[0] == entries
