@@ -17,6 +17,7 @@ from fusion.exposure.bins import summarise_bins
 from fusion.exposure.cycles import start_cycles
 from fusion.exposure.episodes import find_stays, summarise_entries, summarise_episodes
 from fusion.exposure.parts import split_hours
+from fusion.numerics.runs import START, STOP, find_stays_above
 from tests.factories import elevate
 
 

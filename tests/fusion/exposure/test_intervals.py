@@ -118,7 +118,7 @@ def test_draws_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_z
     few = np.array([[1.0, 1.0]] * (DRAWS - 4) + [[0.0, 2.0]] * 4)
     draws = Resampling(np.ones(2, np.bool_), few, np.zeros(DRAWS))
 
-    found = name_speed_intervals("arm", Velocity(10.0, 10.0, 10.0, 10.0, 10.0), tally, draws)
+    found = find_intervals(tally.draw("arm", Velocity(10.0, 10.0, 10.0, 10.0, 10.0), draws))
 
     assert found["arm_velocity_mean_dps"] == Interval(10.0, 10.0)
 

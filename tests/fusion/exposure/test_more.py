@@ -8,10 +8,10 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from fusion.exposure import Exposure, PartExposure, summarise_exposure
-from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, find_stays, start_shifted_stays
+from fusion.exposure.bins import cut_day
+from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, ShiftedStays, find_stays
 from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.parts import cut_day
 from fusion.exposure.peaks import ShiftedSeconds
 from fusion.exposure.recovery import Recovery
 from fusion.exposure.speeds import count_crossings, find_mean_power_frequency

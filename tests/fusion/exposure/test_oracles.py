@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.agreement.statistics import find_icc, measure_agreement
-from fusion.exposure.cycles import RANGE_EDGES_DEG, count_rainflow, start_cycles
+from fusion.exposure.cycles import RANGE_EDGES_DEG, CycleTally, count_rainflow
 from fusion.exposure.metric_filter import MetricAngle
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -88,4 +88,4 @@ def test_cycles_of_each_class_are_those_of_rainflow_before_and_after_a_hole(
     for range_deg, _, count, _, _ in (*rainflow.extract_cycles(before), *rainflow.extract_cycles(after)):
         if range_deg >= 10:
             counts[np.searchsorted(np.array(RANGE_EDGES_DEG[:-1]), range_deg, side="right") - 1] += count
-    assert tally.sum_day().tolist() == counts.tolist()
+    assert [cycle.count for cycle in tally.summarise()] == counts.tolist()

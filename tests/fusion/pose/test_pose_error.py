@@ -19,7 +19,6 @@ from fusion.exposure.pose_error import (
     raise_angles,
     start_lowered_entries,
 )
-from fusion.exposure.resampling import draw_blocks, spread_errors
 from fusion.pipeline import analyse, analyse_angle_file, analyse_angles
 from fusion.recording import Float64Array
 from fusion.settings import AnalysisSettings
@@ -58,7 +57,7 @@ def test_a_lowered_threshold_is_raised_to_where_it_was(angle_deg: float, share: 
 
 
 def test_the_draws_share_the_error_out_evenly_and_apart_from_the_error_of_the_angle() -> None:
-    draws = draw_blocks(np.ones(12), 5.0).raise_read()
+    draws = draw_blocks(np.ones(12), 5.0).with_npose_error()
 
     assert np.sort(draws.share) == pytest.approx((np.arange(200) + 0.5) / 200)
     assert abs(np.corrcoef(draws.share, draws.error_deg)[0, 1]) < 0.01
@@ -135,7 +134,7 @@ def test_entries_of_the_raised_angle_are_those_of_the_lowered_trigger() -> None:
     angle = filter_elevation(elevate(read_deg, rate_hz=10.0).segments[0])
     raised_deg = raise_angles(read_deg.astype(np.float32).astype(np.float64), np.ones(1))
     raised = elevate(np.clip(raised_deg, 0.0, 180.0), rate_hz=10.0).segments[0]
-    lowered = start_lowered_entries(spread_errors(5.0), np.array([0, 7_200_000_000]))
+    lowered = LoweredEntries(spread_errors(5.0), np.array([0, 7_200_000_000]))
     lowered.add(angle)
     draws = replace(draw_blocks(np.ones(1), 0.0), share=np.ones(200))
 
