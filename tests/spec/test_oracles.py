@@ -14,10 +14,9 @@ from benchmarks.exposure_oracles_table import ALL_DAY, sample, tally
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import summarise_exposure
 from fusion.exposure.bins import summarise_bins
-from fusion.exposure.cycles import start_cycles
+from fusion.exposure.cycles import CycleTally
 from fusion.exposure.episodes import find_stays, summarise_entries, summarise_episodes
 from fusion.exposure.parts import split_hours
-from fusion.numerics.runs import START, STOP, find_stays_above
 from tests.factories import elevate
 
 
@@ -28,10 +27,10 @@ def test_5_each_swing_is_one_entry_above_60_deg() -> None:
 
 
 def test_8_the_first_and_the_last_quarter_swing_are_half_cycles_of_40_deg() -> None:
-    cycles = start_cycles(np.zeros(1), ALL_DAY)
+    cycles = CycleTally(np.zeros(1), ALL_DAY)
     cycles.add(sample(swing, 600))
 
-    assert cycles.sum_day().tolist() == [0.0, 1.0, 149.5, 0.0]
+    assert [cycle.count for cycle in cycles.summarise()] == [0.0, 1.0, 149.5, 0.0]
 
 
 def test_10_a_ramp_from_hanging_to_overhead_fills_the_bins_in_proportion_to_their_width() -> None:

@@ -9,8 +9,7 @@ from scipy.stats import norm
 
 from fusion.elevation import Elevation
 from fusion.exposure import Interval, summarise_exposure, withhold_short
-from fusion.exposure.intervals import name_speed_intervals
-from fusion.exposure.resampling import DRAWS, Resampling
+from fusion.exposure.resampling import DRAWS, Resampling, find_intervals
 from fusion.exposure.speeds import SpeedTally
 from fusion.exposure.types import Velocity
 from tests.factories import elevate

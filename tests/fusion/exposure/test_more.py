@@ -147,7 +147,7 @@ def test_the_triggers_at_all_errors_count_what_one_trigger_counts_at_each(
     angle = MetricAngle(0, rate_hz, series, valid)
     errors_deg, nothing = np.linspace(-7.3, 7.3, 11), np.zeros(0, np.int64)
     day = cut_day(np.array([0, 10_000_000, 120_000_000]), nothing, nothing)
-    shifted = start_shifted_stays(errors_deg, day)
+    shifted = ShiftedStays(errors_deg, day)
     shifted.add(angle)
 
     for threshold_deg in (30, 60, 90):
@@ -168,7 +168,7 @@ def test_the_triggers_at_all_errors_count_what_one_trigger_counts_at_each(
 @given(hnp.arrays(np.float64, st.integers(2, 80), elements=ANGLES))
 def test_seconds_are_counted_above_60_deg_less_each_error(series: NDArray[np.float64]) -> None:
     errors_deg = np.linspace(-7.3, 7.3, 11)
-    shifted = ShiftedSeconds(errors_deg, np.zeros((9, 12), np.float32))
+    shifted = ShiftedSeconds(errors_deg, 9)
     shifted.add(MetricAngle(0, 10.0, series, np.ones(len(series), np.bool_)))
 
     above_s = np.cumsum(shifted.seconds[:, ::-1], axis=1)[:, :-1].sum(axis=0)

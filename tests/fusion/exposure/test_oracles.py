@@ -80,7 +80,7 @@ def test_cycles_of_each_class_are_those_of_rainflow_before_and_after_a_hole(
     valid = np.ones(len(before) + 1 + len(after), np.bool_)
     valid[len(before)] = False
     angle = MetricAngle(0, 2.0, np.array([*before, 90, *after], np.float64), valid)
-    tally = start_cycles(np.zeros(1), np.array([0, 10**9]))
+    tally = CycleTally(np.zeros(1), np.array([0, 10**9]))
 
     tally.add(angle)
 

@@ -73,11 +73,9 @@ def test_variation_is_counted_where_it_lies_at_every_error(
     assert tally.seconds == pytest.approx(slow)
 
 
-@given(SERIES, GAPS, st.integers(1, 89))
+@given(SERIES, GAPS)
 @settings(max_examples=50, deadline=None)
-def test_rest_is_counted_where_it_lies_at_every_error(
-    series: NDArray[np.float64], gaps: list[int], cut: int
-) -> None:
+def test_rest_is_counted_where_it_lies_at_every_error(series: NDArray[np.float64], gaps: list[int]) -> None:
     angle = make_angle(series, gaps)
     speeds_dps = measure_inclination(series, angle.valid, 2.0)
     tally = RecoveryTally(ERRORS_DEG, BLOCKS_US)

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from fusion.angle_files import read_angle_file
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
-from fusion.exposure.episodes import find_stays
+from fusion.exposure.episodes import HALF_WIDTHS_DEG, LoweredEntries, find_stays
 from fusion.exposure.metric_filter import filter_elevation
-from fusion.exposure.pose_error import (
-    HALF_WIDTHS_DEG,
+from fusion.exposure.resampling import (
+    draw_blocks,
     lower_thresholds,
     raise_angles,
-    start_lowered_entries,
+    spread_errors,
 )
 from fusion.pipeline import analyse, analyse_angle_file, analyse_angles
 from fusion.recording import Float64Array
@@ -121,7 +121,7 @@ def test_at_every_level_the_entries_are_those_of_its_own_trigger() -> None:
     segment = elevate(move_at_random(3, 600), rate_hz=10.0).segments[0]
     segment.valid[2000:2100] = False
     angle = filter_elevation(segment)
-    lowered = start_lowered_entries(spread_errors(5.0), np.array([0, 200_000_000, 600_000_000]))
+    lowered = LoweredEntries(spread_errors(5.0), np.array([0, 200_000_000, 600_000_000]))
 
     lowered.add(angle)
 
