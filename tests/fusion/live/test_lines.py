@@ -115,7 +115,7 @@ def test_a_header_that_changes_is_followed() -> None:
     [
         (HEADER + write_rows(0, 250) + HEADER[12:] + write_rows(250, 300), 1, 300),
         (write_rows(0, 60) + PREAMBLE + HEADER + write_rows(60, 360), 0, 300),
-        (HEADER + write_rows(0, 10) + "123,4\n" + write_rows(11, 300), 1, 299),
+        (HEADER + write_rows(0, 10) + "123,4\n" + write_rows(11, 300), 0, 299),
     ],
     ids=["torn header", "late header", "torn line before the header is understood"],
 )
