@@ -1,7 +1,6 @@
 """What can go wrong around the science, each class with its code, its facts and what it comes to.
 
-As in :mod:`fusion.errors`, a class has a code and facts, never a sentence. A class without an outcome of its
-own has its parent's.
+As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,6 +35,9 @@ CANCELLED = "E-CANCELLED"
 class AppError(Exception):
     """``code`` says why and ``facts`` fill the sentence.
 
+    The head of a class declares its code, its outcome (else its parent's) and the facts that it may have,
+    each with its unit or meaning.
+
     Attributes
     ----------
     outcome
@@ -46,7 +48,12 @@ class AppError(Exception):
 
     code: ClassVar[str]
     outcome: ClassVar[Outcome] = BUG
-    fact_meanings = name_facts()
+    fact_meanings: ClassVar[Mapping[str, str]] = name_facts()
+
+    def __init_subclass__(cls, *, code: str, outcome: Outcome | None = None, **facts: str) -> None:
+        cls.code, cls.outcome = code, outcome or cls.outcome
+        if facts:
+            cls.fact_meanings = name_facts(**facts)
 
     def __init__(self, **facts: Fact) -> None:
         super().__init__(self.code, facts)
@@ -61,583 +68,371 @@ class RecordedProblem(Exception):
         self.code, self.facts = code, facts
 
 
-class BadParameter(AppError):
+class BadParameter(
+    AppError,
+    code="E-PARAMETER",
+    outcome=Outcome(422, 2),
+    name="of the value",
+    value="as given",
+    allowed="what can be",
+):
     """A value that cannot be."""
 
-    code = "E-PARAMETER"
-    outcome = Outcome(422, 2)
-    fact_meanings = name_facts(name="of the value", value="as given", allowed="what can be")
 
-
-class UnusableSettings(AppError):
+class UnusableSettings(
+    AppError,
+    code="E-SETTINGS",
+    outcome=Outcome(422, 2),
+    name="setting",
+    why=TERM,
+    value="as written",
+    allowed="what can be",
+    nearest="setting of a like name",
+    line="line",
+):
     """A settings file cannot be used."""
 
-    code = "E-SETTINGS"
-    outcome = Outcome(422, 2)
-    fact_meanings = name_facts(
-        name="setting",
-        why=TERM,
-        value="as written",
-        allowed="what can be",
-        nearest="setting of a like name",
-        line="line",
-    )
 
-
-class UnusableParticipants(AppError):
+class UnusableParticipants(
+    AppError,
+    code="E-PARTICIPANTS",
+    outcome=Outcome(422, 2),
+    why=TERM,
+    cure=TERM,
+    value="as written",
+    allowed="what can be",
+    line="line",
+    other="line of a second row",
+    first="recording",
+    second="recording",
+    more="rows not told",
+):
     """Rows of a list of participants cannot be used.
 
     The facts of the second row that cannot be used end in ``_2``, and so on.
     """
 
-    code = "E-PARTICIPANTS"
-    outcome = Outcome(422, 2)
-    fact_meanings = name_facts(
-        why=TERM,
-        cure=TERM,
-        value="as written",
-        allowed="what can be",
-        line="line",
-        other="line of a second row",
-        first="recording",
-        second="recording",
-        more="rows not told",
-    )
 
-
-class UnusableList(AppError):
+class UnusableList(
+    AppError, code="E-LIST", outcome=Outcome(422, 2), why=TERM, value="as written", line="line"
+):
     """A list of recordings cannot be used."""
 
-    code = "E-LIST"
-    outcome = Outcome(422, 2)
-    fact_meanings = name_facts(why=TERM, value="as written", line="line")
 
-
-class BadChecksum(BadParameter):
+class BadChecksum(
+    BadParameter, code="E-CHECKSUM", outcome=Outcome(400, 2), value="as given", allowed="what can be"
+):
     """No checksum that could be compared."""
 
-    code = "E-CHECKSUM"
-    outcome = Outcome(400, 2)
-    fact_meanings = name_facts(value="as given", allowed="what can be")
 
-
-class UploadRefused(AppError):
+class UploadRefused(AppError, code="E-UPLOAD", outcome=Outcome(400, 3, retryable=True)):
     """The bytes were not taken."""
 
-    code = "E-UPLOAD"
-    outcome = Outcome(400, 3, retryable=True)
 
-
-class FileTooLarge(UploadRefused):
+class FileTooLarge(UploadRefused, code="E-BIG", outcome=Outcome(413, 3), n="GB", max="GB"):
     """More bytes than allowed."""
 
-    code = "E-BIG"
-    outcome = Outcome(413, 3)
-    fact_meanings = name_facts(n="GB", max="GB")
 
-
-class DiskFull(UploadRefused):
+class DiskFull(UploadRefused, code="E-DISK", outcome=Outcome(507, 3, retryable=True), tries="attempts"):
     """Too little space is left to take a recording."""
 
-    code = "E-DISK"
-    outcome = Outcome(507, 3, retryable=True)
-    fact_meanings = name_facts(tries="attempts")
 
-
-class SlowUpload(UploadRefused):
+class SlowUpload(UploadRefused, code="E-SLOW", outcome=Outcome(408, 3, retryable=True)):
     """The bytes came too slowly."""
 
-    code = "E-SLOW"
-    outcome = Outcome(408, 3, retryable=True)
 
-
-class BrokenUpload(UploadRefused):
+class BrokenUpload(UploadRefused, code="E-CUT-UPLOAD"):
     """Fewer bytes came than were announced."""
 
-    code = "E-CUT-UPLOAD"
 
-
-class WrongOffset(UploadRefused):
+class WrongOffset(UploadRefused, code="E-OFFSET", outcome=Outcome(409, 3, retryable=True), expected="byte"):
     """The bytes do not begin where the upload ended."""
 
-    code = "E-OFFSET"
-    outcome = Outcome(409, 3, retryable=True)
-    fact_meanings = name_facts(expected="byte")
 
-
-class LockedUpload(UploadRefused):
+class LockedUpload(UploadRefused, code="E-LOCKED", outcome=Outcome(423, 3, retryable=True)):
     """Another request writes to the same upload."""
 
-    code = "E-LOCKED"
-    outcome = Outcome(423, 3, retryable=True)
 
-
-class WrongDigest(UploadRefused):
+class WrongDigest(UploadRefused, code="E-DIGEST", outcome=Outcome(460, 3, retryable=True)):
     """What arrived is not what was sent."""
 
-    code = "E-DIGEST"
-    outcome = Outcome(460, 3, retryable=True)
 
-
-class WrongLength(UploadRefused):
+class WrongLength(UploadRefused, code="E-LENGTH", outcome=Outcome(400, 3)):
     """The length is missing or wrong."""
 
-    code = "E-LENGTH"
-    outcome = Outcome(400, 3)
 
-
-class WrongMediaType(UploadRefused):
+class WrongMediaType(
+    UploadRefused, code="E-MEDIA", outcome=Outcome(415, 3), found="media type", allowed="media types"
+):
     """The body is of a kind that is not taken here."""
 
-    code = "E-MEDIA"
-    outcome = Outcome(415, 3)
-    fact_meanings = name_facts(found="media type", allowed="media types")
 
-
-class UnknownProtocol(UploadRefused):
+class UnknownProtocol(UploadRefused, code="E-PROTOCOL", outcome=Outcome(412, 3), allowed="versions"):
     """Another version of the upload protocol."""
 
-    code = "E-PROTOCOL"
-    outcome = Outcome(412, 3)
-    fact_meanings = name_facts(allowed="versions")
 
-
-class Busy(AppError):
+class Busy(AppError, code="E-BUSY", outcome=Outcome(503, 3, retryable=True)):
     """More work waits than is allowed."""
 
-    code = "E-BUSY"
-    outcome = Outcome(503, 3, retryable=True)
 
-
-class TooMany(AppError):
+class TooMany(AppError, code="E-TOO-MANY", outcome=Outcome(429, 3, retryable=True), max="uploads at once"):
     """As many uploads as are taken at once are under way."""
 
-    code = "E-TOO-MANY"
-    outcome = Outcome(429, 3, retryable=True)
-    fact_meanings = name_facts(max="uploads at once")
 
-
-class TooManySessions(AppError):
+class TooManySessions(
+    AppError, code="E-LIVE-FULL", outcome=Outcome(429, 3, retryable=True), max="sessions at once"
+):
     """As many live sessions as one server runs are under way."""
 
-    code = "E-LIVE-FULL"
-    outcome = Outcome(429, 3, retryable=True)
-    fact_meanings = name_facts(max="sessions at once")
 
-
-class LiveSourceFailed(AppError):
+class LiveSourceFailed(
+    AppError, code="E-LIVE-SOURCE", outcome=Outcome(422, 3, retryable=True), name="of the port", why=TERM
+):
     """No samples come from where they were to come from."""
 
-    code = "E-LIVE-SOURCE"
-    outcome = Outcome(422, 3, retryable=True)
-    fact_meanings = name_facts(name="of the port", why=TERM)
 
-
-class PurgedSince(AppError):
+class PurgedSince(AppError, code="E-PURGED", outcome=Outcome(410, 3)):
     """The recording of this upload has been deleted for good."""
 
-    code = "E-PURGED"
-    outcome = Outcome(410, 3)
 
-
-class ForeignWebhook(AppError):
+class ForeignWebhook(AppError, code="E-WEBHOOK", outcome=Outcome(422, 2), url="address"):
     """A webhook may not lead there."""
 
-    code = "E-WEBHOOK"
-    outcome = Outcome(422, 2)
-    fact_meanings = name_facts(url="address")
 
-
-class OnHold(AppError):
+class OnHold(AppError, code="E-HOLD", outcome=Outcome(409, 3), id="of the recording", why=TERM):
     """The recording is on hold: nothing of it may be deleted for good."""
 
-    code = "E-HOLD"
-    outcome = Outcome(409, 3)
-    fact_meanings = name_facts(id="of the recording", why=TERM)
 
-
-class StaleVersion(AppError):
+class StaleVersion(AppError, code="E-STALE", outcome=Outcome(409, 3)):
     """Somebody else has changed it meanwhile."""
 
-    code = "E-STALE"
-    outcome = Outcome(409, 3)
 
-
-class NotHere(AppError):
+class NotHere(AppError, code="E-NOT-FOUND", outcome=Outcome(404, 3), id="of what was asked for"):
     """No such page, recording or analysis."""
 
-    code = "E-NOT-FOUND"
-    outcome = Outcome(404, 3)
-    fact_meanings = name_facts(id="of what was asked for")
 
-
-class NoSuchFile(NotHere):
+class NoSuchFile(NotHere, code="E-NO-FILE", name="of the file"):
     """The analysis ended without this file."""
 
-    code = "E-NO-FILE"
-    fact_meanings = name_facts(name="of the file")
 
-
-class NoSuchRange(AppError):
+class NoSuchRange(AppError, code="E-RANGE", outcome=Outcome(416, 2), size="bytes"):
     """A part of a file behind its end."""
 
-    code = "E-RANGE"
-    outcome = Outcome(416, 2)
-    fact_meanings = name_facts(size="bytes")
 
-
-class CannotPair(AppError):
+class CannotPair(AppError, code="E-PAIR", outcome=Outcome(422, 3), why=TERM):
     """Two analyses cannot be set side by side."""
 
-    code = "E-PAIR"
-    outcome = Outcome(422, 3)
-    fact_meanings = name_facts(why=TERM)
 
-
-class CannotCompare(AppError):
+class CannotCompare(AppError, code="E-COMPARE", outcome=Outcome(422, 3), why=TERM):
     """Two analyses are no two days of one person, or of one method."""
 
-    code = "E-COMPARE"
-    outcome = Outcome(422, 3)
-    fact_meanings = name_facts(why=TERM)
 
-
-class CannotProfile(AppError):
+class CannotProfile(
+    AppError, code="E-DAYS", outcome=Outcome(422, 3), why=TERM, name="file or folder", other="file or folder"
+):
     """Analyses that are no days of one person or of one group."""
 
-    code = "E-DAYS"
-    outcome = Outcome(422, 3)
-    fact_meanings = name_facts(why=TERM, name="file or folder", other="file or folder")
 
-
-class NotFinished(AppError):
+class NotFinished(AppError, code="E-NOT-FINISHED", outcome=Outcome(409, 3, retryable=True), state=TERM):
     """The analysis has not ended yet."""
 
-    code = "E-NOT-FINISHED"
-    outcome = Outcome(409, 3, retryable=True)
-    fact_meanings = name_facts(state=TERM)
 
-
-class NotAllowed(AppError):
+class NotAllowed(AppError, code="E-NOT-ALLOWED", outcome=Outcome(403, 2)):
     """Not for this caller."""
 
-    code = "E-NOT-ALLOWED"
-    outcome = Outcome(403, 2)
 
-
-class NotSignedIn(NotAllowed):
+class NotSignedIn(NotAllowed, code="E-SIGN-IN", outcome=Outcome(401, 2)):
     """Nobody known: no session, token or secret."""
 
-    code = "E-SIGN-IN"
-    outcome = Outcome(401, 2)
 
-
-class NotPermitted(NotAllowed):
+class NotPermitted(NotAllowed, code="E-PERMISSION", permission=TERM):
     """Known, but without the permission that this asks for."""
 
-    code = "E-PERMISSION"
-    fact_meanings = name_facts(permission=TERM)
 
-
-class NotConfirmed(NotAllowed):
+class NotConfirmed(NotAllowed, code="E-CONFIRM"):
     """Logged in too long ago for what this asks for: the password is asked for again."""
 
-    code = "E-CONFIRM"
 
-
-class LoginRefused(NotAllowed):
+class LoginRefused(NotAllowed, code="E-LOGIN", outcome=Outcome(401, 2)):
     """The name and what was given with it do not let anybody in; which of the two is not said."""
 
-    code = "E-LOGIN"
-    outcome = Outcome(401, 2)
 
-
-class SecondFactorLost(NotAllowed):
+class SecondFactorLost(NotAllowed, code="E-SECOND-FACTOR", outcome=Outcome(503, 2)):
     """The authenticator's secret cannot be decrypted: the secret of the server is another."""
 
-    code = "E-SECOND-FACTOR"
-    outcome = Outcome(503, 2)
 
-
-class TooManyTries(NotAllowed):
+class TooManyTries(NotAllowed, code="E-TRIES", outcome=Outcome(429, 2, retryable=True), wait_s="s"):
     """Too many wrong tries; the next is looked at after a while."""
 
-    code = "E-TRIES"
-    outcome = Outcome(429, 2, retryable=True)
-    fact_meanings = name_facts(wait_s="s")
 
-
-class WeakPassword(NotAllowed):
+class WeakPassword(
+    NotAllowed, code="E-PASSWORD", outcome=Outcome(422, 2), weak=TERM, least="characters", most="characters"
+):
     """A password that others try first, or that is too short."""
 
-    code = "E-PASSWORD"
-    outcome = Outcome(422, 2)
-    fact_meanings = name_facts(weak=TERM, least="characters", most="characters")
 
-
-class TicketSpent(NotAllowed):
+class TicketSpent(NotAllowed, code="E-LINK", outcome=Outcome(410, 2)):
     """An address that works once was opened before, or too late."""
 
-    code = "E-LINK"
-    outcome = Outcome(410, 2)
 
-
-class TokenInAddress(NotAllowed):
+class TokenInAddress(NotAllowed, code="E-TOKEN-ADDRESS", outcome=Outcome(400, 2)):
     """A token stands in the address, where logs and histories keep it."""
 
-    code = "E-TOKEN-ADDRESS"
-    outcome = Outcome(400, 2)
 
-
-class ProviderRefused(NotAllowed):
+class ProviderRefused(NotAllowed, code="E-PROVIDER", outcome=Outcome(401, 2, retryable=True), said=TERM):
     """The identity provider does not answer, or what it says is not to be believed."""
 
-    code = "E-PROVIDER"
-    outcome = Outcome(401, 2, retryable=True)
-    fact_meanings = name_facts(said=TERM)
 
-
-class ForeignOrigin(NotAllowed):
+class ForeignOrigin(NotAllowed, code="E-ORIGIN"):
     """Another web site asks for a change."""
 
-    code = "E-ORIGIN"
 
-
-class ForeignHostName(NotAllowed):
+class ForeignHostName(NotAllowed, code="E-HOST-NAME", outcome=Outcome(421, 2), host="name"):
     """The request names a host that this server is not."""
 
-    code = "E-HOST-NAME"
-    outcome = Outcome(421, 2)
-    fact_meanings = name_facts(host="name")
 
-
-class WrongVerb(NotAllowed):
+class WrongVerb(
+    NotAllowed, code="E-METHOD", outcome=Outcome(405, 2), method="of the request", allowed="methods"
+):
     """The address does not know this method."""
 
-    code = "E-METHOD"
-    outcome = Outcome(405, 2)
-    fact_meanings = name_facts(method="of the request", allowed="methods")
 
-
-class ServerRefused(AppError):
+class ServerRefused(AppError, code="E-SERVER", outcome=Outcome(503, 2)):
     """The server cannot start like this."""
 
-    code = "E-SERVER"
-    outcome = Outcome(503, 2)
 
-
-class ForeignAddress(ServerRefused):
+class ForeignAddress(ServerRefused, code="E-HOST", host="address", missing="what keeps strangers out"):
     """An address that others reach, without what it needs: accounts, names of the host, TLS."""
 
-    code = "E-HOST"
-    fact_meanings = name_facts(host="address", missing="what keeps strangers out")
 
-
-class ExamplePassword(ServerRefused):
+class ExamplePassword(ServerRefused, code="E-EXAMPLE-PASSWORD", name="setting"):
     """A password of the example files, which everybody knows."""
 
-    code = "E-EXAMPLE-PASSWORD"
-    fact_meanings = name_facts(name="setting")
 
-
-class PortTaken(ServerRefused):
+class PortTaken(ServerRefused, code="E-PORT", host="address", port="number"):
     """Another program listens there."""
 
-    code = "E-PORT"
-    fact_meanings = name_facts(host="address", port="number")
 
-
-class FolderTaken(ServerRefused):
+class FolderTaken(ServerRefused, code="E-FOLDER-IN-USE", folder="path"):
     """Another server works in this data folder."""
 
-    code = "E-FOLDER-IN-USE"
-    fact_meanings = name_facts(folder="path")
 
-
-class FolderUnusable(ServerRefused):
+class FolderUnusable(ServerRefused, code="E-FOLDER", folder="path", why="by the system"):
     """The data folder cannot be used."""
 
-    code = "E-FOLDER"
-    fact_meanings = name_facts(folder="path", why="by the system")
 
-
-class FolderReadOnly(FolderUnusable):
+class FolderReadOnly(FolderUnusable, code="E-FOLDER-READ-ONLY", folder="path"):
     """The data folder is on a disk that can only be read."""
 
-    code = "E-FOLDER-READ-ONLY"
-    fact_meanings = name_facts(folder="path")
 
-
-class FolderForbidden(FolderUnusable):
+class FolderForbidden(FolderUnusable, code="E-FOLDER-PERMISSION", folder="path"):
     """The user of this process may not write in the data folder."""
 
-    code = "E-FOLDER-PERMISSION"
-    fact_meanings = name_facts(folder="path")
 
-
-class FolderIsFile(FolderUnusable):
+class FolderIsFile(FolderUnusable, code="E-FOLDER-FILE", folder="path"):
     """A file stands where the data folder should be."""
 
-    code = "E-FOLDER-FILE"
-    fact_meanings = name_facts(folder="path")
 
-
-class DatabaseDamaged(ServerRefused):
+class DatabaseDamaged(ServerRefused, code="E-DATABASE-DAMAGED", file="path", why="by the database"):
     """The file of the database is damaged; it is never replaced by itself."""
 
-    code = "E-DATABASE-DAMAGED"
-    fact_meanings = name_facts(file="path", why="by the database")
 
-
-class DatabaseLocked(ServerRefused):
+class DatabaseLocked(ServerRefused, code="E-DATABASE-LOCKED", file="path", pid="process, where known"):
     """Another process holds the database and does not let go."""
 
-    code = "E-DATABASE-LOCKED"
-    fact_meanings = name_facts(file="path", pid="process, where known")
 
-
-class WrongSchema(ServerRefused):
+class WrongSchema(ServerRefused, code="E-SCHEMA", found="revision", needed="revision"):
     """The tables or a backup are of another version; they are left untouched."""
 
-    code = "E-SCHEMA"
-    fact_meanings = name_facts(found="revision", needed="revision")
 
-
-class StoreMismatch(ServerRefused):
+class StoreMismatch(ServerRefused, code="E-STORE-OTHER", found="store", needed="store"):
     """The database belongs to another folder or bucket."""
 
-    code = "E-STORE-OTHER"
-    fact_meanings = name_facts(found="store", needed="store")
 
-
-class AccountsLost(ServerRefused):
+class AccountsLost(ServerRefused, code="E-ACCOUNTS-LOST", file="path"):
     """The server of this data folder has accounts, and its database holds none."""
 
-    code = "E-ACCOUNTS-LOST"
-    fact_meanings = name_facts(file="path")
 
-
-class UnknownRecordings(ServerRefused):
+class UnknownRecordings(ServerRefused, code="E-UNKNOWN-RECORDINGS", number="recordings", first="key of one"):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 
-    code = "E-UNKNOWN-RECORDINGS"
-    fact_meanings = name_facts(number="recordings", first="key of one")
 
-
-class NotEmpty(ServerRefused):
+class NotEmpty(
+    ServerRefused, code="E-NOT-EMPTY", number="rows or files", where="table, or file in the store"
+):
     """A backup is restored only where nothing is."""
 
-    code = "E-NOT-EMPTY"
-    fact_meanings = name_facts(number="rows or files", where="table, or file in the store")
 
-
-class BackupRefused(ServerRefused):
+class BackupRefused(ServerRefused, code="E-BACKUP", why="by the system"):
     """The backup cannot be written or read as it is."""
 
-    code = "E-BACKUP"
-    fact_meanings = name_facts(why="by the system")
 
-
-class NotInstalled(ServerRefused):
+class NotInstalled(ServerRefused, code="E-NOT-INSTALLED", name="of the package", extra="of Acromion"):
     """What a setting needs is not installed."""
 
-    code = "E-NOT-INSTALLED"
-    fact_meanings = name_facts(name="of the package", extra="of Acromion")
 
-
-class StoreAway(AppError):
+class StoreAway(AppError, code="E-STORE", outcome=Outcome(503, 3, retryable=True)):
     """The bucket does not answer."""
 
-    code = "E-STORE"
-    outcome = Outcome(503, 3, retryable=True)
 
-
-class StoreDamaged(AppError):
+class StoreDamaged(AppError, code="E-STORE-DAMAGED", outcome=Outcome(410, 3)):
     """The stored bytes are no longer those that came."""
 
-    code = "E-STORE-DAMAGED"
-    outcome = Outcome(410, 3)
 
-
-class PurgeUnfinished(AppError):
+class PurgeUnfinished(
+    AppError, code="E-PURGE-UNFINISHED", outcome=Outcome(503, 3), id="of the recording", why="by the system"
+):
     """A recording is hidden, but its rows are still in the database: its copies could not be renewed."""
 
-    code = "E-PURGE-UNFINISHED"
-    outcome = Outcome(503, 3)
-    fact_meanings = name_facts(id="of the recording", why="by the system")
 
-
-class SecretUnreadable(AppError):
+class SecretUnreadable(AppError, code="E-SECRET", outcome=Outcome(503, 3), file="path"):
     """The secret of this server is gone, or is not the one that encrypted a second factor or a webhook."""
 
-    code = "E-SECRET"
-    outcome = Outcome(503, 3)
-    fact_meanings = name_facts(file="path")
 
-
-class ResultDamaged(AppError):
+class ResultDamaged(
+    AppError,
+    code="E-RESULT-DAMAGED",
+    outcome=Outcome(410, 3, retryable=True),
+    name="of the file",
+    analysis="identity",
+    again="identity of the analysis that replaces it",
+):
     """A file of a finished analysis is missing or not what was made."""
 
-    code = "E-RESULT-DAMAGED"
-    outcome = Outcome(410, 3, retryable=True)
-    fact_meanings = name_facts(
-        name="of the file", analysis="identity", again="identity of the analysis that replaces it"
-    )
 
-
-class DatabaseAway(AppError):
+class DatabaseAway(
+    AppError, code="E-DATABASE", outcome=Outcome(503, 3, retryable=True), why="by the system, at a start"
+):
     """The database does not answer."""
 
-    code = "E-DATABASE"
-    outcome = Outcome(503, 3, retryable=True)
-    fact_meanings = name_facts(why="by the system, at a start")
 
-
-class AttemptFailed(AppError):
+class AttemptFailed(AppError, code="E-STOPPED", outcome=Outcome(500, 3)):
     """The analysis was stopped."""
 
-    code = "E-STOPPED"
-    outcome = Outcome(500, 3)
 
-
-class Interrupted(AttemptFailed):
+class Interrupted(
+    AttemptFailed,
+    code="E-INTERRUPTED",
+    outcome=Outcome(503, 130, retryable=True),
+    times="interruptions, on a server",
+):
     """The computer or the program ended before this recording was done."""
 
-    code = "E-INTERRUPTED"
-    outcome = Outcome(503, 130, retryable=True)
-    fact_meanings = name_facts(times="interruptions, on a server")
 
-
-class Crashed(AttemptFailed):
+class Crashed(AttemptFailed, code="E-CRASHED", outcome=Outcome(422, 3, retryable=True), attempts="attempts"):
     """The analysis died as often as is allowed, while its worker lived."""
 
-    code = "E-CRASHED"
-    outcome = Outcome(422, 3, retryable=True)
-    fact_meanings = name_facts(attempts="attempts")
 
-
-class OutOfMemory(AttemptFailed):
+class OutOfMemory(AttemptFailed, code="E-MEMORY", outcome=Outcome(422, 3), max="GB"):
     """The analysis needs more memory than allowed."""
 
-    code = "E-MEMORY"
-    outcome = Outcome(422, 3)
-    fact_meanings = name_facts(max="GB")
 
-
-class OutOfTime(AttemptFailed):
+class OutOfTime(AttemptFailed, code="E-TIMEOUT", outcome=Outcome(422, 3), s="s"):
     """The analysis takes longer than allowed."""
 
-    code = "E-TIMEOUT"
-    outcome = Outcome(422, 3)
-    fact_meanings = name_facts(s="s")
 
-
-class InternalError(AttemptFailed):
+class InternalError(AttemptFailed, code="E-INTERNAL", outcome=BUG, reference="in the log"):
     """A bug; the traceback is in the log under this reference."""
-
-    code = "E-INTERNAL"
-    outcome = BUG
-    fact_meanings = name_facts(reference="in the log")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import logging
 import os
 import stat
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -21,11 +21,12 @@ from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queue import WayIn
-from app.jobs.regeneration import find_or_add
+from app.jobs.results import find_or_add
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
-from app.storage.store import COPY_BYTES, Storage
+from app.storage.store import COPY_BYTES, Storage, StoredRecording
+from fusion.errors import EmptyFile, FusionError
 
 SCAN_PERIOD_S = 2.0
 STOP_LIMIT_S = 10.0
@@ -38,8 +39,22 @@ _READ = os.O_RDONLY | _NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_B
 """A link is refused, and a pipe in place of a file is not waited for."""
 
 Signature = tuple[int, int]
+"""What changes of a file while it grows."""
 
 logger = logging.getLogger(__name__)
+
+
+def store_file(storage: Storage, file: BinaryIO, limit_bytes: int) -> StoredRecording:
+    """Store a copy of an open file. Raises EmptyFile, FileTooLarge, DiskFull or OSError."""
+    upload = storage.open_upload(limit_bytes)
+    try:
+        while piece := file.read(COPY_BYTES):
+            upload.write(piece)
+        if upload.size_bytes == 0:
+            raise EmptyFile
+        return upload.keep()
+    finally:
+        upload.discard()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,28 +68,15 @@ class Intake:
     def add(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
         """Store a copy of a file and queue its analysis; the same bytes asked alike are not analysed twice.
 
-        Raises
-        ------
-        FileTooLarge, DiskFull, OSError
+        Raises FileTooLarge, DiskFull or OSError.
         """
         with path.open("rb") as file:
             return self.add_open(file, request, way_in)
 
     def add_open(self, file: BinaryIO, request: ReportRequest, way_in: WayIn) -> Job:
-        """Do the same with a file that is open.
-
-        Raises
-        ------
-        FileTooLarge, DiskFull, OSError
-        """
+        """Do the same with a file that is open. Raises FileTooLarge, DiskFull or OSError."""
         self.storage.check_space(os.fstat(file.fileno()).st_size, self.settings.min_free_bytes)
-        upload = self.storage.open_upload(self.settings.max_upload_bytes)
-        try:
-            while piece := file.read(COPY_BYTES):
-                upload.write(piece)
-            stored = upload.keep()
-        finally:
-            upload.discard()
+        stored = store_file(self.storage, file, self.settings.max_upload_bytes)
         add = partial(self.store.add, stored, request, way_in)
         own = (stored.id, stored.sha256)
         job, existed = find_or_add(self.store, self.storage, own, request, way_in, add)
@@ -109,9 +111,22 @@ class FolderWatch:
 
     def scan(self) -> list[Job]:
         """Take in what has stopped growing since the last scan; gives the analyses."""
-        entries = list(_walk_entries(self.folder))
-        self._log_links(sum(entry.is_symlink() for entry in entries))
-        found = dict(_choose_files(entries))
+        with os.scandir(self.folder) as top:
+            entries = list(top)
+        for folder in [one for one in entries if one.name != TAKEN and one.is_dir(follow_symlinks=False)]:
+            with os.scandir(folder.path) as inside:
+                entries += inside
+        links = sum(entry.is_symlink() for entry in entries)
+        if links > self._links:  # said once, as many as there are
+            logger.warning("%d links in the watched folder are left alone: links are not followed", links)
+        self._links = links
+        found = {}
+        for entry in entries:
+            path = Path(entry.path)
+            if path.suffix.lower() in LAST_ENDINGS and not entry.name.startswith("."):
+                status = entry.stat(follow_symlinks=False)
+                if stat.S_ISREG(status.st_mode) and status.st_size:
+                    found[path] = (status.st_size, status.st_mtime_ns)
         ready = [path for path, signature in found.items() if self._seen.get(path) == signature]
         self._seen = found
         self._refused &= set(found.items())
@@ -125,12 +140,6 @@ class FolderWatch:
             except OSError as error:
                 logger.warning("the watched folder cannot be read (%s); trying again", error.strerror)
 
-    def _log_links(self, count: int) -> None:
-        """Log links once, as many as there are."""
-        if count > self._links:
-            logger.warning("%d links in the watched folder are left alone: links are not followed", count)
-        self._links = count
-
     def _add(self, path: Path) -> Job | None:
         """Take one file in; one that cannot be taken stays where it is and is logged once, not by name."""
         inside = path.relative_to(self.folder)
@@ -143,7 +152,7 @@ class FolderWatch:
                 with _open_plain(path, handle) as file:
                     job = self.intake.add_open(file, request, "api")
                 self._move_to_taken(path, handle, job.id)
-        except (AppError, OSError, ValueError) as error:
+        except (AppError, FusionError, OSError, ValueError) as error:
             self._log_refused(path, error)
             return None
         logger.info("a file of the watched folder was taken in as %s", job.id)
@@ -155,7 +164,12 @@ class FolderWatch:
             self._refused.add(refused)
             size_bytes, changed_ns = self._seen[path]
             changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
-            facts = (size_bytes, changed, _describe_trouble(error))
+            trouble = "its name cannot be used"  # no word of the file's
+            if isinstance(error, AppError | FusionError):
+                trouble = error.code
+            elif isinstance(error, OSError):
+                trouble = error.strerror or ""
+            facts = (size_bytes, changed, trouble)
             logger.warning("a watched file of %d bytes, changed %s, could not be taken in: %s", *facts)
 
     def _move_to_taken(self, path: Path, handle: int | None, job_id: str) -> None:
@@ -170,13 +184,6 @@ class FolderWatch:
             path.rename(place)
         else:
             os.rename(path.name, place, src_dir_fd=handle)
-
-
-def _describe_trouble(error: Exception) -> str:
-    """Describe an error without any word of the file's."""
-    if isinstance(error, AppError):
-        return error.code
-    return (error.strerror or "") if isinstance(error, OSError) else "its name cannot be used"
 
 
 @contextmanager
@@ -200,24 +207,3 @@ def _open_plain(path: Path, handle: int | None) -> BinaryIO:
         file.close()
         raise IsADirectoryError
     return file
-
-
-def _walk_entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
-    """Give what lies in the folder and in the folders within it, but for what was taken; links as links."""
-    with os.scandir(folder) as entries:
-        top = list(entries)
-    for entry in top:
-        yield entry
-        if entry.name != TAKEN and entry.is_dir(follow_symlinks=False):
-            with os.scandir(entry.path) as entries:
-                yield from list(entries)
-
-
-def _choose_files(entries: Iterable["os.DirEntry[str]"]) -> Iterator[tuple[Path, Signature]]:
-    """Give the recordings, with what changes while they grow."""
-    for entry in entries:
-        path = Path(entry.path)
-        if path.suffix.lower() in LAST_ENDINGS and not entry.name.startswith("."):
-            status = entry.stat(follow_symlinks=False)
-            if stat.S_ISREG(status.st_mode) and status.st_size:
-                yield path, (status.st_size, status.st_mtime_ns)

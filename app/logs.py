@@ -47,8 +47,7 @@ class LineFormatter(logging.Formatter):
         )
 
     def formatException(  # noqa: N802
-        self,
-        ei: tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None],
+        self, ei: tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
     ) -> str:
         """Give the lines of a traceback."""
         return _bar_lines(super().formatException(ei))

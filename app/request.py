@@ -43,12 +43,7 @@ def clean_file_name(name: str) -> str:
 
 
 def check_subject(text: str) -> str:
-    """Return a subject code of one printable line, "" if it names nobody.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Return a subject code of one printable line, "" if it names nobody. Raises ValueError."""
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
         raise ValueError(SUBJECT_HINT)
     return find_code(text)
@@ -66,12 +61,7 @@ def find_code(subject: str) -> str:
 
 
 def parse_window(text: str) -> tuple[float, float]:
-    """Read ``START_S,END_S``.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read ``START_S,END_S``. Raises ValueError."""
     start_s, end_s = (float(part) for part in text.split(","))
     if not 0 <= start_s < end_s < math.inf:
         raise ValueError(WINDOW_HINT)
@@ -90,12 +80,7 @@ def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) ->
 
 
 def parse_slip_time(text: str) -> float:
-    """Read when the sensor slipped, or did not, in seconds.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read when the sensor slipped, or did not, in seconds. Raises ValueError."""
     time_s = float(text)
     if not 0 <= time_s < math.inf:
         raise ValueError(SLIP_HINT)
@@ -212,17 +197,15 @@ class ReportRequest:
         for name in ("languages", "kinds", "joined", "changes", "slip_times_s", "no_slip_times_s"):
             if name in values:
                 values[name] = tuple(values[name])
-        reference = _read_reference(values.pop("reference", None))
-        concluded = values.pop("conclusion", None)
-        draft = _read_draft(values.pop("draft", None))
-        return cls(
-            calibration_windows_s=windows,
-            diary=diary,
-            reference=reference,
-            conclusion=Conclusion(**concluded) if concluded else None,
-            draft=draft,
-            **values,
-        )
+        if reference := values.pop("reference", None):
+            tasks = tuple(TaskWindow(**task) for task in reference.pop("tasks", ()))
+            values["reference"] = Reference(tasks=tasks, **reference)
+        if concluded := values.pop("conclusion", None):
+            values["conclusion"] = Conclusion(**concluded)
+        if draft := values.pop("draft", None):
+            changes = tuple(draft["changes"])
+            values["draft"] = ConclusionDraft(Conclusion(**draft["conclusion"]), draft["version"], changes)
+        return cls(calibration_windows_s=windows, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
         """Give what the figures depend on; languages and forms of the report are left out."""
@@ -298,16 +281,3 @@ class ProfileRequest:
 def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
     """Name the settings that differ, of two as :meth:`ReportRequest.describe_settings` gives them."""
     return tuple(name for name in after if name in before and before[name] != after[name])
-
-
-def _read_reference(values: dict[str, Any] | None) -> Reference | None:
-    if values is None:
-        return None
-    tasks = tuple(TaskWindow(**task) for task in values.pop("tasks", ()))
-    return Reference(tasks=tasks, **values)
-
-
-def _read_draft(values: dict[str, Any] | None) -> ConclusionDraft | None:
-    if values is None:
-        return None
-    return ConclusionDraft(Conclusion(**values["conclusion"]), values["version"], tuple(values["changes"]))

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import anyio
 import anyio.to_thread
@@ -38,8 +38,6 @@ from app.storage.store import Storage, check_folder
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
-
-T = TypeVar("T")
 
 # Readiness: each thing that an upload needs is checked by itself and within a limit.
 
@@ -76,50 +74,40 @@ class Readiness:
             return self._found
 
     async def _run_checks(self) -> Mapping[str, str]:
-        checks = self._build_checks()
-        found = {name: trouble.code for name, (_, trouble) in checks.items()}
-        async with anyio.create_task_group() as tasks:
-            for name, (check, trouble) in checks.items():
-                tasks.start_soon(self._run_check, found, name, check, trouble)
-        return found
-
-    def _build_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
-        """Give each check with the error for a failure that has no code, or for one that does not end."""
+        """Make each check; its error is for a failure without a code, and for a check that does not end."""
         settings = self.settings
-        return {
+        checks: Mapping[str, tuple[Callable[[], None], type[AppError]]] = {
             "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
             "disk": (lambda: self.storage.check_space(0, settings.min_free_bytes), DiskFull),
             "database": (lambda: check_writable(settings.database_url, LOCK_S), DatabaseAway),
             "store": (self.storage.prepare, StoreAway),
             "queue": (self._check_queue, DatabaseAway),
         }
+        found = {name: trouble.code for name, (_, trouble) in checks.items()}
+        async with anyio.create_task_group() as tasks:
+            for name, (check, trouble) in checks.items():
+                if name not in self._busy:
+                    tasks.start_soon(self._run_check, found, name, check, trouble)
+        return found
 
     async def _run_check(
         self, found: dict[str, str], name: str, check: Callable[[], None], trouble: type[AppError]
     ) -> None:
-        if name in self._busy:
-            return
+        def run() -> str:
+            try:
+                check()
+            except AppError as refusal:
+                return refusal.code
+            except (OSError, SQLAlchemyError):
+                return trouble.code
+            finally:
+                self._busy.discard(name)
+            return GOOD
+
         self._busy.add(name)
         with anyio.move_on_after(CHECK_LIMIT_S):
-            found[name] = await anyio.to_thread.run_sync(
-                self._make_check,
-                name,
-                check,
-                trouble,
-                abandon_on_cancel=True,
-                limiter=anyio.CapacityLimiter(1),
-            )
-
-    def _make_check(self, name: str, check: Callable[[], None], trouble: type[AppError]) -> str:
-        try:
-            check()
-        except AppError as refusal:
-            return refusal.code
-        except (OSError, SQLAlchemyError):
-            return trouble.code
-        finally:
-            self._busy.discard(name)
-        return GOOD
+            alone = anyio.CapacityLimiter(1)
+            found[name] = await anyio.to_thread.run_sync(run, abandon_on_cancel=True, limiter=alone)
 
     def _check_queue(self) -> None:
         if self.store.count_waiting() >= self.settings.max_queued:
@@ -136,89 +124,38 @@ class Quarantine:
     names: tuple[str, ...] = ()
 
 
-class Later(Generic[T]):
-    """Something that is made when it is first asked for, once."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self.made: T | None = None
-
-    def find(self, make: Callable[[], T]) -> T:
-        """Give it, made now if need be."""
-        with self._lock:
-            if self.made is None:
-                self.made = make()
-            return self.made
-
-
-@dataclass(frozen=True, slots=True)
 class Services:
-    """The database, the folders and the settings of this server."""
+    """The database, the folders and the settings of this server, opened."""
 
-    store: JobStore
-    storage: Storage
-    settings: Settings
-    recordings: RecordingStore
-    uploads: UploadStore
-    incoming: Incoming
-    inspector: Inspector
-    results: ResultReader
-    pairs: PairReports
-    batches: BatchStore
-    mappings: MappingStore
-    views: SavedViews
-    webhooks: WebhookStore
-    upload_slots: UploadSlots
-    side_files: SideWriter
-    quarantine: Quarantine
-    cache: DecodedCache
-    readiness: Readiness
-    live: "Later[LiveHub]"
-    releases: ReleaseStore
-    retention: RetentionStore
-    aggregates: AggregateStore
-
-
-def open_services(settings: Settings) -> Services:
-    """Open database and folders."""
-    storage = open_storage(settings)
-    storage.prepare()
-    store = JobStore(settings)
-    try:
-        store.check_belongs(storage.identify())
-    except BaseException:
-        store.close()
-        raise
-    rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming")
-    inspector = Inspector(settings, settings.data_dir / "inspections")
-    results = ResultReader(store, storage)
-    incoming.prepare()
-    inspector.prepare()
-    return Services(
-        store=store,
-        storage=storage,
-        settings=settings,
-        recordings=RecordingStore(*rows),
-        uploads=UploadStore(*rows),
-        incoming=incoming,
-        inspector=inspector,
-        results=results,
-        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
-        batches=BatchStore(*rows),
-        mappings=MappingStore(*rows),
-        views=SavedViews(*rows, storage),
-        webhooks=WebhookStore(*rows),
-        upload_slots=UploadSlots(settings.max_uploads_at_once),
-        side_files=SideWriter(*rows, storage),
-        quarantine=Quarantine(),
-        cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
-        readiness=Readiness(store, storage, settings),
-        live=Later(),
-        releases=ReleaseStore(*rows),
-        retention=RetentionStore(*rows),
-        aggregates=AggregateStore(*rows),
-    )
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.storage = storage = open_storage(settings)
+        storage.prepare()
+        self.store = store = JobStore(settings)
+        try:
+            store.check_belongs(storage.identify())
+        except BaseException:
+            store.close()
+            raise
+        self.incoming = Incoming(settings.data_dir / "incoming")
+        self.incoming.prepare()
+        self.inspector = Inspector(settings, settings.data_dir / "inspections")
+        self.inspector.prepare()
+        rows = (store.engine, store.reader)
+        self.recordings, self.uploads = RecordingStore(*rows), UploadStore(*rows)
+        self.results = ResultReader(store, storage)
+        self.pairs = PairReports(settings, self.results, settings.data_dir / "cache" / "pairs")
+        self.batches, self.mappings = BatchStore(*rows), MappingStore(*rows)
+        self.views, self.side_files = SavedViews(*rows, storage), SideWriter(*rows, storage)
+        self.webhooks, self.releases = WebhookStore(*rows), ReleaseStore(*rows)
+        self.retention, self.aggregates = RetentionStore(*rows), AggregateStore(*rows)
+        self.upload_slots = UploadSlots(settings.max_uploads_at_once)
+        self.quarantine = Quarantine()
+        self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
+        self.readiness = Readiness(store, storage, settings)
+        self.live: LiveHub | None = None
+        """Made by the first live session (:func:`app.api.live.find_hub`), because it loads the science."""
+        self.live_turn = threading.Lock()
 
 
 SUBJECT = "acromion.subject"
@@ -251,17 +188,15 @@ def prefer_language(request: Request, among: Sequence[Language]) -> Language:
         )
         if place == "fr-ca" and "fr-CA" in weights:
             asked = "fr-CA"
-        if asked is not None:
-            weights[asked] = max(weights[asked], _read_weight(parameters))
+        if asked is None:
+            continue
+        name, _, value = parameters.strip().partition("=")
+        try:
+            weight = float(value) if name.strip() == "q" else 1.0
+        except ValueError:
+            weight = 0.0
+        weights[asked] = max(weights[asked], weight)
     return max(among, key=lambda language: weights[language])
-
-
-def _read_weight(parameters: str) -> float:
-    name, _, value = parameters.strip().partition("=")
-    try:
-        return float(value) if name.strip() == "q" else 1.0
-    except ValueError:
-        return 0.0
 
 
 UsedServices = Annotated[Services, Depends(find_services)]

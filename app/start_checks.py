@@ -4,7 +4,6 @@ import os
 import re
 import ssl
 from collections.abc import Mapping
-from contextlib import suppress
 from ipaddress import ip_address
 
 from app.errors import BadParameter, ExamplePassword, ForeignAddress
@@ -21,10 +20,7 @@ def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
     """Refuse an address that others reach where anything is missing that keeps strangers out.
 
     A proxy on this computer reaches a loopback address or a socket; others reach it through the proxy.
-
-    Raises
-    ------
-    ForeignAddress
+    Raises ForeignAddress.
     """
     is_own = is_own_address(settings.host)
     if is_own and not settings.proxy and not settings.host.startswith(SOCKET_PREFIX):
@@ -50,28 +46,18 @@ def is_own_address(host: str) -> bool:
 def check_host_names(settings: Settings) -> None:
     """Refuse a name by which no browser asks: a pattern, a port, an address with its scheme.
 
-    Raises
-    ------
-    BadParameter
+    Raises BadParameter.
     """
     for name in sorted(settings.host_names):
-        if not _is_host_name(name):
-            raise BadParameter(name="--hosts", value=name[:60], allowed=HOST_NAMES_HINT)
-
-
-def _is_host_name(name: str) -> bool:
-    with suppress(ValueError):
-        return bool(ip_address(name))
-    return bool(_HOST_NAME.fullmatch(name))
+        try:
+            ip_address(name)
+        except ValueError:
+            if not _HOST_NAME.fullmatch(name):
+                raise BadParameter(name="--hosts", value=name[:60], allowed=HOST_NAMES_HINT) from None
 
 
 def check_passwords(settings: Settings, environment: Mapping[str, str] = os.environ) -> None:
-    """Refuse the passwords of the example files (``docker/*.example``).
-
-    Raises
-    ------
-    ExamplePassword
-    """
+    """Refuse the passwords of the example files (``docker/*.example``). Raises ExamplePassword."""
     known = {
         "ACROMION_DATABASE_URL": settings.database_url,
         "AWS_SECRET_ACCESS_KEY": environment.get("AWS_SECRET_ACCESS_KEY", ""),
@@ -82,12 +68,7 @@ def check_passwords(settings: Settings, environment: Mapping[str, str] = os.envi
 
 
 def check_certificate(settings: Settings) -> None:
-    """Refuse a certificate without its key, and files that are none.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Refuse a certificate without its key, and files that are none. Raises BadParameter."""
     cert, key = settings.tls_cert, settings.tls_key
     if cert is None and key is None:
         return

@@ -13,7 +13,7 @@ from app.report.export.results import encode_results, identify_report
 from app.report.findings import Findings, take_findings
 from app.report.words.subject import ReportSubject, Software
 from app.version import software_revision, software_version
-from app.web.example import find_example
+from app.web.help import find_example
 from fusion.diary import read_diary
 from fusion.pipeline import analyse
 from fusion.settings import AnalysisSettings

@@ -23,7 +23,7 @@ from playwright.sync_api import sync_playwright
 from websockets.asyncio.client import connect
 
 from app.live.recorder import Recorder
-from app.live.replay import ReplaySource
+from app.live.sources import ReplaySource
 from app.settings import Settings
 from fusion.live import LiveElevation
 from fusion.readers import read_recording

@@ -23,11 +23,11 @@ from typing import Any
 
 import httpx2
 
+from tests import ROOT
 from tests.crash.harness import Site
 from tests.crash.stores import run_command
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
-from tests.ways_in.servers import ROOT
 
 PERIODS_OF, TRASH_OF, ANALYSES_AT_ONCE = 10, 7, 100
 CHANGING = frozenset({"links", "files"})

@@ -9,7 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.ways_in.servers import ROOT, RunningServer
+from tests import ROOT
+from tests.ways_in.servers import RunningServer
 
 TOOL = Path(sys.executable).with_name("schemathesis")
 

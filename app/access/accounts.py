@@ -1,29 +1,113 @@
 """The accounts: people, their sessions and tokens."""
 
+import hashlib
 import json
 import os
 import secrets
+import threading
 import time
-from collections.abc import Callable, Collection, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, Row, Select, delete, insert, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    Row,
+    Select,
+    delete,
+    func,
+    insert,
+    inspect,
+    select,
+    text,
+    update,
+)
 from sqlalchemy.exc import IntegrityError
 
-from app.access.database import AccountDatabase
-from app.access.hashing import hash_secret
-from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
-from app.errors import AccountsLost, BadParameter, NotHere
+from app.access.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
+from app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
 from app.jobs.audit_log import NOBODY, Act, record
+from app.jobs.database.connect import READ_ONLY, connect, find_database_file, open_database
 from app.jobs.database.tables import known_browsers, people, sessions, tickets, tokens
 from app.jobs.queries import format_now
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.server_secret import ServerSecret
 from app.storage.store import sync_folder
+
+
+def hash_secret(secret: str) -> str:
+    """Return the digest of a long and random secret, as rows hold it: it needs no salt."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+_LOCK = 0x61636374  # an arbitrary number: whoever holds this advisory lock writes accounts
+
+
+class AccountDatabase:
+    """Reads and writes accounts; ``engine`` is that of a server, else the database is opened at first use."""
+
+    def __init__(self, settings: Settings, engine: Engine | None = None) -> None:
+        self._url, self._engine, self._is_lent = settings.database_url, engine, engine is not None
+        self._turn = threading.Lock()
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Open a transaction that alone writes accounts: nobody changes what it reads before it ends."""
+        with self._open().begin() as connection:  # SQLite has locked the database by this
+            if connection.dialect.name == "postgresql":
+                connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+            yield connection
+
+    def has_people(self) -> bool:
+        """Return whether there is any account; to look makes neither file nor table."""
+        query = select(func.count()).select_from(people)
+        if self._engine is not None:
+            return bool(self.read_value(query))
+        file = find_database_file(self._url)
+        if file is not None and not Path(file).exists():
+            return False
+        engine = connect(self._url)
+        try:
+            with engine.execution_options(**READ_ONLY).connect() as connection:
+                is_there = inspect(connection).has_table(people.name)
+                return is_there and bool(connection.execute(query).scalar())
+        finally:
+            engine.dispose()
+
+    def read_all(self, query: Select[Any]) -> Sequence[Any]:
+        """Return every row of a query."""
+        with self._open().execution_options(**READ_ONLY).connect() as connection:
+            return connection.execute(query).all()
+
+    def read_one(self, query: Select[Any]) -> Any | None:
+        """Return the only row of a query, or None."""
+        with self._open().execution_options(**READ_ONLY).connect() as connection:
+            return connection.execute(query).one_or_none()
+
+    def read_value(self, query: Select[Any]) -> Any:
+        """Return the first value of a query."""
+        with self._open().execution_options(**READ_ONLY).connect() as connection:
+            return connection.execute(query).scalar()
+
+    def close(self) -> None:
+        """Let go of the database, unless it is a server's."""
+        with self._turn:
+            if self._engine is not None and not self._is_lent:
+                self._engine.dispose()
+                self._engine = None
+
+    def _open(self) -> Engine:
+        with self._turn:
+            if self._engine is None:
+                self._engine = open_database(self._url)
+            return self._engine
+
 
 IDLE_S = 30 * 60.0
 LONGEST_S = 12 * 3600.0
@@ -109,9 +193,7 @@ class AccountStore:
     def check_kept(self) -> None:
         """Refuse a database that has lost every account: without accounts a server lets others in.
 
-        Raises
-        ------
-        AccountsLost
+        Raises AccountsLost.
         """
         if self._marker.exists() and not self.database.has_people():
             raise AccountsLost(file=str(self._marker))
@@ -140,16 +222,11 @@ class AccountStore:
         return self._insert_person(about.login, about.name, about.roles, of_issuer)
 
     def get_person(self, person_id: str) -> Person:
-        """Give one person.
-
-        Raises
-        ------
-        NotHere
-        """
-        row = self.database.read_one(select(people).where(people.c.id == person_id))
-        if row is None:
+        """Give one person. Raises NotHere."""
+        person = self._find_person(people.c.id == person_id)
+        if person is None:
             raise NotHere(id=person_id)
-        return self._read_person(row)
+        return person
 
     def find_name(self, who: str) -> str:
         """Give the name of a person, or of a token with its person's; "" where the account is gone."""
@@ -170,19 +247,16 @@ class AccountStore:
 
     def find_person(self, login: str) -> Person | None:
         """Find the person of a login name."""
-        row = self.database.read_one(select(people).where(people.c.login == normalise_login(login)))
-        return self._read_person(row) if row is not None else None
+        return self._find_person(people.c.login == normalise_login(login))
 
     def find_person_of(self, issuer: str, subject: str) -> Person | None:
         """Find the person whom a provider knows as ``subject``."""
-        is_it = (people.c.issuer == issuer, people.c.issuer_subject == subject)
-        row = self.database.read_one(select(people).where(*is_it))
-        return self._read_person(row) if row is not None else None
+        return self._find_person(people.c.issuer == issuer, people.c.issuer_subject == subject)
 
     def find_people(self) -> Sequence[Person]:
         """Return everybody, those who may log in first."""
         query = select(people).order_by(people.c.ended_at.is_not(None), people.c.login)
-        return [self._read_person(row) for row in self.database.read_all(query)]
+        return [_read_person(row) for row in self.database.read_all(query)]
 
     def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
         """Give a person other roles; they hold from the next request on."""
@@ -305,24 +379,14 @@ class AccountStore:
         return [_read_token(row) for row in rows]
 
     def get_token(self, bearer: str) -> Token:
-        """Give one token.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one token. Raises NotHere."""
         row = self.database.read_one(select(tokens).where(tokens.c.hash == hash_secret(bearer)))
         if row is None:
             raise NotHere
         return _read_token(row)
 
     def end_token(self, person_id: str, token_id: str) -> None:
-        """Revoke a token of a person.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Revoke a token of a person. Raises NotHere."""
         with self.database.write() as connection:
             mine = (tokens.c.id == token_id, tokens.c.person_id == person_id, tokens.c.ended_at.is_(None))
             ended = connection.execute(update(tokens).where(*mine).values(ended_at=format_now()))
@@ -337,7 +401,11 @@ class AccountStore:
         row = self.database.read_one(_select_tokens(self.clock()).where(tokens.c.hash == digest))
         if row is None:
             return None
-        self._note_use(digest, row.used_at)
+        now_s = self.clock()
+        if row.used_at is None or now_s - datetime.fromisoformat(row.used_at).timestamp() >= NOTE_S:
+            used = datetime.fromtimestamp(now_s, UTC).isoformat(timespec="seconds")
+            with self.database.write() as connection:
+                connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
         held = collect_permissions(_read_roles(row.roles))
         granted: frozenset[Permission] = frozenset({"own", *json.loads(row.permissions)})
         return Subject("token", row.token_id, row.token_name, held & granted, row.token_id)
@@ -349,14 +417,6 @@ class AccountStore:
         else:
             query = _select_sessions(self.clock()).where(sessions.c.hash == subject.session)
         return self.database.read_one(query) is not None
-
-    def _note_use(self, digest: str, used_at: str | None) -> None:
-        now_s = self.clock()
-        if used_at is not None and now_s - datetime.fromisoformat(used_at).timestamp() < NOTE_S:
-            return
-        used = datetime.fromtimestamp(now_s, UTC).isoformat(timespec="seconds")
-        with self.database.write() as connection:
-            connection.execute(update(tokens).where(tokens.c.hash == digest).values(used_at=used))
 
     def _insert_person(self, login: str, name: str, roles: Collection[Role], more: dict[str, str]) -> Person:
         row = {"id": f"per_{secrets.token_hex(8)}", "login": login} | more
@@ -372,10 +432,9 @@ class AccountStore:
         self._exist = True
         return self.get_person(row["id"])
 
-    def _read_person(self, row: Row[Any]) -> Person:
-        about = (row.id, row.login, row.name, _read_roles(row.roles))
-        ways = (row.issuer, row.password_hash is not None, row.totp_secret is not None)
-        return Person(*about, row.created_at, row.ended_at, *ways)
+    def _find_person(self, *is_it: ColumnElement[bool]) -> Person | None:
+        row = self.database.read_one(select(people).where(*is_it))
+        return _read_person(row) if row is not None else None
 
     def _end_sessions(self, *which: ColumnElement[bool]) -> None:
         with self.database.write() as connection:
@@ -415,12 +474,7 @@ def check_name(name: str) -> None:
 
 
 def check_login(login: str) -> str:
-    """Check a new login name; gives it as it is kept.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Check a new login name; gives it as it is kept. Raises BadParameter."""
     name = normalise_login(login)
     if not name or len(name) > LONGEST_LOGIN or not set(name) <= LOGIN_SIGNS:
         raise BadParameter(name="login", value=login[:LONGEST_LOGIN], allowed="a-z 0-9 . - _ + @")
@@ -447,6 +501,46 @@ def _read_roles(text: str) -> frozenset[Role]:
     return frozenset(role for role in ROLES if role in json.loads(text))
 
 
+def _read_person(row: Row[Any]) -> Person:
+    about = (row.id, row.login, row.name, _read_roles(row.roles))
+    ways = (row.issuer, row.password_hash is not None, row.totp_secret is not None)
+    return Person(*about, row.created_at, row.ended_at, *ways)
+
+
 def _read_token(row: Row[Any]) -> Token:
     permissions: frozenset[Permission] = frozenset(json.loads(row.permissions))
     return Token(row.id, row.name, permissions, row.created_at, row.expires_s, row.used_at)
+
+
+# Tokens of a person.
+
+
+DAYS, MOST_DAYS = 90, 365
+DAY_S = 24 * 3600.0
+
+
+def make_token(
+    accounts: AccountStore, person: Subject, name: str, permissions: Collection[Permission], days: int
+) -> tuple[Token, str]:
+    """Make a token of a person; gives it, and what is to be shown once.
+
+    Raises
+    ------
+    BadParameter, NotPermitted
+        ``permissions`` holds one that the person has not.
+    """
+    if not 1 <= days <= MOST_DAYS:
+        raise BadParameter(name="days", value=days, allowed=f"1 … {MOST_DAYS}")
+    check_name(name)
+    if not permissions:
+        raise BadParameter(name="permissions", value="", allowed=", ".join(PERMISSIONS))
+    for permission in permissions:
+        if not person.may(permission):
+            raise NotPermitted(permission=permission)
+    bearer = accounts.add_token(person.id, name.strip(), permissions, accounts.clock() + days * DAY_S)
+    return accounts.get_token(bearer), bearer
+
+
+def format_end(token: Token) -> str:
+    """Write when a token ends (ISO 8601, UTC)."""
+    return datetime.fromtimestamp(token.expires_s, UTC).isoformat(timespec="seconds")

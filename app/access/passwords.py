@@ -32,12 +32,7 @@ _NOBODY = _HASHER.hash(secrets.token_urlsafe())
 
 
 def check_password(password: str, names: Collection[str]) -> None:
-    """Check a new password; ``names`` of the person may not be part of it.
-
-    Raises
-    ------
-    WeakPassword
-    """
+    """Check a new password; ``names`` of the person may not be part of it. Raises WeakPassword."""
     typed = password.lower()
     own = (PRODUCT, *(name.lower() for name in names if len(name) >= LEAST_OWN))
     reasons = {

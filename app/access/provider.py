@@ -22,8 +22,8 @@ from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
 from app.access.accounts import AccountStore, Person
-from app.access.subjects import ROLES, Role
-from app.access.tickets import TicketStore
+from app.access.logins import TicketStore
+from app.access.subjects import ROLES
 from app.errors import NotPermitted, ProviderRefused, TicketSpent
 from app.settings import Settings
 
@@ -60,9 +60,7 @@ class Provider:
     def begin(self, back: str, wanted: str, confirms: str = "") -> tuple[str, str]:
         """Give the provider's address to send a browser to, and the state that the browser is to bring back.
 
-        Raises
-        ------
-        ProviderRefused
+        Raises ProviderRefused.
         """
         nonce, verifier = secrets.token_urlsafe(32), secrets.token_urlsafe(48)
         told = {"nonce": nonce, "verifier": verifier, "wanted": wanted, "confirms": confirms}
@@ -83,21 +81,17 @@ class Provider:
         ProviderRefused, NotPermitted
             The provider says no role.
         """
-        told = self._take_state(answer.get("state", ""), state)
+        given = answer.get("state", "")
+        try:
+            told = self._tickets.take("provider", given).told
+        except TicketSpent:
+            raise ProviderRefused(said="state") from None
+        if not hmac.compare_digest(given.encode(), state.encode()):
+            raise ProviderRefused(said="state")
         if answer.get("iss", self._issuer) != self._issuer or not answer.get("code"):
             raise ProviderRefused(said="answer")
         claims = self._read_claims(answer["code"], back, told)
         return Return(self._find_person(claims), told["wanted"], told["confirms"])
-
-    def _take_state(self, given: str, kept: str) -> Mapping[str, Any]:
-        """Use the state up, if it is this browser's."""
-        try:
-            ticket = self._tickets.take("provider", given)
-        except TicketSpent:
-            raise ProviderRefused(said="state") from None
-        if not hmac.compare_digest(given.encode(), kept.encode()):
-            raise ProviderRefused(said="state")
-        return ticket.told
 
     def _read_claims(self, code: str, back: str, told: Mapping[str, Any]) -> Mapping[str, Any]:
         """Exchange the code for an ID token, and check every claim of it."""
@@ -117,22 +111,23 @@ class Provider:
                 nonce={"essential": True, "value": told["nonce"]},
             )
             registry.validate(claims)
-        self._check_party(claims, told)
-        return claims
-
-    def _check_party(self, claims: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-        """Check who asked for the token, and, where somebody proves again who he is, that it was just now."""
         ours = self._settings.oidc_client_id
         several = isinstance(claims["aud"], list) and len(claims["aud"]) > 1
         if claims.get("azp", "" if several else ours) != ours:
             raise ProviderRefused(said="audience")
         age_s = self._accounts.clock() - float(claims.get("auth_time") or 0)
-        if told["confirms"] and age_s > LEEWAY_S:
+        if told["confirms"] and age_s > LEEWAY_S:  # somebody proves again who he is
             raise ProviderRefused(said="stale")
+        return claims
 
     def _find_person(self, claims: Mapping[str, Any]) -> Person:
         """Find or make the person of the claims, with the roles that they say now."""
-        roles, subject = self._read_roles(claims.get(self._settings.oidc_claim)), str(claims["sub"])
+        claim, subject = claims.get(self._settings.oidc_claim), str(claims["sub"])
+        values = {str(value) for value in (claim if isinstance(claim, list) else [claim])}
+        pairs = (pair.strip().partition("=") for pair in self._settings.oidc_roles.split(","))
+        named = {value: role for value, sign, role in pairs if sign}
+        meant = {named.get(value) for value in values} if named else values
+        roles = frozenset(role for role in ROLES if role in meant)
         person = self._accounts.find_person_of(self._issuer, subject)
         if not roles and person is not None and person.ended_at is None:
             logger.warning("the provider says no role any more: %s is ended", person.id)
@@ -142,22 +137,12 @@ class Provider:
         told = (claims.get(key) for key in ("name", "preferred_username"))
         name = str(next(filter(None, told), subject))[:LONGEST_NAME]
         if person is None:
-            return self._add_person(subject, name, roles)
+            login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no login that is typed ends so
+            about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
+            return self._accounts.add_person_of(self._issuer, subject, about)
         self._accounts.set_roles(person.id, roles)
         self._accounts.set_name(person.id, name)
         return self._accounts.get_person(person.id)
-
-    def _add_person(self, subject: str, name: str, roles: frozenset[Role]) -> Person:
-        login = f"{subject}@{urlsplit(self._issuer).netloc}#"  # no login that is typed ends so
-        about = Person("", login, name, roles, "", None, self._issuer, False, False)  # noqa: FBT003
-        return self._accounts.add_person_of(self._issuer, subject, about)
-
-    def _read_roles(self, claim: object) -> frozenset[Role]:
-        values = {str(value) for value in (claim if isinstance(claim, list) else [claim])}
-        pairs = (pair.strip().partition("=") for pair in self._settings.oidc_roles.split(","))
-        named = {value: role for value, sign, role in pairs if sign}
-        meant = {named.get(value) for value in values} if named else values
-        return frozenset(role for role in ROLES if role in meant)
 
     def _open(self, back: str) -> Any:
         settings = self._settings
@@ -190,13 +175,9 @@ def _translate_refusals() -> Iterator[None]:
         logger.warning("the identity provider does not answer: %s", type(error).__name__)
         raise ProviderRefused(said="away") from error
     except (JoseError, AuthlibBaseError, ValueError, KeyError) as error:
-        logger.warning("the identity provider is not believed: %s", _name_error(error))
+        wrong = (type(error).__name__, getattr(error, "error", ""), getattr(error, "claim", ""))  # no value
+        logger.warning("the identity provider is not believed: %s", " ".join(map(str, wrong)).strip())
         raise ProviderRefused(said="token") from error
-
-
-def _name_error(error: BaseException) -> str:
-    """Name what is wrong, without any value."""
-    return f"{type(error).__name__} {getattr(error, 'error', '')} {getattr(error, 'claim', '')}".strip()
 
 
 def _check_place(address: str) -> str:

@@ -39,14 +39,13 @@ def draw_secret(secret: str, login: str) -> str:
 
 def make_recovery_codes() -> tuple[str, ...]:
     """Make recovery codes, each of which works once."""
-    return tuple(_make_recovery_code() for _ in range(RECOVERY_CODES))
+    return tuple(
+        read_recovery_code(base64.b32encode(secrets.token_bytes(15)).decode()[: _GROUP * _GROUPS])
+        for _ in range(RECOVERY_CODES)
+    )
 
 
 def read_recovery_code(typed: str) -> str:
     """Write a code that was typed as it was shown."""
     signs = "".join(sign for sign in typed.lower() if sign.isalnum())
     return "-".join(signs[start : start + _GROUP] for start in range(0, len(signs), _GROUP))
-
-
-def _make_recovery_code() -> str:
-    return read_recovery_code(base64.b32encode(secrets.token_bytes(15)).decode()[: _GROUP * _GROUPS])

@@ -6,9 +6,7 @@ Ages are counted in running time of the server, not by the clock: a clock that i
 import asyncio
 import logging
 import time
-from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
 
 import anyio
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
@@ -16,17 +14,14 @@ from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from app.api.library.analyses import run_to_end
 from app.api.library.recordings import finish_purge, forget_samples, purge_recording
 from app.api.library.uploads import drop_upload
-from app.delivery import LIMIT_S, Message, send_message
-from app.errors import AppError, LockedUpload, OnHold, SecretUnreadable
+from app.api.webhooks import WebhookSender
+from app.errors import AppError, LockedUpload, OnHold
 from app.jobs.audit_log import Act, AuditQuestion, find_lines, record_alone
 from app.jobs.processes.leader import Leader
-from app.jobs.webhooks import SECRET_OF_WEBHOOK, Delivery
 from app.services import Services
-from app.storage.server_secret import SECRET_FILE, ServerSecret
 from app.storage.store import TEMPORARY_S
 from app.upkeep.copies import keep_daily_copy, renew_copies
 from app.upkeep.recover import (
-    Unknown,
     catch_up,
     check_known,
     drop_stale_attempts,
@@ -41,8 +36,6 @@ SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
-MOST_AT_ONCE = 16
-"""Addresses that are served at the same time; each gets one message after the other."""
 
 logger = logging.getLogger(__name__)
 
@@ -51,8 +44,26 @@ async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
     await _note(services, "server.started")
+    looked_s = aged_s = time.monotonic()
     try:
-        await _run_rounds(services, leader, sender)
+        while True:
+            await anyio.sleep(LOOK_S)
+            now_s = time.monotonic()
+            try:
+                if not await run_to_end(leader.is_leader):
+                    looked_s = aged_s = now_s  # another counts this time
+                    continue
+                await run_to_end(write_side_files, services)
+                await sender.start_due(now_s - looked_s)
+                looked_s = now_s
+                if now_s - aged_s > AGE_S:
+                    await run_to_end(grow_older, services, now_s - aged_s)
+                    aged_s = now_s
+                    await run_to_end(keep_daily_copy, services.settings, services.store.engine)
+            except OperationalError:
+                logger.exception("the database does not answer; trying again")
+            except (AppError, OSError):
+                logger.exception("housekeeping is not done; trying again")
     finally:
         await sender.stop()
         leader.close()
@@ -67,28 +78,6 @@ async def _note(services: Services, act: Act) -> None:
         logger.exception("the audit log cannot be written")
 
 
-async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
-    looked_s = aged_s = time.monotonic()
-    while True:
-        await anyio.sleep(LOOK_S)
-        now_s = time.monotonic()
-        try:
-            if not await run_to_end(leader.is_leader):
-                looked_s = aged_s = now_s  # another counts this time
-                continue
-            await run_to_end(write_side_files, services)
-            await sender.start_due(now_s - looked_s)
-            looked_s = now_s
-            if now_s - aged_s > AGE_S:
-                await run_to_end(grow_older, services, now_s - aged_s)
-                aged_s = now_s
-                await run_to_end(keep_daily_copy, services.settings, services.store.engine)
-        except OperationalError:
-            logger.exception("the database does not answer; trying again")
-        except (AppError, OSError):
-            logger.exception("housekeeping is not done; trying again")
-
-
 def write_side_files(services: Services) -> None:
     """Write the side files of what has changed; trouble takes back nothing: the rows are committed."""
     try:
@@ -101,37 +90,38 @@ def write_side_files(services: Services) -> None:
 def reconcile(services: Services) -> None:
     """Compare the store with the rows, at a start: nothing that is not known is removed.
 
-    Raises
-    ------
-    UnknownRecordings
+    Raises UnknownRecordings.
     """
-    store, storage = services.store, services.storage
+    store, storage, uploads = services.store, services.storage, services.uploads
     unknown = check_known(store, storage)
-    _finish_purges(services, unknown)
-    attempts, newer = drop_stale_attempts(store, storage)
-    counts = {
-        "recordings came back from quarantine: they have rows": restore_known(store, storage),
-        "unknown entries moved into quarantine": quarantine_strange(storage, unknown),
-        "attempts removed that do not count": attempts,
-        "results past their term removed": _finish_dropped(services),
-        "old temporary files removed": _drop_temporary(services),
-        "reports are newer than the database: stop, and run acromion recover": newer,
-        "side files written": catch_up(store, storage),
-        "entries in quarantine: acromion doctor": _count_quarantine(services),
-    }
-    for what, number in counts.items():
-        if number:
-            logger.warning("start: %d %s", number, what)
-
-
-def _finish_purges(services: Services, unknown: Unknown) -> None:
-    again = services.storage.ledger.find() & services.store.find_recordings()
-    for recording_id in {*services.recordings.find_purging(), *again}:
+    begun = storage.find_erased() & store.find_recordings()
+    for recording_id in {*services.recordings.find_purging(), *begun}:
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):
             logger.exception("the purge of %s is not done; the next start tries again", recording_id)
-    finish_purges(services.storage, unknown)
+    finish_purges(storage, unknown)
+    attempts, newer = drop_stale_attempts(store, storage)
+    back, moved = restore_known(store, storage), quarantine_strange(storage, unknown)
+    dropped, swept = _finish_dropped(services), 0
+    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
+        swept += services.incoming.sweep(upload_id)
+    swept += storage.drop_temporary(TEMPORARY_S)
+    written = catch_up(store, storage)
+    services.quarantine.names = find_strange(storage)
+    counts = {
+        "recordings came back from quarantine: they have rows": back,
+        "unknown entries moved into quarantine": moved,
+        "attempts removed that do not count": attempts,
+        "results past their term removed": dropped,
+        "old temporary files removed": swept,
+        "reports are newer than the database: stop, and run acromion recover": newer,
+        "side files written": written,
+        "entries in quarantine: acromion doctor": len(services.quarantine.names),
+    }
+    for what, number in counts.items():
+        if number:
+            logger.warning("start: %d %s", number, what)
 
 
 def _finish_dropped(services: Services) -> int:
@@ -145,76 +135,6 @@ def _finish_dropped(services: Services) -> int:
     for analysis_id in dropped:
         services.storage.drop_analysis(analysis_id)
     return len(dropped)
-
-
-def _drop_temporary(services: Services) -> int:
-    uploads, swept = services.uploads, 0
-    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
-        swept += services.incoming.sweep(upload_id)
-    return swept + services.storage.drop_temporary(TEMPORARY_S)
-
-
-def _count_quarantine(services: Services) -> int:
-    services.quarantine.names = find_strange(services.storage)
-    return len(services.quarantine.names)
-
-
-@dataclass(slots=True)
-class WebhookSender:
-    """Delivers to several addresses at once, in background tasks.
-
-    ``limit_s``: for each delivery.
-    """
-
-    services: Services
-    limit_s: float = LIMIT_S
-    _under_way: dict[str, asyncio.Task[None]] = field(default_factory=dict)
-    _starts: dict[str, int] = field(default_factory=dict)
-    _started: int = 0
-
-    async def start_due(self, elapsed_s: float) -> None:
-        """Start the deliveries that are due, to addresses with none under way.
-
-        The address served longest ago goes first, so that slow ones with a long queue keep nobody waiting.
-        """
-        due: dict[str, list[Delivery]] = {}
-        for delivery in await run_to_end(self.services.webhooks.find_due, elapsed_s):
-            due.setdefault(delivery.url, []).append(delivery)
-        self._under_way = {url: task for url, task in self._under_way.items() if not task.done()}
-        self._starts = {url: start for url, start in self._starts.items() if url in due}
-        free = sorted(due.keys() - self._under_way.keys(), key=lambda url: (self._starts.get(url, 0), url))
-        for url in free[: MOST_AT_ONCE - len(self._under_way)]:
-            self._started += 1
-            self._starts[url] = self._started
-            self._under_way[url] = asyncio.create_task(self._deliver(due[url]))
-
-    async def finish(self) -> None:
-        """Wait until nothing is under way."""
-        await asyncio.gather(*self._under_way.values())
-
-    async def stop(self) -> None:
-        """Break off what is under way; it is delivered again when its pause has passed."""
-        for task in self._under_way.values():
-            task.cancel()
-        await asyncio.gather(*self._under_way.values(), return_exceptions=True)
-
-    async def _deliver(self, deliveries: Iterable[Delivery]) -> None:
-        """Deliver what is due to one address, one message after the other, until one fails."""
-        webhooks, settings = self.services.webhooks, self.services.settings
-        try:
-            for delivery in deliveries:
-                if not await run_to_end(webhooks.take, delivery):
-                    continue
-                secret = ServerSecret(settings.data_dir).decrypt(delivery.secret, SECRET_OF_WEBHOOK)
-                message = Message(delivery.id, delivery.url, secret, delivery.body)
-                allow_private = settings.webhooks_may_be_private
-                if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
-                    return
-                await run_to_end(webhooks.drop_delivery, delivery)
-        except OperationalError:
-            logger.exception("the database does not answer; a webhook is told again later")
-        except SecretUnreadable:
-            logger.error("%s did not encrypt the secret of a webhook: add it again", SECRET_FILE)
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:

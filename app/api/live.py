@@ -5,12 +5,15 @@ The science is loaded with the first session: a server that only takes requests 
 
 import asyncio
 import json
+import logging
+import re
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
 from math import inf
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from anyio import CapacityLimiter, to_thread
 from anyio.lowlevel import RunVar
@@ -18,26 +21,114 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from app.api.live_library import LIVE_FOLDER, LiveLibrary
 from app.api.middleware.echoes import hide_tokens, show_input
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
+from app.intake import Intake
 from app.jobs.audit_log import record
-from app.live.early import EarlyFile, EarlyPort
+from app.jobs.job import Job
+from app.live.early import PLAYED, RAW, EarlyFile, EarlyPort, SessionFiles, begin_files, find_left
 from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
-from app.live.session_files import SessionFiles, begin_files
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
-from app.request import LONGEST_SUBJECT, check_subject
+from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
 from app.services import Services, UsedLanguage, UsedServices, find_services
 from app.storage.store import borrow_recording
 from fusion.conventions import ArmAxis, Side
 from fusion.errors import FusionError
 
 if TYPE_CHECKING:
-    from app.live.hub import LiveHub, RunningSession
-    from app.live.source import Source
+    from app.live.hub import Ended, LiveHub, RunningSession
+    from app.live.sources import Source
+    from fusion.live.cues import Cue
+
+# What becomes of live sessions: the raw file of each that is kept is a recording in the end.
+
+
+LIVE_FOLDER = "live"
+HEAD_BYTES = 4096
+LONGEST_NOTE = 1000
+CUED = "cues"
+"""The tag of a recording in which cues were given: with and without can be told apart afterwards."""
+
+logger = logging.getLogger(__name__)
+
+
+class LiveLibrary:
+    """Takes raw files in, as recordings with their analysis; announces cues."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def keep(self, ended: "Ended") -> str:
+        """Store the file and queue its analysis; give the id of the analysis."""
+        wearer = ended.request.wearer
+        analysis = _take_in(self._services, ended.files, wearer.subject, wearer.side)
+        if ended.request.rules:
+            self._note_cues(analysis.recording_id, ended)
+        return analysis.id
+
+    def announce(self, session_id: str, cue: "Cue") -> None:
+        """Write the deliveries."""
+        rule = cue.rule
+        facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
+        self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
+
+    def _note_cues(self, recording_id: str, ended: "Ended") -> None:
+        """Log the cues in the note of the recording, as many as it takes."""
+        from app.live.cue_log import format_rule  # noqa: PLC0415  the science
+
+        counts = Counter(format_rule(cue.rule) for cue in ended.cues)
+        rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
+        times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
+        row = self._services.recordings.get(recording_id)
+        note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+        self._services.recordings.describe(row, replace(row.about, note=note))
+        self._services.recordings.tag([recording_id], [CUED])
+
+
+def take_in_cut(services: Services) -> int:
+    """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
+    folder = services.settings.data_dir / LIVE_FOLDER
+    for path in folder.glob(f"{PLAYED}*{RAW}"):
+        path.unlink()  # what was played is stored already
+    count = 0
+    for files in find_left(folder):
+        try:
+            count += _take_in_left(services, files)
+        except (AppError, OSError):
+            logger.exception("what a live session left stays in its folder: %s", files.session_id)
+    return count
+
+
+def _take_in_left(services: Services, files: SessionFiles) -> bool:
+    """Take in what a killed server left of a session; False where it held no row."""
+    from app.live.raw_file import write_early_rows  # noqa: PLC0415  the science
+
+    is_early = files.early.exists()
+    has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
+    if has_rows:
+        with files.raw.open("rb") as file:
+            head = file.read(HEAD_BYTES).decode("utf-8", "replace")
+        told = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
+        side = next((one for one in get_args(Side) if one == told.get("side")), None)
+        analysis = _take_in(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
+        if "cues" in told:
+            services.recordings.tag([analysis.recording_id], [CUED])
+    files.remove()
+    return has_rows
+
+
+def _take_in(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
+    """Make the raw file of a session a recording, and queue its analysis."""
+    request = ReportRequest(f"live-{files.session_id}.csv", subject, side, paper=services.settings.paper)
+    analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
+    with services.store.engine.begin() as connection:
+        ended = {"session": files.session_id}
+        record(connection, "live.ended", analysis.recording_id, analysis.id, other=ended)
+    return analysis
+
 
 SILENCE_S = 600.0
 """After which a session of lines whose page sends none ends by itself."""
@@ -140,21 +231,19 @@ async def live(socket: WebSocket) -> None:
     except WebSocketDisconnect:
         return
     except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
+        refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+        if isinstance(error, ValidationError):  # name the part, and what it held
+            wrong = error.errors(include_url=False, include_context=False)[0]
+            name = clean_text(hide_tokens(".".join(map(str, wrong["loc"])) or "message"))[:60]
+            refusal = BadParameter(name=name, value=clean_text(show_input(wrong)))
+        problem = describe_problem(refusal.code, refusal.facts, language)
+        told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
         with suppress(RuntimeError, WebSocketDisconnect):  # it may have hung up meanwhile
-            await socket.send_text(json.dumps(_describe_refusal(error, language)))
+            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | told))
             await socket.close(REFUSED)
 
 
-def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
-    """Describe a refusal; of a message that cannot be, name the part and what it held."""
-    refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
-    if isinstance(error, ValidationError):
-        first = error.errors(include_url=False, include_context=False)[0]
-        name = ".".join(map(str, first["loc"])) or "message"
-        refusal = BadParameter(name=clean_text(hide_tokens(name))[:60], value=clean_text(show_input(first)))
-    problem = describe_problem(refusal.code, refusal.facts, language)
-    told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
-    return {"type": "problem", "code": refusal.code} | told
+_STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
 
 
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
@@ -167,22 +256,21 @@ async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "Ru
     return await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
 
 
-_STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
-
-
 def _find_limiter() -> CapacityLimiter:
-    try:
-        return _STARTING.get()
-    except LookupError:
-        made = CapacityLimiter(MOST_STARTING)
-        _STARTING.set(made)
-        return made
+    if (limiter := _STARTING.get(None)) is None:
+        limiter = CapacityLimiter(MOST_STARTING)
+        _STARTING.set(limiter)
+    return limiter
 
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
     subject = _read_subject(asked.subject)
-    port = _open_port(asked, pushed)
+    port: Port | None = pushed if asked.source == "lines" else None
+    if asked.source == "port":
+        if asked.port not in find_serial_ports():  # no other file is opened for a page
+            raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
+        port = open_port(asked.port)
     files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
     try:
         if port is not None and files.is_kept:
@@ -205,24 +293,10 @@ def _name_source(asked: Start) -> str:
     return asked.port if asked.source == "port" else clean_text(asked.name) or "browser"
 
 
-def _open_port(asked: Start, pushed: PushedPort) -> Port | None:
-    """Open the port of a session of lines; None for one that plays a recording."""
-    if asked.source == "lines":
-        return pushed
-    if asked.source != "port":
-        return None
-    if asked.port not in find_serial_ports():  # no other file is opened for a page
-        raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
-    return open_port(asked.port)
-
-
 def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
-    from app.live.demo import make_demo  # noqa: PLC0415  the science
-    from app.live.early_rows import make_rule  # noqa: PLC0415
     from app.live.hub import SessionRequest  # noqa: PLC0415
-    from app.live.lines import LineSource  # noqa: PLC0415
-    from app.live.raw_file import Wearer  # noqa: PLC0415
-    from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
+    from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
+    from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(_read_subject(asked.subject), asked.side, asked.axis),
@@ -268,7 +342,7 @@ class DifferenceView(BaseModel):
 @router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
 def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
     """Compare what a session showed with its report, once that is made; for an hour after its end."""
-    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415  the science
+    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  the science
 
     session = find_hub(services).get(session_id)
     job = services.store.get(session.analysis_id)
@@ -289,8 +363,13 @@ def get_difference(session_id: str, services: UsedServices, language: UsedLangua
 
 async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
     outbox = Outbox(asyncio.get_running_loop())
+
+    async def send_on() -> None:
+        while True:
+            await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
+
     key = session.watch(outbox.put)
-    sender = asyncio.create_task(_send_on(socket, outbox))
+    sender = asyncio.create_task(send_on())
     was_closed = False
     try:
         while True:
@@ -312,11 +391,6 @@ async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox"
         sender.cancel()
         with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
             await sender
-
-
-async def _send_on(socket: WebSocket, outbox: "Outbox") -> None:
-    while True:
-        await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
 
 
 class Inbox:
@@ -387,4 +461,7 @@ def find_hub(services: Services) -> "LiveHub":
     """Give the sessions of this server; the first call loads the science."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
-    return services.live.find(lambda: LiveHub(LiveLibrary(services)))
+    with services.live_turn:
+        if services.live is None:
+            services.live = LiveHub(LiveLibrary(services))
+        return services.live

@@ -14,7 +14,9 @@ from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices
 
-router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
+router = APIRouter(
+    prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["pairs"], default_response_class=Response
+)
 
 Side = Literal["left", "right"]
 Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
@@ -351,61 +353,41 @@ REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get(
-    "/compare/comparison.json",
-    tags=["pairs"],
-    response_class=Response,
-    responses={200: {"model": ChangeView}},
-)
+@router.get("/compare/comparison.json", responses={200: {"model": ChangeView}})
 def get_change(request: Request, services: UsedServices, asked: ChangeChoice) -> Response:
     """Every figure of the change, byte for byte as ``acromion compare`` writes it."""
     return _serve_figures(request, services, asked.find(services))
 
 
-@router.get("/compare/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
+@router.get("/compare/{name}", responses=REPORT_RESPONSE)
 def get_change_report(
-    name: ReportName,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    asked: ChangeChoice,
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ChangeChoice
 ) -> Response:
     """The report on the change from one day to a later one, or its answer in five lines."""
     return _serve_report(request, services, asked.find(services), (name, language))
 
 
-@router.get("/pair/pair.json", tags=["pairs"], response_class=Response, responses={200: {"model": PairView}})
+@router.get("/pair/pair.json", responses={200: {"model": PairView}})
 def get_pair(request: Request, services: UsedServices, asked: PairChoice) -> Response:
     """Every figure of both arms of one shift, byte for byte as ``acromion pair`` writes it."""
     return _serve_figures(request, services, asked.find(services))
 
 
-@router.get("/pair/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
+@router.get("/pair/{name}", responses=REPORT_RESPONSE)
 def get_pair_report(
-    name: ReportName,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    asked: PairChoice,
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: PairChoice
 ) -> Response:
     """The report of both arms of one shift, or its answer in five lines."""
     return _serve_report(request, services, asked.find(services), (name, language))
 
 
-@router.get(
-    "/profile/profile.json", tags=["pairs"], response_class=Response, responses={200: {"model": ProfileView}}
-)
+@router.get("/profile/profile.json", responses={200: {"model": ProfileView}})
 def get_profile(request: Request, services: UsedServices, asked: ProfileChoice) -> Response:
     """Every figure of several days, byte for byte as ``acromion profile`` writes it."""
     return _serve_figures(request, services, asked.find(services))
 
 
-@router.get(
-    "/profile/{name}.csv",
-    tags=["pairs"],
-    response_class=Response,
-    responses={200: {"content": {"text/csv": {}}}},
-)
+@router.get("/profile/{name}.csv", responses={200: {"content": {"text/csv": {}}}})
 def get_profile_table(
     name: Literal["profile", "overlay"], request: Request, services: UsedServices, asked: ProfileChoice
 ) -> Response:
@@ -415,13 +397,9 @@ def get_profile_table(
     return _serve(request, body, build_pair_download_name(found, f"{name}.csv"))
 
 
-@router.get("/profile/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
+@router.get("/profile/{name}", responses=REPORT_RESPONSE)
 def get_profile_report(
-    name: ReportName,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    asked: ProfileChoice,
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ProfileChoice
 ) -> Response:
     """The report of several days of a person or of a group, or its answer in a few lines."""
     return _serve_report(request, services, asked.find(services), (name, language))

@@ -1,21 +1,36 @@
-"""Releases, holds, terms, group figures and the audit log, for scripts."""
+"""Releases, holds, terms, group figures, the audit log and tokens, for scripts; names of those who act."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.responses import JSONResponse, StreamingResponse
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from starlette.requests import HTTPConnection
 
+from app.access.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
+from app.access.subjects import Permission, Subject
 from app.api.middleware.access import UsedSubject
+from app.api.middleware.callers import find_logins
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.jobs.audit_log import AUDIT_COLUMNS, AuditLine, AuditQuestion, find_lines, parse_moment
+from app.errors import NotPermitted
+from app.jobs.audit_log import (
+    AT_MACHINE,
+    AUDIT_COLUMNS,
+    NOBODY,
+    SYSTEM,
+    AuditLine,
+    AuditQuestion,
+    find_lines,
+    parse_moment,
+)
 from app.jobs.governance.aggregate import StudyGroup
 from app.jobs.governance.releases import Release
 from app.jobs.recordings import HoldReason
 from app.report.export.csv import INTERNATIONAL, encode_table
+from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedServices
 
 MOST_LINES = 500
@@ -35,16 +50,12 @@ class ReleaseView(BaseModel):
 
 def view_release(analysis_id: str, found: Release | None) -> ReleaseView:
     """Show a release."""
-    if found is None:
-        return ReleaseView(
-            analysis_id=analysis_id, released_by=None, released_at=None, method_version=None, report_id=None
-        )
     return ReleaseView(
         analysis_id=analysis_id,
-        released_by=found.who,
-        released_at=found.at,
-        method_version=found.method_version,
-        report_id=found.report_id,
+        released_by=found.who if found else None,
+        released_at=found.at if found else None,
+        method_version=found.method_version if found else None,
+        report_id=found.report_id if found else None,
     )
 
 
@@ -197,11 +208,8 @@ class AuditView(BaseModel):
 @router.get("/trail", tags=["trail"])
 def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> AuditView:
     """Answer who touched a subject, or what somebody did, between two moments."""
-    found = list(
-        find_lines(
-            services.store.reader, build_question(services, asked), before=asked.before, most=MOST_LINES
-        )
-    )
+    question = build_question(services, asked)
+    found = list(find_lines(services.store.reader, question, before=asked.before, most=MOST_LINES))
     following = found[-1].seq if len(found) == MOST_LINES else None
     return AuditView(items=[asdict(line) for line in found], next_before=following)
 
@@ -230,3 +238,102 @@ def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) 
 def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
     """Give every line that is asked for."""
     return find_lines(services.store.reader, build_question(services, asked), before=asked.before)
+
+
+# Tokens, by which scripts ask in the name of a person.
+
+
+token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])
+LONGEST_NAME = 100
+Granted = Literal["upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail"]
+
+
+def find_person(subject: UsedSubject) -> Subject:
+    """Give the person who asks; a token is none, so that none prolongs itself. Raises NotPermitted."""
+    if subject.kind != "person":
+        raise NotPermitted(permission="own")
+    return subject
+
+
+UsedPerson = Annotated[Subject, Depends(find_person)]
+
+
+class TokenWish(BaseModel):
+    """A token: what it is for, what it may, and for how long."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+    permissions: Annotated[list[Granted], Field(min_length=1)]
+    days: Annotated[int, Field(ge=1, le=MOST_DAYS)] = DAYS
+
+
+class TokenView(BaseModel):
+    """A token. ``token`` itself is shown once, when it is made."""
+
+    id: str
+    name: str
+    permissions: list[Permission]
+    created_at: str
+    expires_at: str
+    used_at: str | None
+    token: str | None = None
+
+
+class TokenList(BaseModel):
+    """Every token of the person who asks."""
+
+    items: list[TokenView]
+
+
+@token_router.post("", status_code=201)
+def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson) -> TokenView:
+    """Make a token with at most the permissions of whoever asks."""
+    accounts = find_logins(connection).accounts
+    token, bearer = make_token(accounts, person, body.name, body.permissions, body.days)
+    view = _view(token)
+    view.token = bearer
+    return JSONResponse(view.model_dump(), 201)  # type: ignore[return-value]
+
+
+@token_router.get("", response_model_exclude_none=True)
+def list_tokens(connection: HTTPConnection, person: UsedPerson) -> TokenList:
+    """Give the tokens that hold."""
+    return TokenList(
+        items=[_view(token) for token in find_logins(connection).accounts.find_tokens(person.id)]
+    )
+
+
+@token_router.delete("/{token_id}", status_code=204)
+def delete_token(token_id: str, connection: HTTPConnection, person: UsedPerson) -> Response:
+    """Revoke a token: from the next request on it is nobody's."""
+    find_logins(connection).accounts.end_token(person.id, token_id)
+    return Response(status_code=204)
+
+
+def _view(token: Token) -> TokenView:
+    return TokenView(
+        id=token.id,
+        name=token.name,
+        permissions=sorted(token.permissions),
+        created_at=token.created_at,
+        expires_at=format_end(token),
+        used_at=token.used_at,
+    )
+
+
+# Names of those who act.
+
+
+def find_names(connection: HTTPConnection, ids: Iterable[str], language: Language) -> Mapping[str, str]:
+    """Return a name for each id; an account that is gone keeps its id."""
+    accounts = find_logins(connection).accounts
+    words = load_wording(language, "trail")["who"]
+    known = {AT_MACHINE: words["machine"], SYSTEM: words["system"], NOBODY: words["nobody"], "": ""}
+    return {one: known[one] if one in known else accounts.find_name(one) or one for one in set(ids)}
+
+
+def find_person_name(connection: HTTPConnection, who: str) -> str:
+    """Return the name of the person who acts, by a token too; "" at the machine."""
+    accounts = find_logins(connection).accounts
+    return "" if who == AT_MACHINE else accounts.find_person_name(who)

@@ -14,6 +14,7 @@ from starlette.datastructures import FormData, UploadFile
 from app.api.library.files import serve_file
 from app.api.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.errors import BadParameter, NotHere
+from app.intake import store_file
 from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, find_nearest
 from app.request import (
@@ -26,9 +27,8 @@ from app.request import (
     parse_window,
 )
 from app.services import Services, UsedLanguage, UsedServices, choose_language
-from app.storage.store import COPY_BYTES, StoredRecording, too_large
+from app.storage.store import too_large
 from fusion.conventions import PoseHeld
-from fusion.errors import EmptyFile
 from fusion.task_windows import TaskWindow, read_tasks
 
 T = TypeVar("T")
@@ -181,8 +181,12 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     for name in form:
         if name not in KNOWN:
             raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
-    chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
-    chosen["side"], chosen["pose_held"] = chosen["side"] or None, chosen["pose_held"] or None
+    chosen: dict[str, Any] = {}
+    for name, among in CHOICES.items():
+        value = _text(form, name) or among[0]
+        if value not in among:
+            raise BadParameter(name=name, value=value[:60], allowed=", ".join(filter(None, among)))
+        chosen[name] = value or None
     chosen["paper"] = chosen["paper"] or services.settings.paper
     window = _read(form, "calibration", parse_window, WINDOW_HINT)
     asked = ReportRequest(
@@ -221,14 +225,6 @@ def _text(form: FormData, name: str) -> str:
     return value.strip() if isinstance(value, str) else ""
 
 
-def _choose(form: FormData, name: str) -> str:
-    allowed = CHOICES[name]
-    value = _text(form, name) or allowed[0]
-    if value not in allowed:
-        raise BadParameter(name=name, value=value[:60], allowed=", ".join(filter(None, allowed)))
-    return value
-
-
 def _read(form: FormData, name: str, read: Callable[[str], T], allowed: str) -> T | None:
     text = _text(form, name)
     if not text:
@@ -258,9 +254,10 @@ def _store(
 ) -> Job:
     """Keep both files, then the rows: the reference's first, so that the job always finds it."""
     (recording, reference), (request, given) = files, asked
-    other, own = _store_file(services, reference), None
+    limit_bytes = services.settings.max_upload_bytes
+    other, own = store_file(services.storage, reference, limit_bytes), None
     try:
-        own = _store_file(services, recording)
+        own = store_file(services.storage, recording, limit_bytes)
         services.recordings.add_reference(other, given.file_name)
         compared = replace(request, reference=replace(given, path=other.id))
         return services.store.add(own, compared, study=study)
@@ -269,15 +266,3 @@ def _store(
             if not services.store.may_hold(kept.id):  # the answer to a commit can be lost on its way
                 services.storage.drop_recording(kept.id)
         raise
-
-
-def _store_file(services: Services, file: BinaryIO) -> StoredRecording:
-    upload = services.storage.open_upload(services.settings.max_upload_bytes)
-    try:
-        while piece := file.read(COPY_BYTES):
-            upload.write(piece)
-        if upload.size_bytes == 0:
-            raise EmptyFile
-        return upload.keep()
-    finally:
-        upload.discard()

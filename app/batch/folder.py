@@ -1,4 +1,4 @@
-"""The folder of a finished recording: what it was made from, the version before it, its languages.
+"""Plan of a run, and the folder of each recording: what it was made from, its versions, its languages.
 
 No report is overwritten. The newest stands in the folder under the plain names; the one before it moves into
 ``v1``, ``v2``, ... inside. A report in another language is the same report: it takes the plain names, and the
@@ -6,31 +6,281 @@ one there keeps its language in its name (``report.en.html``).
 """
 
 import errno
+import glob
 import hashlib
 import json
 import os
+import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from itertools import chain, count
 from pathlib import Path
 
-from app.batch.plan import MARKER, Task, identify_place
-from app.request import Language, Paper, ReportRequest, compare_settings
+from app.errors import UnusableList
+from app.formats import ENDINGS
+from app.report.export.csv import Origin
+from app.report.words.subject import clean_text
+from app.request import Language, Paper, ReportRequest, clean_file_name, compare_settings
 from app.storage.store import hash_file
 from app.version import identify_engine
+
+# Plan of a run: which recordings are analysed, and where the products of each go.
+
+
+# The folder of each recording: it stays the same from run to run.
+#
+# A folder is named after the file's stem; recordings of one stem are numbered. Which of them is whose is
+# recorded by the marker in the folder, not by the order in which they are found: a recording that joins the
+# study later must not take the folder of another, whose report would then stand as an earlier version of
+# its own.
+
+
+MARKER = "done.json"
+"""Written last into a recording's folder: the folder is ours, and complete."""
+
+TABLES = (
+    "summary.csv",
+    "summary_fr.csv",
+    "summary.xlsx",
+    "periods.csv",
+    "problems.csv",
+    "dictionary.csv",
+    "run.json",
+    "settings.yaml",
+    "methods.md",
+    "index.html",
+    "datapackage.json",
+    "ro-crate-metadata.json",
+)
+"""Files next to the recordings' folders."""
+
+PROFILES = "profiles"
+"""Folder of the column profiles that were used, beside the recordings' folders; no recording's own."""
+
+SHARDS = "shards"
+"""Folder of what several processes of one run tell each other (:mod:`app.batch.run`)."""
+
+TRUTH = "truth.parquet"
+"""What is known of a simulated recording, with ``truth.json`` beside it."""
+
+OWN_FOLDERS = (PROFILES, SHARDS)
+_RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
+
+
+def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
+    """Assign each recording its folder: that of an earlier run, or one that no other recording has.
+
+    Whatever part of a study is done already, by this process or another, the plan is the same. The results
+    are looked at once: folders that another process makes meanwhile change nothing of it.
+    """
+    folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
+    for path in out.iterdir() if out.is_dir() else ():
+        whole = path.name.casefold()
+        stem, _, number = whole.rpartition("-")  # arm-2 is the second folder of arm, or the first of arm-2
+        numbered = (stem, int(number)) if stem and number.isdecimal() else (whole, 1)
+        for name, place in {(whole, 1), numbered}:
+            if name in folders:
+                folders[name].append((place, path))
+    markers: dict[Path, dict[str, str]] = {path: {} for found in folders.values() for _, path in found}
+    for path in markers:  # one without a marker, or with none that can be read, names no recording
+        with suppress(OSError, ValueError):
+            values = json.loads((path / MARKER).read_text("utf-8"))
+            markers[path] = values if isinstance(values, dict) else {}
+    digest, taken = cache(hash_file), {name.casefold() for name in TABLES}
+
+    def list_made(log: Path) -> Iterator[Path]:
+        found = (path for _, path in sorted(folders[format_folder_name(log).casefold()]))
+        return (path for path in found if path.name.casefold() not in taken and markers[path].get("place"))
+
+    def find_by_place(log: Path) -> Path | None:
+        place = identify_place(log)
+        return next((path for path in list_made(log) if markers[path]["place"] == place), None)
+
+    def find_by_bytes(log: Path) -> Path | None:
+        """Find the folder that was made of these bytes while they lay elsewhere."""
+        for path in list_made(log):
+            with suppress(OSError):  # a log that cannot be read is reported when its turn comes
+                if markers[path].get("input", "").split()[:1] == [digest(log)]:
+                    return path
+        return None
+
+    def find_free(log: Path) -> Path | None:
+        """Find a folder that names no recording: its stem, then numbered."""
+        stem = format_folder_name(log)
+        every = chain([out / stem], (out / f"{stem}-{number}" for number in count(2)))
+        free = (path for path in every if path.name.casefold() not in taken)
+        return next(path for path in free if not markers.get(path, {}).get("place"))
+
+    placed: dict[int, Path] = {}
+    for find in (find_by_place, find_by_bytes, find_free):
+        for k, log in enumerate(logs):
+            folder = None if k in placed else find(log)
+            if folder is not None:
+                placed[k] = folder
+                taken.add(folder.name.casefold())
+    return [placed[k] for k in range(len(logs))]
+
+
+def identify_place(log: Path) -> str:
+    """Hash a place on the disk: it can be recognised, and not read back."""
+    return hashlib.sha256(os.fsencode(os.path.normpath(log.absolute()))).hexdigest()[:16]
+
+
+def format_folder_name(log: Path) -> str:
+    """Give the file's stem, as a name that can only be a folder directly below the results."""
+    stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
+    safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
+    return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One recording to do: where it is, what is asked of it, where its products go.
+
+    ``path`` is where it lies, from the folder that was named.
+    """
+
+    log: Path
+    request: ReportRequest
+    folder: Path
+    force: bool = False
+    path: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name that no other recording of the run has."""
+        return self.path or format_path(Path(self.log.name))
+
+    @property
+    def origin(self) -> Origin:
+        """What identifies the recording in the tables."""
+        who = self.request
+        return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
+
+
+def format_path(path: Path) -> str:
+    """Write a path as text that any file takes: bytes of its name that are not UTF-8 become U+FFFD."""
+    return os.fsencode(path).decode("utf-8", "replace")
+
+
+def plan_tasks(
+    logs: Iterable[Path],
+    out: Path,
+    request: ReportRequest,
+    format_log: Callable[[Path], str] = lambda log: format_path(Path(log.name)),
+    *,
+    force: bool,
+) -> list[Task]:
+    """Give each recording a folder named after its stem; equal stems get a number."""
+    known = list(logs)
+    return [
+        Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
+        for log, folder in zip(known, place_folders(known, out), strict=True)
+    ]
+
+
+# Recordings are named one by one, by a folder, by a pattern or in a list.
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The recordings, each once, in a stable order, and how many other files lay in the folders named.
+
+    ``base`` is the folder that was named; of several the one that holds them all.
+    """
+
+    logs: tuple[Path, ...]
+    others: int = 0
+    base: Path = Path()
+
+    def format_place(self, log: Path) -> str:
+        """Write where a recording lies, relative to the folder that was named."""
+        way = _lay_out(log)
+        below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
+        return Path(format_path(below)).as_posix()
+
+
+def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
+    """List the recordings named, and those in and below the folders named.
+
+    What lies in the folder for the results is no recording, nor are the files ``without``: diaries, lists.
+    """
+    logs: dict[Path, None] = {}
+    others = 0
+    bases: list[Path] = []
+    for path in _expand(paths):
+        bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
+        inside = _find_in_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
+        found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
+        logs.update(dict.fromkeys(found))
+        others += len(inside) - len(found)
+    try:
+        base = Path(os.path.commonpath(bases))
+    except ValueError:  # several drives, which nothing holds
+        base = Path()
+    return Found(tuple(logs), others, base)
+
+
+def _lay_out(path: Path) -> Path:
+    """Give the whole path without following links: a recording is where it was named."""
+    return Path(os.path.normpath(path.absolute()))
+
+
+def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
+    """List the files, but for results: those of this run, and of any other (it holds ``run.json``).
+
+    The truth that ``acromion simulate`` writes beside a recording is no recording either.
+    """
+    files = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not (path.name == TRUTH and path.with_suffix(".json").exists())
+    ]
+    made = (path.parent for path in files if path.name in {"run.json", MARKER})
+    results = {place.resolve() for place in (out, *made)}
+    return [
+        path for path in files if path.resolve() not in without and results.isdisjoint(path.resolve().parents)
+    ]
+
+
+def read_list(content: str, folder: Path) -> list[Path]:
+    """Read a list of paths, one a line; a relative one starts from ``folder``.
+
+    Blank lines and lines that begin with # are left out.
+
+    Raises
+    ------
+    UnusableList
+        When a line names nothing that is there.
+    """
+    paths = []
+    for number, line in enumerate(content.splitlines(), 1):
+        name = line.strip().strip('"')
+        if name and not name.startswith("#"):
+            paths.append(folder / name)
+            if not paths[-1].exists():
+                raise UnusableList(line=number, why="no such file", value=name[:200])
+    return paths
+
+
+def _expand(paths: Iterable[Path]) -> Iterator[Path]:
+    """Expand patterns ourselves where the shell did not (Windows, or within quotes)."""
+    for path in paths:
+        if set("*?[") & set(str(path)) and not path.exists():
+            names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  a path may be absolute
+            yield from map(Path, names or [str(path)])
+        else:
+            yield path
+
 
 if sys.platform != "win32":
     import fcntl
 
-_FIGURES = (
-    "results.json",
-    "elevation.parquet",
-    "pair.json",
-    "comparison.json",
-    "profile.json",
-)
+_FIGURES = ("results.json", "elevation.parquet", "pair.json", "comparison.json", "profile.json")
 _REPORT_FILES = ("answer.txt", "report.html", "report.pdf")
 
 
@@ -50,7 +300,7 @@ class Marker:
     papers: Mapping[Language, Paper] = field(default_factory=dict)
     """The paper of each language's PDF; A4 where none is stated."""
     place: str = ""
-    """Where the log lay (:func:`app.batch.plan.identify_place`)."""
+    """Where the log lay (:func:`app.batch.folder.identify_place`)."""
 
 
 def make_marker(task: Task, digest: str = "") -> Marker:
@@ -243,11 +493,3 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
 def find_earlier(folder: Path) -> Path:
     """Give the place next to a folder to which its former contents move."""
     return folder.with_name(f".{folder.name}.earlier")
-
-
-def read_digest(folder: Path, task: Task) -> str:
-    """Read the SHA-256 of the one log of a task off its results, whose reading took it; empty for several."""
-    if task.request.joined:
-        return ""
-    results = json.loads((folder / "results.json").read_bytes())
-    return str(results["recording"]["sha256"])

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from app.batch.plan import Task
+from app.batch.folder import Task
 from app.errors import UnusableParticipants
 from app.request import SLIP_HINT, SUBJECT_HINT, check_subject, find_window_hint, parse_slip_time
 from fusion.conventions import AXIS_HINT, Pose, Side, parse_arm_axis
@@ -39,6 +39,7 @@ SIDES: Mapping[str, Side] = {
     "left": "left", "l": "left", "gauche": "left", "g": "left",
     "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
 }  # fmt: skip
+POSES: Mapping[str, Pose] = {pose: pose for pose in get_args(Pose)}
 _WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
 
 
@@ -161,7 +162,7 @@ def read_participants(
                     stated[reader.field] = reader.read(text)
             except UnusableDiary as refusal:
                 refusals.append(refusal)
-            except (ValueError, FileNotFoundError) as error:
+            except (ValueError, KeyError, FileNotFoundError) as error:
                 is_absent = isinstance(error, FileNotFoundError)
                 why, allowed = ("no such file", "") if is_absent else ("value", reader.allowed)
                 refusals.append(UnusableParticipants(line=line, why=why, value=text[:60], allowed=allowed))
@@ -197,8 +198,10 @@ class Reader:
 def _readers(folder: Path | None) -> Mapping[str, Reader]:
     return {
         "subject": Reader("subject", check_subject, SUBJECT_HINT),
-        "side": Reader("side", _read_side, "|".join(get_args(Side))),
-        "pose": Reader("pose", _read_pose, "|".join(get_args(Pose))),
+        "side": Reader("side", lambda text: SIDES[plain_word(text)], "|".join(get_args(Side))),
+        "pose": Reader(
+            "pose", lambda text: POSES[plain_word(text).replace(" ", "-")], "|".join(get_args(Pose))
+        ),
         "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
         "pose_held": Reader("pose_held", parse_pose_held, "start|no"),
         "axis": Reader("arm_axis", parse_arm_axis, AXIS_HINT),
@@ -215,20 +218,6 @@ def _read_diary_beside(folder: Path | None, name: str) -> tuple[DiaryEntry, ...]
         return read_diary((folder / name).read_bytes())
     except UnusableDiary as slip:
         raise UnusableDiary(**slip.facts, diary=name) from None
-
-
-def _read_side(text: str) -> Side:
-    side = SIDES.get(plain_word(text))
-    if side is None:
-        raise ValueError
-    return side
-
-
-def _read_pose(text: str) -> str:
-    pose = plain_word(text).replace(" ", "-")
-    if pose not in get_args(Pose):
-        raise ValueError
-    return pose
 
 
 def _read_windows(text: str) -> tuple[tuple[float, float], ...]:

@@ -1,5 +1,7 @@
 """Analyses the recordings of a run, each in a child process with limits; finished ones are not repeated."""
 
+import hashlib
+import json
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -7,25 +9,28 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from app.batch.folder import (
+    MARKER,
+    SHARDS,
     Marker,
+    Task,
     find_changes,
     find_last_version,
     has_report,
     is_up_to_date,
     make_marker,
     open_staging,
-    read_digest,
     read_marker,
     refuse_foreign_folder,
     replace_folder,
     restore_earlier,
     switch_language,
+    take_fingerprint,
     use_plain_names,
     write_marker,
 )
-from app.batch.plan import MARKER, Task
 from app.errors import UNREADABLE_PATH, Crashed, Interrupted
 from app.jobs.children.attempt import (
     Attempt,
@@ -39,7 +44,7 @@ from app.jobs.children.attempt import (
     run_attempt,
 )
 from app.request import ReportRequest
-from app.storage.known import KnownLogs
+from app.storage.store import KnownLogs, write_durably
 from fusion.errors import Fact
 
 # How many recordings this machine analyses at once.
@@ -128,8 +133,7 @@ def do_task(task: Task, go_on: GoOn) -> Outcome:
             return _do(task, before, asked, go_on)
         if not has_report(task.folder, before, task.request):
             return _rewrite(task, before, go_on)
-        switch_language(task.folder, before, asked.language)
-        return Outcome(task, _read_answer(task), repeated=True, version=before.version)
+        return _take_done(task, before)
     except OSError as error:
         return Outcome(task, code=UNREADABLE_PATH, facts={"why": error.strerror or str(error)})
 
@@ -142,10 +146,14 @@ def find_done(task: Task) -> Outcome | None:
         before = read_marker(task.folder)
         if before is None or not has_report(task.folder, before, task.request):
             return None
-        switch_language(task.folder, before, task.request.languages[0])
-        return Outcome(task, _read_answer(task), repeated=True, version=before.version)
+        return _take_done(task, before)
     except OSError:
         return None
+
+
+def _take_done(task: Task, before: Marker) -> Outcome:
+    switch_language(task.folder, before, task.request.languages[0])
+    return Outcome(task, _read_answer(task), repeated=True, version=before.version)
 
 
 def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) -> Outcome:
@@ -165,7 +173,10 @@ def _do(task: Task, before: Marker | None, asked: Marker | None, go_on: GoOn) ->
         outcome = _attempt(task, request, staging, partial(load_and_make_report, known=known), go_on)
         if outcome.code:
             return outcome
-        marker = asked or make_marker(task, read_digest(staging, task))
+        marker = asked
+        if marker is None:  # the reading of one log took its SHA-256
+            results = json.loads((staging / "results.json").read_bytes())
+            marker = make_marker(task, "" if task.request.joined else results["recording"]["sha256"])
         use_plain_names(staging, marker.language)
         write_marker(staging, replace(marker, version=version, changes=changes))
         replace_folder(task.folder, staging)
@@ -206,3 +217,140 @@ def _attempt(task: Task, request: ReportRequest, staging: Path, make: MakeReport
 
 def _read_answer(task: Task) -> tuple[str, ...]:
     return tuple((task.folder / "answer.txt").read_text("utf-8").splitlines())
+
+
+# One run as several processes.
+
+
+SHARD_HINT = "K/N, 1 <= K <= N"
+_PLAN = "plan.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """The K-th of N slices; K counts from 1."""
+
+    number: int
+    count: int
+
+    def select(self, tasks: Sequence[Task]) -> list[Task]:
+        """Give every N-th task in the order of their paths: slices differ by one recording at most."""
+        ordered = sorted(tasks, key=lambda task: (task.name, task.folder.name))
+        return ordered[self.number - 1 :: self.count]
+
+    @property
+    def stem(self) -> str:
+        """Where its failures stand, without ".json"."""
+        return f"{self.number}-of-{self.count}"
+
+    def __str__(self) -> str:
+        """Write it as it is typed."""
+        return f"{self.number}/{self.count}"
+
+
+def parse_shard(text: str) -> Shard:
+    """Read ``K/N``. Raises ValueError."""
+    number, count = (int(part) for part in text.split("/"))
+    if not 1 <= number <= count:
+        raise ValueError(SHARD_HINT)
+    return Shard(number, count)
+
+
+class ShardRecord:
+    """What one slice leaves for ``acromion collect`` in ``shards/`` of the results.
+
+    ``plan.json`` names every recording, its folder and what is asked of it; it is the same whichever process
+    writes it. ``K-of-N.json`` has the failures of one slice, which leave no folder. Neither holds a path of
+    this computer.
+    """
+
+    def __init__(self, out: Path, shard: Shard, tasks: Sequence[Task], request: ReportRequest) -> None:
+        recordings = [
+            {
+                "path": task.name,
+                "folder": task.folder.name,
+                "request": replace(task.request, joined=()).to_json(),
+            }
+            for task in tasks
+        ]
+        self._folder, self._shard = out / SHARDS, shard
+        self._content = _encode({"request": request.to_json(), "recordings": recordings})
+        self._plan_sha256 = hashlib.sha256(self._content).hexdigest()
+
+    def begin(self) -> None:
+        """Write the plan, and take back what an earlier run of this slice, or of other slices, reported."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        plan = self._folder / _PLAN
+        if not plan.exists() or plan.read_bytes() != self._content:
+            write_durably(plan, self._content)
+        for path in self._folder.glob("*-of-*.json"):
+            if not path.name.endswith(f"-of-{self._shard.count}.json"):
+                path.unlink(missing_ok=True)
+        self.write(())
+
+    def write(self, outcomes: Sequence[Outcome]) -> None:
+        """Write the failures of this slice."""
+        problems = {o.task.name: {"code": o.code, "facts": dict(o.facts)} for o in outcomes if o.code}
+        body = _encode({"plan": self._plan_sha256, "problems": problems})
+        write_durably(self._folder / f"{self._shard.stem}.json", body)
+
+
+@dataclass(frozen=True, slots=True)
+class Collected:
+    """What all slices left.
+
+    ``undone`` are the slices ("K/N") that have recordings to do still, and ``differing`` those that ran with
+    other files or options than the slice that began last.
+    """
+
+    outcomes: list[Outcome]
+    request: ReportRequest
+    undone: tuple[str, ...]
+    differing: tuple[str, ...]
+
+
+def collect_outcomes(out: Path) -> Collected:
+    """Read what became of every recording of the plan, in its order, and the settings of the run.
+
+    A recording without a report or a failure is not done: a process that was killed can say nothing.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError, TypeError
+        Where no process with ``--shard`` has written, or its plan cannot be read.
+    """
+    content = (out / SHARDS / _PLAN).read_bytes()
+    plan, plan_sha256 = json.loads(content), hashlib.sha256(content).hexdigest()
+    records = {path.stem: json.loads(path.read_bytes()) for path in (out / SHARDS).glob("*-of-*.json")}
+    others = {stem for stem, record in records.items() if record["plan"] != plan_sha256}
+    problems: dict[str, Mapping[str, Any]] = {}
+    for stem in records.keys() - others:  # what was reported of other plans says nothing
+        problems |= records[stem]["problems"]
+    outcomes = [_find_outcome(out, told, problems.get(told["path"])) for told in plan["recordings"]]
+    undone = {outcome.task.name for outcome in outcomes if outcome.code == Interrupted.code}
+    tasks = [outcome.task for outcome in outcomes]
+    count = max(int(stem.split("-of-")[1]) for stem in records)
+    shards = [Shard(number, count) for number in range(1, count + 1)]
+    return Collected(
+        outcomes,
+        ReportRequest.from_json(plan["request"]),
+        tuple(str(one) for one in shards if any(task.name in undone for task in one.select(tasks))),
+        tuple(str(one) for one in shards if one.stem in others),
+    )
+
+
+def _encode(value: Any) -> bytes:
+    return (json.dumps(value, ensure_ascii=False, indent=1) + "\n").encode()
+
+
+def _find_outcome(out: Path, told: Mapping[str, Any], problem: Mapping[str, Any] | None) -> Outcome:
+    """Give what became of one recording: its failure, its report, or nothing yet."""
+    request = ReportRequest.from_json(told["request"])
+    task = Task(Path(told["path"]), request, out / told["folder"], path=told["path"])
+    if problem is not None:
+        return Outcome(task, code=problem["code"], facts=problem["facts"])
+    marker = read_marker(task.folder)
+    is_current = marker is not None and marker.fingerprint == take_fingerprint(marker.input, request)
+    if marker is None or not is_current or not has_report(task.folder, marker, request):
+        return Outcome(task, code=Interrupted.code)
+    return Outcome(task, version=marker.version)

@@ -166,17 +166,14 @@ def encode_settings(request: ReportRequest) -> bytes:
         "lang": request.languages[0],
         "report": list(request.kinds),
         "paper": request.paper,
-        "diary": [_describe_entry(entry) for entry in request.diary],
+        "diary": [  # a row's line in the file that it came from is no setting
+            {name: value for name, value in row.items() if value not in {None, ""} and name != "line"}
+            for row in (asdict(entry) | split_times(entry) for entry in request.diary)
+        ],
         "profile": json.loads(request.profile) if request.profile else None,
     }
     text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
     return text.encode("utf-8")
-
-
-def _describe_entry(entry: DiaryEntry) -> dict[str, Any]:
-    """Return the settings in a row of the diary; its line in the file it came from is not one."""
-    values = asdict(entry) | split_times(entry)
-    return {name: value for name, value in values.items() if value not in {None, ""} and name != "line"}
 
 
 def read_settings(content: bytes) -> dict[str, Any]:
@@ -196,17 +193,15 @@ def read_settings(content: bytes) -> dict[str, Any]:
         return {}
     if not isinstance(values, dict):
         raise UnusableSettings(line=1, why="yaml")
-    return dict(_read_setting(str(name), value) for name, value in values.items())
-
-
-def _read_setting(name: str, value: Any) -> tuple[str, Any]:
-    if name not in _BY_NAME:
-        nearest = "".join(get_close_matches(name, _BY_NAME, 1))
-        allowed = ", ".join(_BY_NAME)
-        raise UnusableSettings(name=name[:60], why="setting name", nearest=nearest, allowed=allowed)
-    setting = _BY_NAME[name]
-    try:
-        return setting.field, setting.read(value)
-    except (TypeError, ValueError):
-        shown = str(value)[:60]
-        raise UnusableSettings(name=name, why="setting value", value=shown, allowed=setting.allowed) from None
+    read = {}
+    for name, value in ((str(name), value) for name, value in values.items()):
+        setting = _BY_NAME.get(name)
+        if setting is None:
+            nearest, allowed = "".join(get_close_matches(name, _BY_NAME, 1)), ", ".join(_BY_NAME)
+            raise UnusableSettings(name=name[:60], why="setting name", nearest=nearest, allowed=allowed)
+        try:
+            read[setting.field] = setting.read(value)
+        except (TypeError, ValueError):
+            shown, allowed = str(value)[:60], setting.allowed
+            raise UnusableSettings(name=name, why="setting value", value=shown, allowed=allowed) from None
+    return read

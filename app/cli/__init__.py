@@ -8,18 +8,26 @@ import sys
 
 import typer
 
-from app.cli.access import account
-from app.cli.admin import backup, doctor, drill, recover, restore, serve, verify, worker
-from app.cli.compare import compare, pair, validate
-from app.cli.conformance import conformance
-from app.cli.export import export
-from app.cli.inspection import inspect, version
+from app.cli.admin import (
+    account,
+    backup,
+    doctor,
+    drill,
+    get,
+    hold,
+    recover,
+    restore,
+    retention,
+    serve,
+    trail,
+    verify,
+    worker,
+)
+from app.cli.compare import compare, pair, profile, validate
+from app.cli.files import conformance, demo, export, inspect, simulate, version
 from app.cli.live import live
 from app.cli.output import PipedOutput
-from app.cli.profile import profile
 from app.cli.run import collect, exposure, run
-from app.cli.samples import demo, simulate
-from app.cli.trust import get, hold, retention, trail
 
 app = typer.Typer(
     name="acromion",

@@ -1,27 +1,45 @@
-"""The commands of the person who runs Acromion: serve, worker, backup, restore, verify, recover, doctor."""
+"""The commands of the person who runs Acromion: server, backups, audit log, terms, holds and accounts."""
 
+import hashlib
+import json
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import secrets
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from app.access.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
 from app.cli.output import Exit, print_problem
-from app.errors import AppError, BackupRefused, DatabaseAway
+from app.errors import (
+    UNREADABLE_PATH,
+    AppError,
+    BackupRefused,
+    BadParameter,
+    DatabaseAway,
+    NotHere,
+    StoreDamaged,
+)
 from app.logs import escape_controls, start_logging
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
 from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
+    from app.access.accounts import Person
+    from app.access.logins import Logins
+    from app.jobs.store import JobStore
     from app.settings import Settings
     from app.upkeep.account_rows import Accounts
     from app.upkeep.backup import Copied
     from app.upkeep.verify import Fault
 
+T = TypeVar("T", bound=str)
 
 # Commands that keep running: the server and its workers.
 
@@ -127,16 +145,15 @@ def backup(
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.storage.open import open_storage  # noqa: PLC0415
-    from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415
+    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
     from app.upkeep.backup_term import record_backup  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
     settings = find_settings(data)
-    with refusals_printed(lang, settings):
+    with _refusals_printed(lang, settings):
         check_used(settings)
         record_command(settings, "store.backed_up")
         copied = back_up(settings, file, Recipients(tuple(recipient or ())))
@@ -146,7 +163,8 @@ def backup(
     _print_copied(lang, "backup", copied, file=str(file))
     if dropped:
         print_sentence(lang, "backup", "dropped", keep=str(keep), names=", ".join(dropped))
-    _exit_by(copied)
+    if copied.faults:
+        raise typer.Exit(Exit.SOME_FAILED)
 
 
 def drill(
@@ -155,9 +173,9 @@ def drill(
     lang: LanguageOption = "en",
 ) -> None:
     """Restore a backup into a temporary folder, read every byte, and say how long it took."""
-    from app.upkeep.drill import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
-    with refusals_printed(lang, find_settings(None)):
+    with _refusals_printed(lang, find_settings(None)):
         done = try_out(file, identity)
     _print_faults(lang, done.faults)
     minutes = math.ceil(done.minutes * 10) / 10  # a short drill took no 0.0 minutes
@@ -177,18 +195,25 @@ def restore(
 
     A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
     """
-    from app.storage.erasures import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
+    from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
+
+    from app.storage.store import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415
 
     settings = find_settings(data)
-    with refusals_printed(lang, settings):
+    with _refusals_printed(lang, settings):
         copied = put_back(settings, file, identity)
     _print_accounts(lang, copied.accounts)
     if copied.erased:
         print_sentence(lang, "restore", "erased", number=str(copied.erased))
-    _print_copied(lang, "restore", copied, folder=str(settings.data_dir), **_name_places(settings))
+    places = {"folder": str(settings.data_dir), "files": settings.object_store or str(settings.data_dir)}
+    rows = ""  # in the data folder, as the files
+    if settings.object_store or not settings.is_database_inside:
+        rows = make_url(settings.database_url).render_as_string(hide_password=True)
+    _print_copied(lang, "restore", copied, **places, rows=rows)
     print_sentence(lang, "restore", "ledger", name=LEDGER_FILE)
-    _exit_by(copied)
+    if copied.faults:
+        raise typer.Exit(Exit.SOME_FAILED)
 
 
 def verify(
@@ -198,9 +223,22 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with refusals_printed(lang, find_settings(data)):
+    from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.backup import find_damage  # noqa: PLC0415
+    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
+    from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
+
+    with _refusals_printed(lang, find_settings(data)):
         settings = find_settings(data)
-        number, faults = _verify_kept(settings) if file is None else _verify_backup(file, identity)
+        if file is None:
+            check_used(settings)
+            check_whole(settings.database_url)
+            record_command(settings, "store.verified")
+            kept = find_kept(settings)
+            number, faults = len(kept), tuple(find_faults(settings, kept))
+        else:
+            copied = find_damage(file, identity)
+            number, faults = copied.promised, tuple(copied.faults)
     _print_faults(lang, faults)
     if faults:
         print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
@@ -208,16 +246,13 @@ def verify(
     print_sentence(lang, "verify", "good", number=str(number))
 
 
-def recover(
-    data: DataOption = None,
-    lang: LanguageOption = "en",
-) -> None:
+def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
-    with refusals_printed(lang, settings):
+    with _refusals_printed(lang, settings):
         check_recoverable(settings)
         done = bring_back(settings)
     for trouble in done.troubles:
@@ -247,35 +282,6 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
         raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _verify_kept(settings: "Settings") -> "tuple[int, Sequence[Fault]]":
-    from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.acts import record_command  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
-    from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
-
-    check_used(settings)
-    check_whole(settings.database_url)
-    record_command(settings, "store.verified")
-    kept = find_kept(settings)
-    return len(kept), tuple(find_faults(settings, kept))
-
-
-def _verify_backup(file: Path, identity: Path | None) -> "tuple[int, Sequence[Fault]]":
-    from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
-
-    copied = find_damage(file, identity)
-    return copied.promised, copied.faults
-
-
-def _name_places(settings: "Settings") -> dict[str, str]:
-    """Name where files and rows are: the data folder alone, or both places, without a password."""
-    from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
-
-    files, database = settings.object_store or str(settings.data_dir), make_url(settings.database_url)
-    is_one = not settings.object_store and settings.is_database_inside
-    return {"files": files, "rows": "" if is_one else database.render_as_string(hide_password=True)}
-
-
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
     """Print how many files were copied and which were not whole."""
     if not copied.faults:
@@ -284,11 +290,6 @@ def _print_copied(language: Language, command: str, copied: "Copied", **facts: s
     _print_faults(language, copied.faults)
     counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
     print_sentence(language, command, "not_whole", **counts, **facts)
-
-
-def _exit_by(copied: "Copied") -> None:
-    if copied.faults:
-        raise typer.Exit(Exit.SOME_FAILED)
 
 
 def _print_accounts(language: Language, accounts: "Accounts") -> None:
@@ -319,7 +320,7 @@ def print_sentence(language: Language, command: str, sentence: str, /, **facts: 
 
 
 @contextmanager
-def refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
+def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
     """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
@@ -340,3 +341,377 @@ def _print_refusal(refusal: AppError, language: Language) -> None:
     words = describe_problem(refusal.code, refusal.facts, language)
     typer.echo(f"{refusal.code} {words.title}\n  {words.detail}\n  {words.fix}", err=True)
     raise typer.Exit(Exit.NOTHING_DONE) from None
+
+
+# The audit log, terms, holds; and the original of a recording.
+
+
+MOST_SHOWN = 1000
+
+trail = typer.Typer(help="The audit log: who did what.", no_args_is_help=True)
+hold = typer.Typer(help="Keep a recording whatever happens.", no_args_is_help=True)
+
+
+@trail.command("show")
+def show_trail(
+    subject: Annotated[str, typer.Option(help="Who touched this subject's recordings.")] = "",
+    recording: Annotated[str, typer.Option(metavar="ID", help="An erased one, too.")] = "",
+    who: Annotated[str, typer.Option(metavar="ID", help="What did this person, token or machine do.")] = "",
+    begin: Annotated[str, typer.Option("--from", metavar="TIME", help="ISO 8601; without a zone UTC.")] = "",
+    end: Annotated[str, typer.Option("--to", metavar="TIME")] = "",
+    form: Annotated[str, typer.Option(help="text, csv or jsonl; the last two give every line.")] = "text",
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
+    from app.jobs.audit_log import AuditQuestion, find_lines, record_alone  # noqa: PLC0415
+    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+
+    for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
+        if not value.isprintable():  # a broken byte of the terminal, which no database takes
+            raise typer.BadParameter("signs that cannot be printed", param_hint=option)
+    with _opened(lang, data) as (_, store):
+        ids = frozenset({recording}) if recording else None
+        if subject and ids is None:
+            ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
+        question = AuditQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
+        record_alone(store.engine, "trail.read")
+        _print_lines(
+            form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
+        )
+
+
+@hold.command("begin")
+def begin_hold(
+    recording: Annotated[str, typer.Argument(metavar="RECORDING")],
+    reason: Annotated[str, typer.Option(help="legal, complaint, insurance, study or other")] = "legal",
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Put a recording on hold: nothing of it is deleted for good."""
+    from app.jobs.audit_log import AT_MACHINE  # noqa: PLC0415
+    from app.jobs.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
+
+    with _opened(lang, data) as (_, store):
+        code = next((one for one in HOLD_REASONS if one == reason), None)
+        if code is None:
+            raise BadParameter(name="reason", value=reason[:20], allowed=", ".join(HOLD_REASONS))
+        RecordingStore(store.engine, store.reader).hold(recording, code, AT_MACHINE)
+    print_sentence(lang, "trail", "held", id=recording)
+
+
+@hold.command("end")
+def end_hold(
+    recording: Annotated[str, typer.Argument(metavar="RECORDING")],
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """End the hold of a recording."""
+    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+
+    with _opened(lang, data) as (_, store):
+        RecordingStore(store.engine, store.reader).let_go(recording)
+    print_sentence(lang, "trail", "let_go", id=recording)
+
+
+def get(
+    recording: Annotated[
+        str, typer.Argument(metavar="ID", help="Of the recording, or of an analysis of it.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The file to write.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace FILE.")] = False,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Write the original file of a recording, byte for byte, verified by its SHA-256."""
+    from app.jobs.audit_log import record_readings  # noqa: PLC0415
+    from app.jobs.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
+    from app.storage.open import open_storage  # noqa: PLC0415
+    from app.storage.store import borrow_recording  # noqa: PLC0415
+
+    if out.exists() and not (force and out.is_file()):
+        raise typer.BadParameter(f"{out} exists", param_hint="-o")
+    if not recording.isprintable():  # a broken byte of the terminal, which no database takes
+        raise typer.BadParameter("characters that cannot be printed", param_hint="ID")
+    with _opened(lang, data) as (place, store):
+        recording_id = store.find_recording(recording) or recording
+        row = RecordingStore(store.engine, store.reader).get(recording_id)
+        storage = open_storage(place)
+        storage.prepare()
+        with borrow_recording(storage, row.id, row.sha256) as source:
+            record_readings(store.engine, "file.exported", [(row.id, "")], {"command": "get"})
+            try:
+                _copy_verified(source, out, row.sha256)
+            except OSError as error:
+                print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
+                raise typer.Exit(Exit.NOTHING_DONE) from None
+    facts = {"name": row.about.file_name, "file": str(out), "sha256": row.sha256}
+    print_sentence(lang, "trail", "got", **facts)
+
+
+def _copy_verified(source: Path, out: Path, sha256: str) -> None:
+    """Copy a file whole or not at all, readable by its owner alone. Raises DiskFull or StoreDamaged."""
+    from app.storage.permissions import create_file  # noqa: PLC0415
+    from app.storage.store import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+
+    part, copied = out.with_name(f".{secrets.token_hex(8)}.part"), hashlib.sha256()
+    try:
+        with translate_disk_full():
+            with source.open("rb") as stored, create_file(part) as file:
+                while piece := stored.read(COPY_BYTES):
+                    copied.update(piece)
+                    file.write(piece)
+            sync_file(part)
+        if copied.hexdigest() != sha256:
+            raise StoreDamaged
+        part.replace(out)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def retention(
+    kind: Annotated[str, typer.Argument(metavar="[KIND]", help="recordings, results, trash, trail")] = "",
+    days: Annotated[str, typer.Argument(metavar="[DAYS]", help='Days of running time, or "never".')] = "",
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Show how long each kind is kept, or change the term of one."""
+    from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
+
+    with _opened(lang, data) as (_, store):
+        terms = RetentionStore(store.engine, store.reader)
+        if kind:
+            if days != "never" and (not days.isdecimal() or len(days) > 6):
+                raise BadParameter(name="days", value=days[:20], allowed="1, 2, 3 …, never")
+            terms.put(kind, None if days == "never" else int(days))
+        for name, number in terms.find_all().items():
+            sentence = "term" if number is not None else "for_good"
+            what = load_wording(lang, "trail")["terms"][name]
+            print_sentence(lang, "trail", sentence, what=what, days=str(number or ""))
+
+
+def _read_moment(text: str) -> str:
+    from app.jobs.audit_log import parse_moment  # noqa: PLC0415
+
+    try:
+        return parse_moment(text)
+    except ValueError:
+        raise BadParameter(name="time", value=text[:40], allowed="2026-11-23T07:00") from None
+
+
+def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
+    from app.jobs.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
+
+    if form not in ("text", "csv", "jsonl"):
+        raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
+    acts, names = load_wording(language, "trail")["act"], load_wording(language, "trail")["who"]
+    if form == "csv":
+        typer.echo(",".join(AUDIT_COLUMNS))
+    for line in lines:
+        if form == "jsonl":
+            typer.echo(json.dumps(line))
+        elif form == "csv":
+            typer.echo(",".join(_quote(str(value)) for value in line.values()))
+        else:
+            who, act = str(line["who"]), str(line["act"])
+            about = (line["recording_id"], line["analysis_id"], line["other"])
+            parts = (line["seq"], line["at"], names.get(who, who), acts[act.replace(".", "_")], *about)
+            typer.echo("  ".join(map(str, parts)).rstrip())
+
+
+def _quote(value: str) -> str:
+    return '"' + value.replace('"', '""') + '"' if '"' in value or "," in value else value
+
+
+@contextmanager
+def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
+    """Open the database for whoever sits at the machine; a place without one is refused."""
+    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.jobs.database.connect import find_database_file  # noqa: PLC0415
+    from app.jobs.store import JobStore  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
+
+    settings = find_settings(data)
+    with _refusals_printed(language, settings), acting(AT_MACHINE):
+        check_used(settings)
+        file = find_database_file(settings.database_url)
+        if file and not Path(file).exists():
+            raise NotHere(id=str(settings.data_dir))
+        with closing(JobStore(settings)) as store:
+            yield settings, store
+
+
+# People, by whoever runs the server.
+
+
+account = typer.Typer(help="Who may log in: people, their roles, links and tokens.", no_args_is_help=True)
+
+LoginArgument = Annotated[str, typer.Argument(metavar="LOGIN")]
+PasswordOption = Annotated[
+    bool, typer.Option("--password", help="Ask for a password now, instead of printing a link.")
+]
+RolesOption = Annotated[list[str], typer.Option("--role", metavar="|".join(ROLES), help="Again for each.")]
+
+
+@dataclass(frozen=True, slots=True)
+class _Desk:
+    """The accounts of an installation, and the language in which they are told of."""
+
+    logins: "Logins"
+    language: Language
+
+    def say(self, sentence: str, **facts: str) -> None:
+        shown = {name: escape_controls(fact) for name, fact in facts.items()}
+        typer.echo(fill(load_wording(self.language, "access")["command"][sentence], shown))
+
+    def find(self, login: str) -> "Person":
+        person = self.logins.accounts.find_person(login)
+        if person is None:
+            raise NotHere(id=login)
+        return person
+
+    def give_link(self, person: "Person", term_s: float) -> None:
+        link = f"/login/link/{self.logins.make_link(person.id, term_s)}"
+        self.say("link", hours=str(int(term_s // 3600)), link=link)
+        self.say("link_path")
+
+    def ask_password(self, person: "Person") -> None:
+        """Take a password from the terminal, typed twice, or a line of standard input."""
+        words = load_wording(self.language, "access")["command"]
+        if sys.stdin.isatty():
+            password = typer.prompt(str(words["ask"]), hide_input=True, confirmation_prompt=True)
+        else:
+            password = sys.stdin.readline().rstrip("\r\n")
+        self.logins.check_password(person, password)
+        self.logins.set_password(person, password)
+        self.say("password", login=person.login)
+
+
+@account.command()
+def add(
+    login: LoginArgument,
+    role: RolesOption,
+    name: Annotated[str, typer.Option(help="Of the person; else the login.")] = "",
+    password: PasswordOption = False,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Add a person; prints an address that works once, by which a password is chosen."""
+    from app.access.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
+
+    with _open(data, lang, may_begin=True) as desk:
+        roles = frozenset(_read_known("--role", role, ROLES))
+        person = desk.logins.accounts.add_person(login, name or login, roles)
+        desk.say("added", login=person.login, roles=", ".join(sorted(roles)))
+        if password:
+            desk.ask_password(person)
+        else:
+            desk.give_link(person, INVITED_S)
+
+
+@account.command("list")
+def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
+    """List the people."""
+    with _open(data, lang) as desk:
+        desk.logins.accounts.note_reading()
+        words = load_wording(lang, "access")
+        for person in desk.logins.accounts.find_people():
+            state = words["ended"] if person.ended_at else words["command"]["open"]
+            about = {"id": person.id, "login": person.login, "name": person.name, "state": state}
+            roles = ", ".join(sorted(person.roles))
+            desk.say("person", roles=roles, **about)
+
+
+@account.command()
+def roles(
+    login: LoginArgument, role: RolesOption, data: DataOption = None, lang: LanguageOption = "en"
+) -> None:
+    """Give a person these roles in place of those before."""
+    with _open(data, lang) as desk:
+        given = frozenset(_read_known("--role", role, ROLES))
+        desk.logins.accounts.set_roles(desk.find(login).id, given)
+        desk.say("roles", login=login, roles=", ".join(sorted(given)))
+
+
+@account.command()
+def reset(
+    login: LoginArgument,
+    password: PasswordOption = False,
+    second_factor: Annotated[
+        bool, typer.Option("--second-factor", help="Turn the second step off, too: the phone is lost.")
+    ] = False,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Let a person choose a new password by an address that works once, for an hour."""
+    from app.access.logins import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
+
+    with _open(data, lang) as desk:
+        person = desk.find(login)
+        if second_factor:
+            desk.logins.drop_second_factor(person.id)
+            desk.say("second", login=person.login)
+        if password:
+            desk.ask_password(person)
+        else:
+            desk.give_link(person, FORGOTTEN_S)
+
+
+@account.command()
+def end(login: LoginArgument, data: DataOption = None, lang: LanguageOption = "en") -> None:
+    """Let a person log in no more; sessions and tokens end at once."""
+    with _open(data, lang) as desk:
+        desk.logins.accounts.end_person(desk.find(login).id)
+        desk.say("ended", login=login)
+
+
+@account.command()
+def token(
+    login: LoginArgument,
+    name: Annotated[str, typer.Option(help="What it is for.")],
+    permission: Annotated[
+        list[str], typer.Option("--may", metavar="PERMISSION", help=", ".join(PERMISSIONS))
+    ],
+    days: Annotated[int, typer.Option(min=1, max=365)] = 90,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Make a token for a person's scripts; it is printed once."""
+    from app.access.accounts import format_end, make_token  # noqa: PLC0415  the database, and only this needs it
+
+    with _open(data, lang) as desk:
+        person, chosen = desk.find(login), _read_known("--may", permission, PERMISSIONS)
+        may = collect_permissions(person.roles)
+        subject = Subject("person", person.id, person.name, may)
+        made, bearer = make_token(desk.logins.accounts, subject, name, chosen, days)
+        typer.echo(bearer)
+        desk.say("token_once", end=format_end(made))
+
+
+def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
+    """Return what was given, if all of it is known. Raises BadParameter."""
+    if not set(given) <= set(known):
+        raise BadParameter(name=option, value=", ".join(given), allowed=", ".join(map(str, known)))
+    return [next(one for one in known if one == name) for name in given]
+
+
+@contextmanager
+def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
+    """Open the accounts; ``may_begin``: the installation may begin with them."""
+    from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
+    from app.access.logins import Logins  # noqa: PLC0415
+    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.storage.permissions import make_folder  # noqa: PLC0415
+    from app.upkeep.place import check_used  # noqa: PLC0415
+
+    settings = find_settings(data)
+    with _refusals_printed(lang, settings):
+        if not may_begin:
+            check_used(settings)
+        make_folder(settings.data_dir)
+        accounts = AccountStore(settings)
+        try:
+            with acting(AT_MACHINE):
+                yield _Desk(Logins(accounts, settings), lang)
+        finally:
+            accounts.database.close()

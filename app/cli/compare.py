@@ -1,15 +1,17 @@
-"""The commands that compare: both arms of one shift, one day beside another, a recording and a reference."""
+"""The commands that compare: both arms, one day beside another, many days, a recording and a reference."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from errno import ENOENT
 from functools import partial
+from os import strerror
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
-from app.batch.folder import use_plain_names, write_version
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks, use_plain_names, write_version
 from app.cli.options import (
     LanguageOption,
     Out,
@@ -23,8 +25,8 @@ from app.cli.options import (
     read_tasks_file,
 )
 from app.cli.output import Exit, choose_exit, print_problem, refusals_printed, report_progress
-from app.errors import AppError, CannotCompare, CannotPair
-from app.request import PairRequest, Reference, ReportRequest
+from app.errors import UNREADABLE_PATH, AppError, CannotCompare, CannotPair, CannotProfile
+from app.request import PairRequest, ProfileRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
 
 _INPUT_HELP = "a folder that acromion run made, or a recording, which is analysed first."
@@ -118,9 +120,7 @@ def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -
     make = partial(make_report_of_two, sources, request)
     with refusals_printed(str(folder), request.languages[0]):
         marker = write_version(folder, request.figures_name, request.languages[0], make)
-    typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
-    for line in (folder / "answer.txt").read_text("utf-8").splitlines():
-        typer.echo(f"  {line}")
+    _print_answer(folder.name, folder, marker.version)
 
 
 def validate(
@@ -160,6 +160,8 @@ def validate(
     paper: PaperOption = "a4",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
+    from app.roads.validate import make_study, make_validation  # noqa: PLC0415  heavy, and only this needs it
+
     request = ReportRequest(
         path.name,
         parse_subject(subject),
@@ -172,12 +174,17 @@ def validate(
         paper=paper,
         pose_held=pose_held,
     )
-    if path.is_dir():
-        _compare_study(path, request, out)
+    if path.is_dir():  # a whole study: failures are printed, and show in the exit code
+        with refusals_printed(str(path), lang):
+            out.mkdir(parents=True, exist_ok=True)
+            problems = make_study(path, request, out, typer.echo)
+            use_plain_names(out, lang)
+        for problem in problems:
+            print_problem(problem.name, problem.code, problem.facts, lang)
+        typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
+        raise typer.Exit(Exit.SOME_FAILED if problems else Exit.ALL_GOOD)
     if reference is None:
         raise typer.BadParameter("needed, unless FILE is the folder of a study", param_hint="--reference")
-    from app.roads.validate import make_validation  # noqa: PLC0415  heavy, and only this needs it
-
     check_windows([request])
     given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
     given = replace(given, tasks=read_tasks_file(tasks, lang))
@@ -185,20 +192,85 @@ def validate(
         out.mkdir(parents=True, exist_ok=True)
         make_validation(path, replace(request, reference=given), out)
         use_plain_names(out, lang)
-    answer = (out / "answer.txt").read_text("utf-8").splitlines()
-    typer.echo("\n  ".join((f"{path.name} -> {out}", *answer)))
+    _print_answer(path.name, out)
 
 
-def _compare_study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
-    """Compare a whole folder; failures are printed, and show in the exit code."""
-    from app.roads.agreement_study import make_study  # noqa: PLC0415
+def _print_answer(name: str, folder: Path, version: int = 1) -> None:
+    typer.echo(f"{name} -> {folder}" + (f" (version {version})" if version > 1 else ""))
+    for line in (folder / "answer.txt").read_text("utf-8").splitlines():
+        typer.echo(f"  {line}")
 
-    language = request.languages[0]
-    with refusals_printed(str(path), language):
-        out.mkdir(parents=True, exist_ok=True)
-        outcome = make_study(path, request, out, typer.echo)
-        use_plain_names(out, language)
-    for problem in outcome.problems:
-        print_problem(problem.name, problem.code, problem.facts, language)
-    typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
-    raise typer.Exit(Exit.SOME_FAILED if outcome.problems else Exit.ALL_GOOD)
+
+# Several days over one another.
+
+
+def profile(
+    results: Annotated[
+        list[Path],
+        typer.Argument(metavar="RESULTS...", help="Folders that acromion run made, or results.json in them."),
+    ],
+    out: Out,
+    after: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RESULTS", help="Days after a change; may be repeated. RESULTS are before it."),
+    ] = None,
+    same_subject: SameSubjectOption = False,
+    mixed_methods: MixedMethodsOption = False,
+    lang: LanguageOption = "en",
+    report: KindsOption = "html,pdf",
+    paper: PaperOption = "a4",
+) -> None:
+    """Lay the days of a person, or of a group, over one another: mean, spread, days still needed."""
+    from app.roads.pair import make_profile  # noqa: PLC0415  heavy, and only this needs it
+
+    kinds = parse_kinds(report)
+    folder = out / "days"
+    try:
+        first = _find_all(results, out)
+        later = _find_all(after or [], out)
+        request = ProfileRequest(
+            len(first) if after else None, (lang,), kinds, paper, same_subject, mixed_methods
+        )
+        make = partial(make_profile, (*first, *later), request)
+        marker = write_version(folder, request.figures_name, lang, make)
+    except AppError as refusal:
+        print_problem(folder.name, refusal.code, refusal.facts, lang)
+        raise typer.Exit(Exit.NOTHING_DONE) from None
+    except OSError as error:
+        print_problem(error.filename or str(folder), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
+        raise typer.Exit(Exit.NOTHING_DONE) from None
+    _print_answer(folder.name, folder, marker.version)
+
+
+def _find_all(paths: list[Path], out: Path) -> list[Path]:
+    """Give the folders of finished analyses at the paths and below them; earlier versions are left aside.
+
+    Raises
+    ------
+    CannotProfile
+        When a path leads to none, or all lead to one and the same.
+    FileNotFoundError
+        When there is nothing at a path.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        if not path.exists():
+            raise FileNotFoundError(ENOENT, strerror(ENOENT), str(path))
+        folders = sorted(_find_below(path, out))
+        if not folders:
+            raise CannotProfile(why="kept", name=path.name)
+        found |= dict.fromkeys(folder.resolve() for folder in folders)
+    if len(found) == 1 and len(paths) > 1:
+        raise CannotProfile(why="same", name=paths[0].name, other=paths[1].name)
+    return list(found)
+
+
+def _find_below(path: Path, out: Path) -> Iterator[Path]:
+    if path.is_file():
+        yield path.parent
+        return
+    for results in path.rglob("results.json"):
+        inside = results.parent.relative_to(path).parts
+        is_earlier = any(part.startswith(".") or re.fullmatch(r"v\d+", part) for part in inside)
+        if not is_earlier and not results.is_relative_to(out / "days"):
+            yield results.parent

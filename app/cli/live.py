@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks
 from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
 from app.cli.output import finish, handling_signals, print_problem, refusals_printed, report_progress
 from app.errors import UNREADABLE_PATH, AppError
@@ -22,7 +22,7 @@ from fusion.errors import FusionError
 
 if TYPE_CHECKING:
     from app.live.recorder import Recorder
-    from app.live.source import Source
+    from app.live.sources import Source
     from fusion.live import LiveStatus
     from fusion.live.cues import Cue
 
@@ -36,8 +36,7 @@ def live(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SOURCE",
-            help="A recording (played), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005.",
+            metavar="SOURCE", help="A recording (played), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005."
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the raw file and the report.")] = Path(
@@ -46,8 +45,7 @@ def live(
     speed: Annotated[float, typer.Option(min=1, max=20, help="How fast a recording is played.")] = 1.0,
     baud: Annotated[int, typer.Option(min=1200, help="Of a serial port.")] = 115_200,
     axis: Annotated[
-        str | None,
-        typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose."),
+        str | None, typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose.")
     ] = None,
     cue: Annotated[
         list[str] | None,
@@ -62,14 +60,11 @@ def live(
 ) -> None:
     """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
     from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  the science, and only this needs it
-    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415
-    from app.live.early_rows import describe_asked  # noqa: PLC0415
-    from app.live.lines import open_lines  # noqa: PLC0415
+    from app.live.early import EARLY  # noqa: PLC0415
     from app.live.ports import names_port  # noqa: PLC0415
-    from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415
-    from app.live.recorder import Recorder  # noqa: PLC0415
-    from app.live.replay import open_replay  # noqa: PLC0415
-    from app.live.session_files import EARLY  # noqa: PLC0415
+    from app.live.raw_file import PREFIX, Wearer, describe_asked  # noqa: PLC0415
+    from app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
+    from app.live.sources import open_lines, open_replay  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
@@ -225,8 +220,7 @@ class _Screen:
 
 def _print_cut_sessions(out: Path, language: Language) -> None:
     """Name the sessions of this folder that were cut: their rows are kept, and what is lost is said."""
-    from app.live.early_rows import take_early  # noqa: PLC0415
-    from app.live.raw_file import find_cut  # noqa: PLC0415
+    from app.live.raw_file import find_cut, take_early  # noqa: PLC0415
 
     take_early(out)
     words = load_wording(language, "live")["terminal"]

@@ -9,9 +9,9 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
+from app.batch.folder import PROFILES, Task, read_list
 from app.batch.inputs import Participant, assign_participants
-from app.batch.plan import PROFILES, Task, read_list
-from app.batch.shards import SHARD_HINT, Shard, parse_shard
+from app.batch.run import SHARD_HINT, Shard, parse_shard
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
 from app.request import (

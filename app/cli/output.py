@@ -19,9 +19,8 @@ from typing import Any, Literal, NoReturn
 
 import typer
 
-from app.batch.plan import Task, format_path
-from app.batch.run import Outcome, find_done, run_tasks
-from app.batch.shards import Collected, ShardRecord
+from app.batch.folder import Task, format_path
+from app.batch.run import Outcome, ShardRecord, find_done, run_tasks
 from app.errors import UNREADABLE_PATH, AppError, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
@@ -215,12 +214,7 @@ def refusals_printed(name: str, language: Language) -> Iterator[None]:
 
 
 def finish(
-    outcomes: Sequence[Outcome],
-    out: Path,
-    request: ReportRequest,
-    *,
-    goes_on: bool = True,
-    asks: bool = True,
+    outcomes: Sequence[Outcome], out: Path, request: ReportRequest, *, goes_on: bool = True, asks: bool = True
 ) -> NoReturn:
     """Write the tables and leave with the exit code that agrees with them.
 
@@ -230,9 +224,7 @@ def finish(
     language = request.languages[0]
     if outcomes:
         try:
-            with handling_signals(
-                signal.SIG_IGN, signal.SIGINT, signal.SIGTERM
-            ):  # the tables are a second's work
+            with handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # a second's work
                 importlib.import_module(_TABLES).write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
             print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
@@ -255,20 +247,14 @@ def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, la
     raise typer.Exit(choose_exit(outcomes) if outcomes else Exit.ALL_GOOD)
 
 
-def print_undone(collected: Collected, language: Language) -> None:
-    """Name the slices to start again, and those that were asked for something else than the last."""
-    words = load_wording(language, "run")["outcome"]
-    if collected.undone:
-        typer.echo(fill(words["undone"], {"slices": ", ".join(collected.undone)}), err=True)
-    if collected.differing:
-        typer.echo(fill(words["differing"], {"slices": ", ".join(collected.differing)}), err=True)
-
-
 def format_question(outcomes: Sequence[Outcome]) -> list[str]:
     """Ask for a pose that was assumed: for one recording each candidate with the option that names it."""
-    unsaid = (one for one in outcomes if len(outcomes) == 1 or one.task.request.pose_held is None)
-    results = next(filter(None, map(_read_assumed, unsaid)), None)
-    if results is None:
+    for outcome in outcomes:
+        if not outcome.code and (len(outcomes) == 1 or outcome.task.request.pose_held is None):
+            results = load_results((outcome.task.folder / "results.json").read_bytes())
+            if (results["calibration"] or {}).get("state") == "assumed":
+                break
+    else:
         return []
     request = outcomes[0].task.request
     words = load_wording(request.languages[0], "run")["outcome"]
@@ -286,14 +272,6 @@ def format_question(outcomes: Sequence[Outcome]) -> list[str]:
         }
         lines.append(fill(words["which_choice"], facts))
     return [fill(words["which"], {"name": outcomes[0].task.name}), *(f"  {line}" for line in lines)]
-
-
-def _read_assumed(outcome: Outcome) -> dict[str, Any] | None:
-    """Return the results of a recording whose pose is assumed."""
-    if outcome.code:
-        return None
-    results: dict[str, Any] = load_results((outcome.task.folder / "results.json").read_bytes())
-    return results if (results["calibration"] or {}).get("state") == "assumed" else None
 
 
 def _format_total(

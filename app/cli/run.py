@@ -7,10 +7,8 @@ from typing import Annotated
 
 import typer
 
-from app.batch.folder import is_up_to_date
-from app.batch.plan import Task, find_recordings, format_path, plan_joined, plan_tasks
-from app.batch.run import choose_workers, measure_capacity
-from app.batch.shards import ShardRecord, collect_outcomes
+from app.batch.folder import Task, find_recordings, format_path, is_up_to_date, plan_tasks
+from app.batch.run import ShardRecord, choose_workers, collect_outcomes, measure_capacity
 from app.cli.options import (
     DiaryOption,
     LanguageOption,
@@ -44,7 +42,6 @@ from app.cli.output import (
     print_json,
     print_outcome,
     print_problem,
-    print_undone,
     report_progress,
 )
 from app.errors import NO_RECORDING, NO_SHARDS
@@ -175,7 +172,11 @@ def run(
         raise typer.Exit
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
     keep_profile(profile, out)
-    count = workers or _choose_workers(tasks, language)
+    count = workers or 1
+    if not workers and len(tasks) != 1:
+        capacity = measure_capacity()
+        count, memory = choose_workers(len(tasks), capacity), round(capacity.free_bytes / (1 << 30), 1)
+        _note("workers", language, n=str(count), cores=str(capacity.cores), memory=str(memory))
     if record is None:
         finish(report_progress(tasks, count, on_outcome), out, request, asks=not (quiet or json_log))
     record.begin()
@@ -192,7 +193,9 @@ def collect(
     except (OSError, ValueError, KeyError, TypeError):
         print_problem(format_path(out), NO_SHARDS, {}, lang)
         raise typer.Exit(Exit.USAGE) from None
-    print_undone(collected, lang)
+    for name, slices in (("undone", collected.undone), ("differing", collected.differing)):
+        if slices:  # to start again; and those asked for something else than the last
+            _note(name, lang, slices=", ".join(slices))
     finish(collected.outcomes, out, collected.request, goes_on=False)
 
 
@@ -229,17 +232,10 @@ def _plan(
         raise typer.Exit(Exit.NOTHING_DONE if paths else Exit.USAGE)
     if found.others:
         _note("others", language, n=str(found.others))
-    return (plan_joined if join else plan_tasks)(found.logs, out, request, found.format_place, force=force)
-
-
-def _choose_workers(tasks: Sequence[Task], language: Language) -> int:
-    if len(tasks) == 1:
-        return 1
-    capacity = measure_capacity()
-    count = choose_workers(len(tasks), capacity)
-    memory = str(round(capacity.free_bytes / (1 << 30), 1))
-    _note("workers", language, n=str(count), cores=str(capacity.cores), memory=memory)
-    return count
+    logs = found.logs
+    if join:  # one task, in a folder named after the first
+        logs, request = logs[:1], replace(request, joined=tuple(str(log.resolve()) for log in logs[1:]))
+    return plan_tasks(logs, out, request, found.format_place, force=force)
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

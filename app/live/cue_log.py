@@ -29,7 +29,7 @@ def parse_rule(text: str) -> CueRule:
 
 
 def find_limit(rule: CueRule) -> float:
-    """Give the limit of a rule: seconds, or percent of a share."""
+    """Return the limit of a rule: seconds, or percent of a share."""
     return rule.percent if rule.kind == "share" else rule.seconds
 
 

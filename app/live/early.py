@@ -4,21 +4,31 @@ Until the science is loaded, the rate is known and the kernels are compiled, a s
 fresh server that takes many seconds. Meanwhile a thread reads the port, writes the bytes as they came, each
 piece with its moment, and holds them for the session. Once that has caught up and its raw file holds
 everything, the file of early bytes is removed and the port is read directly.
+
+A server keeps the files of its sessions in its folder ``live``:
+
+live-<session>.raw      the raw file (:mod:`app.live.raw_file`), until it is a recording
+live-<session>.early    what came before the raw file had it, for some seconds
+replay-<session>.raw    the raw file of a session that is not kept
 """
 
 import json
 import os
 import queue
+import secrets
 import struct
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.live.ports import WAIT_S, Port
-from app.storage.permissions import create_file
+from app.storage.permissions import create_file, make_folder
 
+KEPT, PLAYED = "live-", "replay-"
+RAW, EARLY = ".raw", ".early"
 SYNC_S = 1.0
 MOST_BYTES = 32 << 20
 """So many early bytes are taken; a port that brings more waits until the session has caught up."""
@@ -32,12 +42,7 @@ class EarlyFile:
     """A file of bytes as they came; what is asked of the session stands first, as JSON."""
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
-        """Create the file.
-
-        Raises
-        ------
-        FileExistsError, OSError
-        """
+        """Create the file. Raises FileExistsError, OSError."""
         self._path, self._file = path, create_file(path)
         asked = json.dumps(about).encode()
         self.size_bytes = 0
@@ -105,7 +110,7 @@ class EarlyPort:
         return piece
 
     def now_s(self) -> float:
-        """Give the moment when what was read last came, by ``time.monotonic``; now for nothing."""
+        """Return the moment when what was read last came, by ``time.monotonic``; now for nothing."""
         return time.monotonic() if self._came_s is None else self._came_s
 
     def release(self) -> None:
@@ -168,3 +173,39 @@ def read_pieces(content: bytes) -> Iterator[tuple[bytes, float]]:
 
 def _find_end_of_about(content: bytes) -> int:
     return _ABOUT.size + int(_ABOUT.unpack_from(content)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFiles:
+    """The id of a session, and where its files are."""
+
+    folder: Path
+    session_id: str
+    is_kept: bool
+
+    @property
+    def raw(self) -> Path:
+        """The raw file."""
+        return self.folder / f"{KEPT if self.is_kept else PLAYED}{self.session_id}{RAW}"
+
+    @property
+    def early(self) -> Path:
+        """What came before."""
+        return self.folder / f"{KEPT}{self.session_id}{EARLY}"
+
+    def remove(self) -> None:
+        """Remove the files."""
+        self.early.unlink(missing_ok=True)
+        self.raw.unlink(missing_ok=True)
+
+
+def begin_files(folder: Path, *, keeps: bool) -> SessionFiles:
+    """Choose the id of a session, and create the folder."""
+    make_folder(folder)
+    return SessionFiles(folder, secrets.token_urlsafe(12), keeps)
+
+
+def find_left(folder: Path) -> tuple[SessionFiles, ...]:
+    """Find the files of sessions that are to be kept and that a killed server left."""
+    names = {path.stem for ending in (RAW, EARLY) for path in folder.glob(f"{KEPT}*{ending}")}
+    return tuple(SessionFiles(folder, name.removeprefix(KEPT), is_kept=True) for name in sorted(names))

@@ -20,12 +20,11 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
-from app.live.lines import LineSource
+from app.live.early import SessionFiles
 from app.live.ports import PushedPort
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
-from app.live.session_files import SessionFiles
-from app.live.source import Source
+from app.live.sources import LineSource, Source
 from fusion.errors import FusionError
 from fusion.live import LiveRows, LiveStatus
 from fusion.live.cues import Cue, CueRule
@@ -99,13 +98,13 @@ class RunningSession:
         self._row = self._sequence = 0
         self._is_stopping = threading.Event()
         self._ends_s: float | None = None
+        self._early = source.early
         port = source.port if isinstance(source, LineSource) else None
-        self._early = source.early if isinstance(source, LineSource) else None
         self._pushed = self._early.inner if self._early is not None else port
         self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
 
     def describe(self) -> dict[str, Any]:
-        """Give what a watcher is told first."""
+        """Return what a watcher is told first."""
         facts = self.source.facts
         return {
             "type": "session",
@@ -259,7 +258,7 @@ def _describe_rule(rule: CueRule) -> dict[str, Any]:
 
 
 def describe_status(status: LiveStatus) -> dict[str, Any]:
-    """Give what the page shows of a session's state."""
+    """Return what the page shows of a session's state."""
     return {
         "elapsed_s": round(status.elapsed_s, 3),
         "elevation_deg": None if status.elevation_deg is None else round(status.elevation_deg, 2),
@@ -316,7 +315,7 @@ class LiveHub:
         return session
 
     def sessions(self) -> tuple[RunningSession, ...]:
-        """Give all sessions that are remembered."""
+        """Return all sessions that are remembered."""
         return tuple(self._sessions.values())
 
     def close(self) -> None:

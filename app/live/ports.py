@@ -25,7 +25,7 @@ LINE_SILENCE_S = 10.0
 """A board that lost its power hangs up no line: after so long it is called again."""
 PIECE_BYTES = 65_536
 MOST_PIECES = 256
-SERIAL_PORT = re.compile(r"^(COM\d+|/dev/\S+)$", re.IGNORECASE)
+SERIAL_PORT = re.compile(r"^(COM\d+|/dev/(?!shm/)\S+)$", re.IGNORECASE)
 
 
 class Port(Protocol):

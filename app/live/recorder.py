@@ -1,4 +1,4 @@
-"""One live session as it runs: the source, the raw file, and the session in between."""
+"""One live session as it runs, its raw file in between; and how what it showed differs from its report."""
 
 import time
 from datetime import UTC, datetime
@@ -7,8 +7,20 @@ from pathlib import Path
 from app.live.cue_log import format_rule
 from app.live.early import EarlyPort
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, Wearer
-from app.live.source import SourceFacts
-from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
+from app.live.sources import SourceFacts
+from app.report.words.numbers import format_duration, format_number, format_percent
+from app.report.words.wording import fill, load_wording
+from app.request import Language
+from fusion.angle_files.elevation_parquet import read_elevation
+from fusion.live import (
+    Frames,
+    LiveDifference,
+    LiveRows,
+    LiveSession,
+    LiveStatus,
+    ShownAngles,
+    compare_shown,
+)
 from fusion.live.cues import Cue, CueRule, CueWatch
 from fusion.pose.axes import point_along
 
@@ -69,7 +81,7 @@ class Recorder:
         return True
 
     def take_cues(self, rows: LiveRows) -> list[Cue]:
-        """Give the cues of these rows, and log them; while they are paused there are none."""
+        """Return the cues of these rows, and log them; while they are paused there are none."""
         cues = self._cue_watch.take(rows)
         if self.are_cues_paused:
             return []
@@ -88,3 +100,27 @@ class Recorder:
     def break_off(self) -> None:
         """Close the file without saying that the session was stopped."""
         self._raw.close()
+
+
+def measure_difference(shown: ShownAngles, elevation: Path) -> LiveDifference | None:
+    """Compare what was shown with ``elevation.parquet`` of the report."""
+    return compare_shown(shown, read_elevation(elevation))
+
+
+def describe_difference(found: LiveDifference | None, language: Language) -> str:
+    """Put it into words."""
+    words = load_wording(language, "live")["difference"]
+    if found is None:
+        return str(words["none"])
+    names = ("below_30", "from_30", "from_60", "from_90")
+    shares = zip(names, found.live_percent, found.report_percent, strict=True)
+    facts = {
+        "time": format_duration(found.compared_s, language),
+        "rmse": format_number(found.rmse_deg, 1, language),
+        "bias": format_number(found.bias_deg, 1, language),
+        **{
+            name: f"{format_percent(live, language)} / {format_percent(report, language)}"
+            for name, live, report in shares
+        },
+    }
+    return fill(words["line"], facts)

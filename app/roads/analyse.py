@@ -18,23 +18,21 @@ from app.report.findings import take_findings
 from app.report.render.write import RESULTS, rewrite_reports, write_reports
 from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
-from app.roads.reading import Logs
+from app.roads.reading import read_logs
 from app.storage.day_file import DAY_NAME, DaySegment, write_day
-from app.storage.known import NOTHING_KNOWN, KnownLogs
-from app.storage.store import sync_file
+from app.storage.store import NOTHING_KNOWN, KnownLogs, sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
 from fusion.conventions import SAID_S, awaits_pose
-from fusion.elevation import ElevationSegment
 from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses, survey
 from fusion.pose.windows import reduce_recording
-from fusion.quality import propose_nonwear
+from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format
-from fusion.recording import MICROSECONDS, Segment, Span
+from fusion.recording import MICROSECONDS, Span
 from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import find_still_moments, reduce_run
@@ -44,31 +42,24 @@ from fusion.settings import AnalysisSettings
 
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
-    """Write the day of an analysis as :mod:`app.storage.day_file` keeps it."""
-    write_day(path, list(_pair_segments(analysis)), _describe_facts(analysis))
-
-
-def _pair_segments(analysis: Analysis) -> Iterator[DaySegment]:
-    """Pair each run of angles with the samples it came from; ready angles have none."""
+    """Write the day of an analysis (:mod:`app.storage.day_file`); ready angles have no samples to reduce."""
     by_start = {segment.start_us: segment for segment in analysis.recording.segments}
+    days = []
     for run in analysis.elevation.segments:
         angle_deg = np.where(run.valid, run.elevation_deg, np.nan).astype(np.float32)
-        block_s, quiet = _reduce(by_start.get(run.start_us), run)
-        yield DaySegment(run.start_us / MICROSECONDS, run.rate_hz, angle_deg, block_s, quiet)
-
-
-def _reduce(segment: Segment | None, run: ElevationSegment) -> tuple[float, np.ndarray[Any, Any]]:
-    if segment is None or not len(segment) or not run.rate_hz:
-        return 1.0, np.empty((0, 6), np.float32)
-    blocks = reduce_run(view_segment(segment))
-    return blocks.block_s, blocks.acc.astype(np.float32)
+        segment, block_s, quiet = by_start.get(run.start_us), 1.0, np.empty((0, 6), np.float32)
+        if segment is not None and len(segment) and run.rate_hz:
+            blocks = reduce_run(view_segment(segment))
+            block_s, quiet = blocks.block_s, blocks.acc.astype(np.float32)
+        days.append(DaySegment(run.start_us / MICROSECONDS, run.rate_hz, angle_deg, block_s, quiet))
+    write_day(path, days, _describe_facts(analysis))
 
 
 def _describe_facts(analysis: Analysis) -> dict[str, Any]:
-    recording = analysis.recording
-    has_samples = analysis.calibration is not None
-    proposed = propose_poses(recording) if has_samples else ()
-    not_worn = propose_nonwear(recording, analysis.exclusions) if has_samples else ()
+    recording, calibration = analysis.recording, analysis.calibration
+    proposed = propose_poses(recording) if calibration else ()
+    not_worn = propose_nonwear(recording, analysis.exclusions) if calibration else ()
+    used = calibration.windows if calibration else ()
     return {
         "device": recording.device,
         "start": recording.start.isoformat() if recording.start else None,
@@ -76,9 +67,9 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
         "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
         "not_worn": [_bound(span) for span in not_worn],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
-        "calibration": [list(window) for window in _find_windows(analysis)],
+        "calibration": [[still.start_s, still.end_s, still.score] for still in used],
         **_describe_questions(analysis),
-        "nearest_axis": _find_nearest_axis(analysis),
+        "nearest_axis": list(find_nearest_axis(calibration.arm_axis)) if calibration else None,
     }
 
 
@@ -118,23 +109,8 @@ def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
         yield [slip_s, end_s, [[still.start_s, still.end_s] for still in early.stills]]
 
 
-def _find_nearest_axis(analysis: Analysis) -> list[str | float] | None:
-    """Give the sensor's axis that lies nearest to the arm's as it was found, and how far apart they are."""
-    if analysis.calibration is None:
-        return None
-    axis, apart_deg = find_nearest_axis(analysis.calibration.arm_axis)
-    return [axis, apart_deg]
-
-
 def _bound(span: Span) -> list[float]:
     return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
-
-
-def _find_windows(analysis: Analysis) -> Iterator[tuple[float, float, float]]:
-    """Give start, end and score of the windows that were used."""
-    calibration = analysis.calibration
-    for still in calibration.windows if calibration else ():
-        yield still.start_s, still.end_s, still.score
 
 
 FHIR = "fhir.json"
@@ -179,44 +155,34 @@ def make_report(
     fusion.errors.FusionError
         When no number can be given; then nothing has been written.
     """
-    logs = Logs(log, request, known)
-    analysis = _analyse_file(logs, lambda stage: on_stage(stage, _BEGINS[stage]))
+    analysis = _analyse_file(log, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
     findings, subject = take_findings(analysis), describe_subject(request)
     subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
     content = encode_results(findings, subject)
     (out / RESULTS).write_bytes(content)
     results = load_results(content)
+
+    def write_angle(path: Path) -> None:
+        """Have the disk take the angle while the pages are drawn."""
+        write_elevation(analysis.elevation, path)
+        sync_file(path)
+
+    def write_tables() -> None:
+        for name, table in export_results(results).items():
+            (out / name).write_bytes(table)
+
     with ThreadPoolExecutor(1) as writer:  # packing angles releases the interpreter, as drawing pages does
-        written = [
-            writer.submit(_write_angle, analysis, out / "elevation.parquet"),
-            writer.submit(_write_tables, results, out),
-        ]
+        written = [writer.submit(write_angle, out / "elevation.parquet"), writer.submit(write_tables)]
         write_reports(findings, subject, request, out)
         for work in written:
             work.result()
-    if "pdf" in request.kinds:
-        _write_fhir(results, request, out)
+    if "pdf" in request.kinds:  # with the PDFs as they stand there, and a conclusion in the first language
+        pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
+        conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
+        (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
     if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
-
-
-def _write_angle(analysis: Analysis, path: Path) -> None:
-    """Write the angle, and have the disk take it while the pages are drawn."""
-    write_elevation(analysis.elevation, path)
-    sync_file(path)
-
-
-def _write_tables(results: dict[str, Any], out: Path) -> None:
-    for name, table in export_results(results).items():
-        (out / name).write_bytes(table)
-
-
-def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> None:
-    """Write the bundle with the PDFs as they stand there; its conclusion is in the first language."""
-    pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
-    conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
-    (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
 
 
 def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -249,19 +215,21 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
     )
 
 
-def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
-    request, told = logs.request, logs.request.select_diary()
+def _analyse_file(
+    log: Path, request: ReportRequest, known: KnownLogs, begin: Callable[[Stage], None]
+) -> Analysis:
+    told = request.select_diary()
     diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
     begin("reading")
     if request.source == "angles":
-        with logs.log.open("rb") as file:
+        with log.open("rb") as file:
             return analyse_angles(file, begin, diary)
-    captured = _read_capture(logs.log, request)
+    captured = _read_capture(log, request)
     if captured is not None:
         duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
         windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
         return analyse_angle_file(captured, begin, diary, windows_s)
-    recording = logs.read()
+    recording = read_logs(log, request, known)
     settings = AnalysisSettings(
         request.method,
         request.pose,
@@ -272,15 +240,12 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
         request.no_slip_times_s,
         request.pose_held,
     )
-    _refuse_slips_outside(recording.duration_us / MICROSECONDS, request)
-    return analyse(recording, settings, begin)
-
-
-def _refuse_slips_outside(duration_s: float, request: ReportRequest) -> None:
+    duration_s = recording.duration_us / MICROSECONDS
     for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
         for time_s in times_s:
             if time_s > duration_s:
                 raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
+    return analyse(recording, settings, begin)
 
 
 def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:

@@ -1,17 +1,21 @@
-"""The road from finished analyses to a report of two: both arms of one shift, or a day beside an earlier one.
+"""The road from finished analyses to a report of several: of two (both arms, or two days), or of many days.
 
 It starts from the folders that finished analyses leave; nothing is fused again. Page, API and command line
 all take it.
 """
 
+import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from app.errors import CannotPair
+from app.errors import AppError, CannotPair, CannotProfile
+from app.report.days.document import describe_profile, encode_day_table, encode_overlay_table
+from app.report.days.people import MeasuredDay, Stage, group_days
+from app.report.days.report import build_days
 from app.report.findings import Kept
-from app.report.model import Report
+from app.report.model import Report, Table
 from app.report.pairs import (
     ArmPair,
     TrunkClock,
@@ -27,14 +31,14 @@ from app.report.pairs import (
     refuse_no_comparison,
 )
 from app.report.render.write import read_kept, write_report
-from app.request import PairRequest
+from app.request import PairRequest, ProfileRequest
 from fusion.angle_files.elevation_parquet import read_elevation
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
+from fusion.days import lay_on_clock, overlay_days
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.readings import join_intervals
-from fusion.exposure.types import Exposure, Interval
-from fusion.quality import leave_out
+from fusion.exposure.intervals import join_intervals
+from fusion.quality.time_account import leave_out
 
 ELEVATION = "elevation.parquet"
 
@@ -61,7 +65,7 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
         reports = [build_pair(pair, language) for language in request.languages]
         _write(reports, describe_pair(pair), request, out)
     else:
-        before, after = map(_read, folders)
+        before, after = (_read(folder, CannotPair(why="kept")) for folder in folders)
         same = request.same_subject
         refuse_no_comparison(before, after, same_subject=same, mixed_methods=request.mixed_methods)
         reports = [
@@ -71,25 +75,32 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
 
 
 def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
-    left, right = map(_read, arms)
-    body = _read(trunk) if trunk else None
+    left, right = (_read(arm, CannotPair(why="kept")) for arm in arms)
+    body = _read(trunk, CannotPair(why="kept")) if trunk else None
     _refuse_strangers(left, right)
-    one_person = judge_person(tuple(filter(None, (left, right, body))), is_stated=request.same_subject)
+    if left.subject.side == "right" or right.subject.side == "left":
+        raise CannotPair(why="side")
+    every = tuple(filter(None, (left, right, body)))
+    one_person = judge_person(every, is_stated=request.same_subject)
     if one_person == "unknown":
         raise CannotPair(why="person")
-    if are_mixed(filter(None, (left, right, body))) and not request.mixed_methods:
+    if are_mixed(every) and not request.mixed_methods:
         raise CannotPair(why="methods")
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
-    return ArmPair(
-        left,
-        right,
-        offset_s,
-        "clocks" if request.offset_s is None else "person",
-        widen_unconfirmed(_share(*angles, offset_s, _find_sigmas(left, right)), left, right),
-        *_relate(angles, (trunk, body, request.trunk_offset_s), (left, right), offset_s),
-        one_person,
-    )
+    first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
+    sigmas_deg = (first, second) if first and second else None  # known of both, or of none
+    try:
+        shared = pair_arms(*angles, offset_s, sigmas_deg)
+        if trunk is None or body is None:
+            relative, clock = (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
+        else:
+            relative, clock = _relate(angles, (trunk, body), (left, right), offset_s, request.trunk_offset_s)
+    except TooShort:
+        raise CannotPair(why="apart") from None
+    stated_by: Literal["clocks", "person"] = "clocks" if request.offset_s is None else "person"
+    shared = widen_unconfirmed(shared, left, right)
+    return ArmPair(left, right, offset_s, stated_by, shared, relative, clock, one_person)
 
 
 def find_offset_s(left: Kept, right: Kept) -> float:
@@ -115,49 +126,19 @@ def read_analysed(folder: Path, kept: Kept) -> Elevation:
     return leave_out(read_elevation(folder / ELEVATION), kept.findings.exclusions)
 
 
-def _read(folder: Path) -> Kept:
+def _read(folder: Path, refusal: AppError) -> Kept:
     try:
         return read_kept(folder)
     except (OSError, ValueError):
-        raise CannotPair(why="kept") from None
+        raise refusal from None
 
 
-def _refuse_strangers(left: Kept, right: Kept) -> None:
-    """Refuse two recordings of one arm, or one twice: they would look like a perfectly even worker.
-
-    Raises
-    ------
-    CannotPair
-    """
-    _refuse_same(left, right)
-    _refuse_two_people(left, right)
-    if left.subject.side == "right" or right.subject.side == "left":
-        raise CannotPair(why="side")
-
-
-def _refuse_two_people(*ones: Kept) -> None:
-    if len({read_code(kept) for kept in ones} - {""}) > 1:
-        raise CannotPair(why="subjects")
-
-
-def _refuse_same(one: Kept, other: Kept) -> None:
+def _refuse_strangers(one: Kept, other: Kept) -> None:
+    """Refuse one recording twice, which would look like a perfectly even worker, and two people."""
     if one.findings.recording.sha256 == other.findings.recording.sha256:
         raise CannotPair(why="same")
-
-
-def _find_sigmas(left: Kept, right: Kept) -> tuple[float, float] | None:
-    """Give the error of each angle; None where that of one is not known."""
-    first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
-    return (first, second) if first and second else None
-
-
-def _share(
-    left: Elevation, right: Elevation, offset_s: float, sigmas_deg: tuple[float, float] | None
-) -> PairedArms:
-    try:
-        return pair_arms(left, right, offset_s, sigmas_deg)
-    except TooShort:
-        raise CannotPair(why="apart") from None
+    if len({read_code(one), read_code(other)} - {""}) > 1:
+        raise CannotPair(why="subjects")
 
 
 def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms:
@@ -172,7 +153,11 @@ def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms
     own = {
         f"{side}_{name}": interval
         for side, exposure in open_arms.items()
-        for name, interval in _list_ranges(exposure).items()
+        for name, interval in (
+            *exposure.intervals.items(),
+            *((f"time_above_{one.threshold_deg:g}_percent", one.interval) for one in exposure.time_above),
+        )
+        if interval
     }
     closed = tuple(f"{side}_" for side in arms if side not in open_arms)
     kept = {
@@ -183,39 +168,26 @@ def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms
     return replace(shared, intervals=kept)
 
 
-def _list_ranges(exposure: Exposure) -> dict[str, Interval]:
-    above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
-    return {**exposure.intervals, **{name: interval for name, interval in above.items() if interval}}
-
-
 def _relate(
     angles: tuple[Elevation, Elevation],
-    trunk: tuple[Path | None, Kept | None, float | None],
+    trunk: tuple[Path, Kept],
     arms: tuple[Kept, Kept],
     offset_s: float,
-) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock | None]:
+    trunk_offset_s: float | None,
+) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock]:
     """Relate each arm to the trunk, all three on the clock of the left recording.
 
-    ``trunk``: the folder of its analysis, what it holds, and its offset after the left arm as a person
-    stated it.
+    ``trunk_offset_s``: the trunk's offset after the left arm as a person stated it.
     """
-    folder, found, stated_s = trunk
-    if folder is None or found is None:
-        return (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
     for arm in arms:
-        _refuse_same(arm, found)
-        _refuse_two_people(arm, found)
-    body = read_analysed(folder, found)
-    if stated_s is None:
-        clock = TrunkClock(find_offset_s(arms[0], found), "clocks")
+        _refuse_strangers(arm, trunk[1])
+    body = read_analysed(*trunk)
+    if trunk_offset_s is None:
+        clock = TrunkClock(find_offset_s(arms[0], trunk[1]), "clocks")
     else:
-        clock = TrunkClock(stated_s, "person")
-    try:
-        left = relate_to_trunk(angles[0], body, clock.offset_s)
-        right = relate_to_trunk(angles[1], body, clock.offset_s - offset_s)
-    except TooShort:
-        raise CannotPair(why="apart") from None
-    return (left, right), clock
+        clock = TrunkClock(trunk_offset_s, "person")
+    left = relate_to_trunk(angles[0], body, clock.offset_s)
+    return (left, relate_to_trunk(angles[1], body, clock.offset_s - offset_s)), clock
 
 
 def _write(reports: Sequence[Report], figures: dict[str, Any], request: PairRequest, out: Path) -> None:
@@ -223,3 +195,54 @@ def _write(reports: Sequence[Report], figures: dict[str, Any], request: PairRequ
     (out / request.figures_name).write_bytes(body)
     for report in reports:
         write_report(report, request.kinds, request.paper, {request.figures_name: body}, out)
+
+
+# Several days: of a person, of both arms, of a group.
+
+
+_NO_TABLE = Table("", (), ())
+
+
+def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) -> None:
+    """Make the report of several finished analyses into the existing folder ``out``.
+
+    ``folders``: the first ``request.before_count`` of them are before a change, the rest after it; all of
+    them are days of the same time where it is None. Writes ``profile.json``, ``profile.csv``,
+    ``overlay.csv`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+
+    Raises
+    ------
+    CannotProfile
+        When a folder holds no finished analysis, or the analyses are no days to be set together
+        (:func:`app.report.days.people.group_days`).
+    """
+    days = []
+    for rank, folder in enumerate(folders):
+        stage: Stage = "all"
+        if request.before_count is not None:
+            stage = "before" if rank < request.before_count else "after"
+        kept = _read(folder, CannotProfile(why="kept", name=folder.name))
+        days.append(MeasuredDay(kept, stage, str(folder)))
+    grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
+    arms = []
+    for (
+        arm
+    ) in grouped.arms:  # overlay the days that have a clock; one of more than 24 h would lie over itself
+        clocked = [
+            lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
+            for day in arm.days
+            if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()
+        ]
+        arms.append(replace(arm, bands=overlay_days(clocked)))
+    studied = replace(grouped, arms=tuple(arms))
+    body = encode_document(describe_profile(studied))
+    (out / "profile.json").write_bytes(body)
+    (out / "profile.csv").write_bytes(encode_day_table(studied))
+    (out / "overlay.csv").write_bytes(encode_overlay_table(studied))
+    for language in request.languages:
+        report = build_days(studied, language)
+        write_report(report, request.kinds, request.paper, {"profile.json": body}, out)
+        if request.has_drawings:
+            charts = (*report.figures, *(chart for section in report.sections for chart in section.figures))
+            shown = [asdict(replace(chart, table=_NO_TABLE)) for chart in charts]
+            (out / f"drawings.{language}.json").write_text(json.dumps(shown), "utf-8")

@@ -2,22 +2,16 @@
 
 import json
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from app.request import ReportRequest
 from app.storage.decoded import hash_entry_key
-from app.storage.known import KnownLogs
-from app.storage.store import hash_file
+from app.storage.store import KnownLogs, hash_file
 from app.version import identify_engine
 from fusion.caveats import Caveat
 from fusion.errors import FailedReader, FusionError
-from fusion.readers import (
-    identify_header,
-    join_recordings,
-    parse_profile,
-    read_recording,
-)
+from fusion.readers import identify_header, join_recordings, parse_profile, read_recording
 from fusion.recording import Recording
 
 _FAILED = "the reader plug-in %s %s failed: %s"
@@ -25,40 +19,24 @@ _FAILED = "the reader plug-in %s %s failed: %s"
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class Logs:
-    """The files to read, and the cache that may hold their samples."""
-
-    log: Path
-    request: ReportRequest
-    known: KnownLogs
-
-    def read(self) -> Recording:
-        """Read the log and those joined to it."""
-        paths = (self.log, *map(Path, self.request.joined))
-        digests = self.known.digests or ("",) * len(paths)
-        recordings = [self._read(path, digest) for path, digest in zip(paths, digests, strict=True)]
-        return join_recordings(recordings) if self.request.joined else recordings[0]
-
-    def _read(self, path: Path, digest: str) -> Recording:
-        """Read the file, or what an earlier reading of the same bytes has kept."""
-        cache = self.known.cache
-        if cache is None:
-            return self._parse(path, digest)
+def read_logs(log: Path, request: ReportRequest, known: KnownLogs) -> Recording:
+    """Read the log of a request and those joined to it; or take what an earlier reading of the bytes kept."""
+    paths = (log, *map(Path, request.joined))
+    recordings = []
+    for path, digest in zip(paths, known.digests or ("",) * len(paths), strict=True):
+        asked = request if path is log else replace(request, file_name=path.name)
+        if known.cache is None:
+            recordings.append(read_file(path, asked, digest))
+            continue
         sha256 = digest or hash_file(path)
-        reading = [Path(self._find_name(path)).suffix, self.request.rate_hz, self.request.profile]
+        reading = [Path(asked.file_name).suffix, request.rate_hz, request.profile]
         key = hash_entry_key(sha256, json.dumps(reading), identify_engine())
-        recording = cache.find(key)
+        recording = known.cache.find(key)
         if recording is None:
-            recording = self._parse(path, sha256)
-            cache.keep(key, recording)
-        return recording
-
-    def _parse(self, path: Path, sha256: str) -> Recording:
-        return read_file(path, replace(self.request, file_name=self._find_name(path)), sha256)
-
-    def _find_name(self, path: Path) -> str:
-        return self.request.file_name if path is self.log else path.name
+            recording = read_file(path, asked, sha256)
+            known.cache.keep(key, recording)
+        recordings.append(recording)
+    return join_recordings(recordings) if request.joined else recordings[0]
 
 
 def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:

@@ -1,20 +1,20 @@
-"""The page of one's own account: password, second factor, sessions and tokens."""
+"""Pages of accounts: one's own (password, second factor, sessions, tokens), and those of everybody.
 
-from dataclasses import replace
+The page of who manages people lets them in, gives roles and ends accounts; it shows no health data.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, cast
+from typing import cast
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import RedirectResponse
+from fastapi import APIRouter, Response
 
-from app.access.accounts import LONGEST_S
-from app.access.credentials import LinkUse
-from app.access.hashing import hash_secret
-from app.access.subjects import Permission, Role, Subject, collect_permissions
-from app.access.tokens import DAYS, MOST_DAYS, make_token
-from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_logins, find_settings, set_cookie
-from app.api.names import find_names
-from app.api.tokens import UsedPerson
+from app.access.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, Token, hash_secret, make_token
+from app.access.logins import FORGOTTEN_S, INVITED_S
+from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
+from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
+from app.api.trust import UsedPerson, find_names
 from app.errors import (
     AppError,
     BadParameter,
@@ -25,144 +25,235 @@ from app.errors import (
     WeakPassword,
 )
 from app.report.words.wording import Language, load_wording
-from app.services import UsedLanguage
-from app.web.forms import UsedForm, first, take_secret
+from app.web.forms import Form, UsedForm, first, take_secret
 from app.web.login import check_next, render_enrolment, render_with_problem
-from app.web.rendering import find_base
+from app.web.rendering import Page, UsedPage
 
 router = APIRouter(include_in_schema=False)
 TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
 
 
+@dataclass(frozen=True, slots=True)
+class LinkView:
+    """By which link a password was set: name, time and address; ``is_told`` once its person knows."""
+
+    facts: Mapping[str, str]
+    is_told: bool
+
+
+@dataclass(frozen=True, slots=True)
+class AccountView:
+    """One's own account: each session with beginning, last use, id and whether it is this one.
+
+    ``done``: what was changed; ``bearer``: a token to be shown once; ``next``: where to go on to.
+    """
+
+    person: Person
+    roles: str
+    set_by: LinkView | None
+    codes_left: int
+    is_required: bool
+    sessions: Sequence[tuple[str, str, str, bool]]
+    tokens: Sequence[tuple[Token, str]]
+    permissions: Sequence[Permission]
+    done: str
+    bearer: str
+    next: str
+    terms: tuple[int, ...] = TERMS_DAYS
+    usual_days: int = DAYS
+
+
 @router.get("/account")
-def show_account(
-    request: Request,
-    person: UsedPerson,
-    language: UsedLanguage,
-    next: str = "/account",  # noqa: A002
-) -> Response:
+def show_account(page: UsedPage, person: UsedPerson, next: str = "/account") -> Response:  # noqa: A002
     """Show one's own account; ``next``: where to go on to once something was read."""
-    return _render(request, person, language, next=check_next(next))
+    return _render_account(page, person, wanted=check_next(next))
 
 
 @router.post("/account/told")
-def note_told(request: Request, form: UsedForm, person: UsedPerson) -> Response:
+def note_told(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """Note that a person knows by which link the password was set, and lead on."""
-    find_logins(request).credentials.note_told(person.id)
-    return RedirectResponse(find_base(request) + check_next(first(form, "next")), status_code=303)
+    page.logins.credentials.note_told(person.id)
+    return page.go(check_next(first(form, "next")))
 
 
 @router.post("/account/password")
-def change_password(request: Request, form: UsedForm, person: UsedPerson, language: UsedLanguage) -> Response:
+def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """Set another password; every other session ends."""
     proof, password = take_secret(form, "proof"), take_secret(form, "password")
     try:
-        cookie = find_logins(request).change_password(person, proof, password, find_caller(request))
+        cookie = page.logins.change_password(person, proof, password, find_caller(page.request))
     except (LoginRefused, SecondFactorLost, TooManyTries, WeakPassword) as refusal:
-        return _render(request, person, language, refusal=refusal)
-    response = _render(request, replace(person, session=hash_secret(cookie)), language, done="password")
-    set_cookie(request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
+        return _render_account(page, person, refusal)
+    response = _render_account(page, replace(person, session=hash_secret(cookie)), done="password")
+    set_cookie(page.request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
     return response
 
 
 @router.post("/account/second-factor")
-def set_up_second_factor(request: Request, person: UsedPerson, language: UsedLanguage) -> Response:
+def set_up_second_factor(page: UsedPage, person: UsedPerson) -> Response:
     """Begin to set up an authenticator; the one before holds until a code of the new one was given."""
-    ticket = find_logins(request).begin_enrolment(person.id)
-    return render_enrolment(request, language, ticket, "/account")
+    return render_enrolment(page, page.logins.begin_enrolment(person.id), "/account")
 
 
 @router.post("/account/second-factor/drop")
-def drop_second_factor(request: Request, person: UsedPerson) -> Response:
+def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
     """Turn the second factor off, where it is not required."""
-    if find_settings(request).second_factor == "required":
+    if find_settings(page.request).second_factor == "required":
         raise NotPermitted(permission="own")
-    find_logins(request).drop_second_factor(person.id)
-    return _lead_back(request)
+    page.logins.drop_second_factor(person.id)
+    return page.go("/account")
 
 
 @router.post("/account/sessions/end")
-def end_sessions(request: Request, form: UsedForm, person: UsedPerson) -> Response:
+def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """End one session, or every one but this."""
-    accounts, session = find_logins(request).accounts, first(form, "session")
+    accounts, session = page.logins.accounts, first(form, "session")
     if session:
         accounts.end_session_of(person.id, session)
     else:
         accounts.end_sessions(person.id, person.session)
-    return _lead_back(request)
+    return page.go("/account")
 
 
 @router.post("/account/tokens")
-def add_token(request: Request, form: UsedForm, person: UsedPerson, language: UsedLanguage) -> Response:
+def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
     """Make a token, and show it once."""
     chosen = cast("list[Permission]", form.get("permission", []))
-    days, name = first(form, "days"), first(form, "name")
+    name, days = first(form, "name"), first(form, "days")
     try:
         _, bearer = make_token(
-            find_logins(request).accounts, person, name, chosen, int(days) if days.isdecimal() else 0
+            page.logins.accounts, person, name, chosen, int(days) if days.isdecimal() else 0
         )
     except (BadParameter, NotPermitted) as refusal:
-        return _render(request, person, language, refusal=refusal)
-    return _render(request, person, language, bearer=bearer)
+        return _render_account(page, person, refusal)
+    return _render_account(page, person, bearer=bearer)
 
 
 @router.post("/account/tokens/{token_id}/revoke")
-def revoke_token(token_id: str, request: Request, person: UsedPerson) -> Response:
+def revoke_token(token_id: str, page: UsedPage, person: UsedPerson) -> Response:
     """Revoke a token."""
-    find_logins(request).accounts.end_token(person.id, token_id)
-    return _lead_back(request)
+    page.logins.accounts.end_token(person.id, token_id)
+    return page.go("/account")
 
 
-def list_roles(roles: frozenset[Role], language: Language) -> str:
-    """Write somebody's roles."""
+def _render_account(
+    page: Page,
+    subject: Subject,
+    refusal: AppError | None = None,
+    *,
+    done: str = "",
+    bearer: str = "",
+    wanted: str = "/account",
+) -> Response:
+    accounts, credentials = page.logins.accounts, page.logins.credentials
+    person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
+    set_by = None
+    if use is not None:
+        name = find_names(page.request, [use.made_by], page.language)[use.made_by]
+        facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
+        set_by = LinkView(facts, use.is_told)
+    view = AccountView(
+        person,
+        _list_roles(person.roles, page.language),
+        set_by,
+        credentials.count_recovery_codes(person.id),
+        find_settings(page.request).second_factor == "required",
+        [
+            (_format_moment(held.began_s), _format_moment(held.used_s), held.id, held.id == subject.session)
+            for held in accounts.find_sessions(person.id)
+        ],
+        [(token, _format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
+        [name for name in sorted(collect_permissions(person.roles)) if name != "own"],
+        done,
+        bearer,
+        wanted,
+    )
+    return render_with_problem(page, "access/account.html", refusal, view)
+
+
+def _list_roles(roles: frozenset[Role], language: Language) -> str:
     names = load_wording(language, "access")["role"]
     return ", ".join(str(names[role]) for role in names if role in roles)
 
 
-def format_moment(moment_s: float) -> str:
-    """Write a moment (UTC)."""
+def _format_moment(moment_s: float) -> str:
     return datetime.fromtimestamp(moment_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def _render(
-    request: Request,
-    subject: Subject,
-    language: Language,
-    *,
-    refusal: AppError | None = None,
-    **shown: str,
-) -> Response:
-    """``shown``: what was ``done``, the ``bearer`` to be shown once, where to go on to (``next``)."""
-    logins = find_logins(request)
-    accounts, person = logins.accounts, logins.accounts.get_person(subject.id)
-    values: dict[str, Any] = {"done": "", "bearer": "", "next": "/account"} | shown
-    values |= {
-        "set_by": _tell_link(request, logins.credentials.find_link_use(person.id), language),
-        "person": person,
-        "roles": list_roles(person.roles, language),
-        "codes_left": logins.credentials.count_recovery_codes(person.id),
-        "is_required": find_settings(request).second_factor == "required",
-        "sessions": [
-            (format_moment(held.began_s), format_moment(held.used_s), held.id, held.id == subject.session)
-            for held in accounts.find_sessions(person.id)
-        ],
-        "tokens": [(token, format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
-        "permissions": [name for name in sorted(collect_permissions(person.roles)) if name != "own"],
-        "names": load_wording(language)["fact"]["permission"],
-        "terms": TERMS_DAYS,
-        "usual_days": DAYS,
-    }
-    return render_with_problem(request, "access/account.html", language, values, refusal)
+@router.get("/people")
+def show_people(page: UsedPage, subject: UsedPerson) -> Response:
+    """List the people."""
+    return _render_people(page, subject)
 
 
-def _tell_link(request: Request, use: LinkUse | None, language: Language) -> dict[str, Any] | None:
-    """Tell by which link a password was set; None where it was not by one."""
-    if use is None:
-        return None
-    name = find_names(request, [use.made_by], language)[use.made_by]
-    facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
-    return {"facts": facts, "is_told": use.is_told}
+@router.post("/people")
+def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
+    """Add a person, and show the address that works once by which a password is chosen."""
+    try:
+        roles = _read_roles(form)
+        person = page.logins.accounts.add_person(first(form, "login"), first(form, "name"), roles)
+    except BadParameter as refusal:
+        return _render_people(page, subject, refusal)
+    return _render_link(page, subject, person, INVITED_S)
 
 
-def _lead_back(request: Request) -> Response:
-    return RedirectResponse(f"{find_base(request)}/account", status_code=303)
+@router.post("/people/{person_id}/roles")
+def set_roles(person_id: str, page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
+    """Give a person other roles; nobody changes his own."""
+    person = _get_other(page, subject, person_id)
+    if person.issuer is not None:
+        raise NotPermitted(permission="provided")  # the provider says them at each login
+    page.logins.accounts.set_roles(person.id, _read_roles(form))
+    return page.go("/people")
+
+
+@router.post("/people/{person_id}/link")
+def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
+    """Show an address that works once for a person who forgot the password."""
+    person = _get_other(page, subject, person_id)
+    if person.issuer is not None or person.ended_at is not None:
+        raise NotPermitted(permission="provided")
+    return _render_link(page, subject, person, FORGOTTEN_S)
+
+
+@router.post("/people/{person_id}/end")
+def end(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
+    """Let a person log in no more; what is open ends, too."""
+    page.logins.accounts.end_person(_get_other(page, subject, person_id).id)
+    return page.go("/people")
+
+
+@router.post("/people/{person_id}/resume")
+def resume(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
+    """Let a person log in again."""
+    page.logins.accounts.resume_person(_get_other(page, subject, person_id).id)
+    return page.go("/people")
+
+
+def _get_other(page: Page, subject: Subject, person_id: str) -> Person:
+    """Return a person who is not the one who asks."""
+    person = page.logins.accounts.get_person(person_id)
+    if person.id == subject.id:
+        raise NotPermitted(permission="themselves")
+    return person
+
+
+def _read_roles(form: Form) -> frozenset[Role]:
+    chosen = form.get("role", [])
+    if not chosen or not set(chosen) <= set(ROLES):
+        raise BadParameter(name="role", value=", ".join(chosen)[:60], allowed=", ".join(ROLES))
+    return frozenset(cast("list[Role]", chosen))
+
+
+def _render_link(page: Page, subject: Subject, person: Person, term_s: float) -> Response:
+    ticket = page.logins.make_link(person.id, term_s)
+    link = f"{find_origin(page.request)}{page.base}/login/link/{ticket}"
+    return _render_people(page, subject, link=link, link_of=person.name, link_hours=str(int(term_s // 3600)))
+
+
+def _render_people(page: Page, subject: Subject, refusal: AppError | None = None, **link: str) -> Response:
+    """``link``: to be handed on, whose it is (``link_of``), and how long it works (``link_hours``)."""
+    people = page.logins.accounts.find_people()
+    rows = [(person, _list_roles(person.roles, page.language), person.id == subject.id) for person in people]
+    shown = {"link": "", "link_of": "", "link_hours": ""} | link
+    return render_with_problem(page, "access/people.html", refusal, rows=rows, roles=tuple(ROLES), **shown)

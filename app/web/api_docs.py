@@ -8,8 +8,7 @@ from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.responses import JSONResponse
 from markupsafe import Markup, escape
 
-from app.services import UsedLanguage
-from app.web.rendering import render_page
+from app.web.rendering import UsedPage
 
 router = APIRouter(include_in_schema=False)
 _CODE = re.compile(r"``(.+?)``")
@@ -29,14 +28,14 @@ class Operation:
 
 @router.get("/api/v1/openapi.json")
 def give_openapi(request: Request) -> JSONResponse:
-    """Give the OpenAPI document."""
+    """Return the OpenAPI document."""
     return JSONResponse(cast("FastAPI", request.app).openapi())
 
 
 @router.get("/api/v1/docs")
-def show_docs(request: Request, language: UsedLanguage) -> Response:
+def show_docs(page: UsedPage) -> Response:
     """Show every operation of the API."""
-    document: dict[str, Any] = cast("FastAPI", request.app).openapi()
+    document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
     operations = [
         Operation(
             told["operationId"],
@@ -53,7 +52,7 @@ def show_docs(request: Request, language: UsedLanguage) -> Response:
         for path, methods in document["paths"].items()
         for method, told in methods.items()
     ]
-    return render_page(request, "api_docs.html", language, {"operations": operations})
+    return page.render("api_docs.html", operations=operations)
 
 
 def _mark_code(text: str) -> Markup:

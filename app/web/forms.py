@@ -15,12 +15,7 @@ Form = Mapping[str, list[str]]
 
 
 async def read_form(request: Request) -> Form:
-    """Read ``application/x-www-form-urlencoded``; each name with its values in order.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Read ``application/x-www-form-urlencoded``; each name with its values in order. Raises BadParameter."""
     body = await read_body(request)
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
@@ -36,12 +31,7 @@ UsedForm = Annotated[Form, Depends(read_form)]
 
 
 async def read_body(request: Request) -> bytes:
-    """Read a body of at most 4 MiB.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Read a body of at most 4 MiB. Raises BadParameter."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -51,10 +41,10 @@ async def read_body(request: Request) -> bytes:
 
 
 def first(form: Form, name: str) -> str:
-    """Give the first value of a name, "" where there is none."""
+    """Return the first value of a name, "" where there is none."""
     return form.get(name, [""])[0].strip()
 
 
 def take_secret(form: Form, name: str) -> str:
-    """Give the first value of a name as it was typed, with every space."""
+    """Return the first value of a name as it was typed, with every space."""
     return form.get(name, [""])[0]

@@ -1,23 +1,35 @@
-"""Help: the poses, which file to export, each code of a refusal or a warning, and a sample shift to try."""
+"""Help: the poses, which file to export, each code of a refusal or a warning, an example, a sample shift.
+
+The example is the report of a whole simulated shift. ``python -m benchmarks.example``
+makes its results, which are shipped; a test holds them against the engine.
+"""
 
 import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import RedirectResponse
+from fastapi import APIRouter, Response
 
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.intake import Intake
+from app.report.analysis.report import build_report
+from app.report.export.results import decode_results
+from app.report.figures import load_results
+from app.report.model import Report
+from app.report.render.brief import format_brief
+from app.report.render.html import find_template_folder, render_html
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
-from app.report.words.wording import Language, find_other_language, load_wording
+from app.report.words.wording import Language, find_other_language
 from app.request import ReportRequest
-from app.services import UsedLanguage, UsedServices
 from app.web.reading import draw_example
-from app.web.rendering import find_base, render_page
+from app.web.recording.page_one import PageOne
+from app.web.rendering import UsedPage
+from app.web.reports import lay_way_of_query
+from app.web.views import build_answer
 from fusion.devices import KNOWN_DEVICES
 from fusion.recording import QualityFlag
 
@@ -46,62 +58,61 @@ router = APIRouter(include_in_schema=False)
 
 
 def find_happened(key: str) -> list[str]:
-    """Give the codes behind what a person sees."""
+    """Return the codes behind what a person sees."""
     return [f"E-{name}" for name in HAPPENED[key].split()]
 
 
 @router.get("/help")
-def show_help(request: Request, language: UsedLanguage) -> Response:
+def show_help(page: UsedPage) -> Response:
     """List what help there is."""
-    titles = {code: describe_problem(code, {}, language).title for code in _find_codes()}
+    titles = {code: describe_problem(code, {}, page.language).title for code in _find_codes()}
     happened = [(key, [(code, titles.pop(code)) for code in find_happened(key)]) for key in HAPPENED]
-    warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in find_flag_codes()]
+    warnings = [(code, describe_flag(QualityFlag(code), page.language).title) for code in find_flag_codes()]
     happened += [("caveat", warnings), ("operation", list(titles.items()))]
-    return _render(request, "help.html", language, {"happened": happened})
+    return page.render("help.html", happened=happened)
 
 
 @router.get("/help/poses")
-def show_poses(request: Request, language: UsedLanguage) -> Response:
+def show_poses(page: UsedPage) -> Response:
     """Explain the calibration poses, on one page to print."""
-    return _render(request, "poses.html", language, {"poses": POSES})
+    return page.render("poses.html", poses=POSES)
 
 
 @router.get("/help/reading")
-def show_reading(request: Request, language: UsedLanguage) -> Response:
+def show_reading(page: UsedPage) -> Response:
     """Explain page 1 of a report by its own drawings, with method, limits and glossary."""
-    words = load_wording(language, "help")["reading"]
-    values = {"r": words, "report": load_wording(language), "pictures": draw_example(language)}
-    return _render(request, "reading.html", language, values)
+    return page.render("reading.html", pictures=draw_example(page.language))
 
 
 @router.get("/help/export")
-def show_export(request: Request, language: UsedLanguage) -> Response:
+def show_export(page: UsedPage) -> Response:
     """Say which file to take from the device's own software."""
-    known = [one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
-    return _render(request, "export.html", language, {"known": known})
+    return page.render(
+        "export.html", known=[one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
+    )
 
 
 @router.get("/problems/{code}")
-def show_problem_page(code: str, request: Request, language: UsedLanguage) -> Response:
+def show_problem_page(code: str, page: UsedPage) -> Response:
     """Explain the code of a refusal or of a warning."""
     if code in find_flag_codes():
-        caveat = describe_flag(QualityFlag(code), language)
-        return _render(request, "problem.html", language, {"code": code, "problem": caveat, "fix": ""})
+        caveat = describe_flag(QualityFlag(code), page.language)
+        return page.render("problem.html", code=code, problem=caveat, fix="")
     if code not in _find_codes():
         raise NotHere
-    problem = describe_problem(code, {}, language)
-    values = {
-        "code": code,
-        "problem": problem,
-        "fix": problem.fix,
-        "retryable": find_outcome_of_code(code).retryable,
-    }
-    return _render(request, "problem.html", language, values)
+    problem, retryable = describe_problem(code, {}, page.language), find_outcome_of_code(code).retryable
+    return page.render("problem.html", code=code, problem=problem, fix=problem.fix, retryable=retryable)
+
+
+def _find_codes() -> list[str]:
+    """Return every code once; a class without one of its own shares its parent's."""
+    return sorted({refusal.code for refusal in list_refusals()})
 
 
 @router.post("/sample")
-def take_sample(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def take_sample(page: UsedPage) -> Response:
     """Simulate an hour of work as a GT9X Link records it, and analyse it like any other recording."""
+    services = page.services
     with tempfile.TemporaryDirectory() as folder:
         arguments = ["simulate", folder, "--device", "gt9x", "--hours", SAMPLE_HOURS, "--seed", "1"]
         command = [sys.executable, "-P", "-m", "app", *arguments]
@@ -113,18 +124,45 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
             log.name,
             SAMPLE_SUBJECT,
             "right",
-            languages=(language, find_other_language(language)),
+            languages=(page.language, find_other_language(page.language)),
             paper=services.settings.paper,
             pose_held="start",
         )
         job = Intake(services.store, services.storage, services.settings).add(log, asked, "web")
-    return RedirectResponse(f"{find_base(request)}/analyses/{job.id}", status_code=303)
+    return page.go(f"/analyses/{job.id}")
 
 
-def _render(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:
-    return render_page(request, template, language, {"h": load_wording(language, "help"), **values})
+def find_example() -> Path:
+    """Find the results of the example."""
+    return find_template_folder().parent / "example" / "results.json"
 
 
-def _find_codes() -> list[str]:
-    """Give every code once; a class without one of its own shares its parent's."""
-    return sorted({refusal.code for refusal in list_refusals()})
+@cache
+def _build_example(language: Language) -> Report:
+    kept = decode_results(find_example().read_bytes())
+    return build_report(kept.findings, kept.subject, language)
+
+
+@router.get("/example")
+def show_example(page: UsedPage) -> Response:
+    """Show page 1 of the example as a recording's page shows it."""
+    report, results = _build_example(page.language), load_results(find_example().read_bytes())
+    answer = build_answer(results, format_brief(report).decode(), page.language)
+    return page.render("example.html", page_one=PageOne(report, (), ()), answer=answer)
+
+
+@router.get("/example/report.html")
+def show_example_report(page: UsedPage) -> Response:
+    """Return the report of the example."""
+    return lay_way_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
+
+
+@router.get("/example/report.pdf")
+def get_example_pdf(page: UsedPage) -> Response:
+    """Return the report of the example as a PDF, on the paper of this installation."""
+    from app.report.render.pdf import render_pdf  # noqa: PLC0415  heavy, and only this needs it
+
+    attached = {"results.json": find_example().read_bytes()}
+    body = render_pdf(_build_example(page.language), attached, page.services.settings.paper)
+    headers = {"Content-Disposition": 'attachment; filename="acromion-example.pdf"'}
+    return Response(body, media_type="application/pdf", headers=headers)

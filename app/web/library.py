@@ -1,44 +1,49 @@
-"""Tables of the library for download, and the trash: put in, take back, delete for good."""
+"""The library: tables for download, acts on many recordings, and the trash."""
 
 import io
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 from urllib.parse import parse_qsl
 from zipfile import ZIP_STORED, ZipFile
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import RedirectResponse, StreamingResponse
+from fastapi import APIRouter, Response
+from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from app.api.library.analyses import run_to_end
+from app.api.library.analyses import check_queue, run_to_end
 from app.api.library.files import build_download_name
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
-from app.api.names import find_names
+from app.api.trust import find_names
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Library
-from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
+from app.jobs.library.listing import Entry, Library
+from app.jobs.recordings import HOLD_REASONS, RecordingFilter
 from app.jobs.store import JobFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
 from app.report.export.naming import make_safe_name
 from app.report.words.messages import describe_problem
-from app.report.words.wording import Language, fill, find_nearest, load_wording
-from app.services import Services, UsedLanguage, UsedServices
+from app.report.words.wording import Language, fill, find_nearest
+from app.request import SUBJECT_HINT, check_subject
+from app.services import Services, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
 from app.upkeep.backup_term import find_backup_term
-from app.web.forms import first, read_form
-from app.web.library_views import parse_filter, read_filter, write_filter
+from app.web.forms import Form, UsedForm, first
 from app.web.recording.analysis import find_results
-from app.web.rendering import find_base, render_page
-from app.web.views import format_moment, format_size
+from app.web.recording.day import say_whose
+from app.web.rendering import Page, UsedPage
+from app.web.views import format_moment, format_size, parse_filter, read_filter, write_filter
 
 MOST_ROWS = 10_000
+MOST_CHOSEN = 500
 SHOWN = 500
 MOST_VIEWS = 50
 LONGEST_VIEW = 60
+LONGEST_TAG = 40
+MOST_TAGS = 10
 DAY_S = 86400
 ZIP64_FROM_BYTES = 1 << 30
 PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
@@ -46,65 +51,92 @@ PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 router = APIRouter(include_in_schema=False)
 
 
-TableName = Literal["summary", "summary_fr", "problems"]
+# Tables, reports and original files of all that the list shows, or of what was chosen in it.
 
 
 @router.get("/library/{name}.csv")
-def take_table(name: TableName, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
-    """Give the main figures, or the problems, of every recording that the list shows."""
-    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
-    dialect = FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL
-    if name == "problems":
-        rows: list[Row] = []
-        for job in (entry.attempt or entry.job for entry in entries):
-            if job.state is JobState.FAILED:
-                code = job.problem_code or ""
-                words = describe_problem(code, job.problem_facts, language)
-                cells = (job.file_name, job.request.subject, code, words.title, words.detail, words.fix)
-                rows.append(dict(zip(PROBLEM_COLUMNS, cells, strict=True)))
-        body = encode_table(PROBLEM_COLUMNS, rows, dialect)
-    else:
-        body = encode_summary(list(summarise_jobs(services, [entry.job for entry in entries])), dialect)
+def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPage) -> Response:
+    """Return the main figures, or the problems, of every recording that the list shows."""
+    entries = _find_shown(page)
+    if name != "problems":
+        return _send_table(page.services, entries, name)
+    rows: list[Row] = []
+    for job in (entry.attempt or entry.job for entry in entries):
+        if job.state is JobState.FAILED:
+            code = job.problem_code or ""
+            words = describe_problem(code, job.problem_facts, page.language)
+            cells = (job.file_name, job.request.subject, code, words.title, words.detail, words.fix)
+            rows.append(dict(zip(PROBLEM_COLUMNS, cells, strict=True)))
+    return _send_csv(encode_table(PROBLEM_COLUMNS, rows, INTERNATIONAL), name)
+
+
+@router.post("/library/acts/{name}.csv")
+def take_chosen_table(
+    name: Literal["summary", "summary_fr"], services: UsedServices, form: UsedForm
+) -> Response:
+    """Return one table of the chosen recordings."""
+    return _send_table(services, _find_chosen(services, form), name)
+
+
+def _find_shown(page: Page) -> Sequence[Entry]:
+    return Library(page.services.store.reader).find_page(read_filter(page.request), MOST_ROWS)
+
+
+def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
+    """Find the recordings that are chosen: by name, or all that a filter lets through."""
+    library, wanted = Library(services.store.reader), parse_filter(dict(parse_qsl(first(form, "query"))))
+    if first(form, "every"):
+        return library.find_page(wanted, MOST_ROWS)
+    return library.find_chosen(form.get("recording", [])[:MOST_CHOSEN], wanted.batch)
+
+
+def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Response:
+    rows = list(_summarise_jobs(services, [entry.job for entry in entries]))
+    return _send_csv(encode_summary(rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL), name)
+
+
+def _send_csv(body: bytes, name: str) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 
 
+def _summarise_jobs(services: Services, jobs: list[Job]) -> Iterator[Row]:
+    """Yield the row of each report; what has none is left out."""
+    for job in jobs:
+        try:
+            results = find_results(services, job)
+        except ResultDamaged as damaged:
+            origin = Origin(job.file_name, job.request.subject, job.request.side)
+            yield summarise_failure(origin, damaged.code)
+            continue
+        if results is not None:
+            yield summarise_results(results)
+
+
 @router.get("/library/reports.zip")
-def take_reports(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
-    """Give the PDF of every report that the list shows; what has none is named in ``without-report.txt``."""
-    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
-    jobs = [entry.job for entry in entries]
-    return PackedResponse(pack_reports(services, jobs, language), "reports.zip")
+def take_reports(page: UsedPage) -> Response:
+    """Return the PDF of every report that the list shows; ``without-report.txt`` names what has none."""
+    return _send_reports(page, _find_shown(page))
+
+
+@router.post("/library/acts/reports.zip")
+def take_chosen_reports(page: UsedPage, form: UsedForm) -> Response:
+    """Return the PDFs of the chosen recordings."""
+    return _send_reports(page, _find_chosen(page.services, form))
+
+
+def _send_reports(page: Page, entries: Sequence[Entry]) -> Response:
+    packed = pack_reports(page.services, [entry.job for entry in entries], page.language)
+    return PackedResponse(packed, "reports.zip")
 
 
 @router.get("/library/recordings.zip")
-def take_recordings(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def take_recordings(page: UsedPage) -> Response:
     """Download the original files of a study, or of any list; ``without-recording.txt`` names lost ones."""
-    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
-    jobs = list({entry.job.recording_id: entry.job for entry in entries}.values())
+    jobs = list({entry.job.recording_id: entry.job for entry in _find_shown(page)}.values())
     for job in jobs:
         touch(job.recording_id, job.id)
-    return PackedResponse(pack_recordings(services, jobs, language), "recordings.zip")
-
-
-@router.post("/library/views")
-async def save_view(request: Request, services: UsedServices) -> Response:
-    """Save the filter and order of the list under a name. Raises BadParameter."""
-    form = await read_form(request)
-    name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
-    known = {view.name for view in services.views.find_all()}
-    is_full = name not in known and len(known) >= MOST_VIEWS
-    if not name or len(name) > LONGEST_VIEW or not name.isprintable() or is_full:
-        raise BadParameter(name="name", value=name[:LONGEST_VIEW], allowed=f"<= {LONGEST_VIEW}")
-    await run_to_end(services.views.add, name, query)
-    return RedirectResponse(f"{find_base(request)}/?{query}", status_code=303)
-
-
-@router.post("/library/views/{view_id}/drop")
-def drop_view(view_id: str, request: Request, services: UsedServices) -> Response:
-    """Forget a saved view."""
-    services.views.drop(view_id)
-    return RedirectResponse(f"{find_base(request)}/", status_code=303)
+    return PackedResponse(pack_recordings(page.services, jobs, page.language), "recordings.zip")
 
 
 class _Outlet(io.RawIOBase):
@@ -199,100 +231,216 @@ def _name_once(name: str, identity: str, names: set[str]) -> str:
     return name
 
 
+# Saved views, and acts on many recordings.
+
+
+@router.post("/library/views")
+def save_view(page: UsedPage, form: UsedForm) -> Response:
+    """Save the filter and order of the list under a name. Raises BadParameter."""
+    name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
+    known = {view.name for view in page.services.views.find_all()}
+    is_full = name not in known and len(known) >= MOST_VIEWS
+    if not name or len(name) > LONGEST_VIEW or not name.isprintable() or is_full:
+        raise BadParameter(name="name", value=name[:LONGEST_VIEW], allowed=f"<= {LONGEST_VIEW}")
+    page.services.views.add(name, query)
+    return page.go(f"/?{query}")
+
+
+@router.post("/library/views/{view_id}/drop")
+def drop_view(view_id: str, page: UsedPage) -> Response:
+    """Forget a saved view."""
+    page.services.views.drop(view_id)
+    return page.go("/")
+
+
+Act = Literal["side", "subject", "held", "tag", "untag", "study", "again", "delete", "restore"]
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What an act has done: to how many recordings, with facts for its sentence, and what undoes it."""
+
+    number: int
+    facts: Mapping[str, str] = field(default_factory=dict)
+    undo: Sequence[str] = ()
+
+
+@router.post("/library/acts/{act}")
+async def do(act: Act, page: UsedPage, form: UsedForm) -> Response:
+    """Do one thing to the chosen recordings, and say what was done."""
+    done = await run_to_end(_act, act, page, form)
+    words = page.words()["acted"]
+    told = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
+    return page.render("acted.html", told=told, undo=done.undo, query=first(form, "query"))
+
+
+def _act(act: Act, page: Page, form: Form) -> Done:
+    recordings, store = page.services.recordings, page.services.store
+    if act == "restore":
+        ids = form.get("recording", [])
+        for recording_id in ids:
+            recordings.restore(recording_id)
+        return Done(len(ids))
+    if act == "delete" and not has_trash(page.services):
+        check_may_erase(page.request)
+    entries = _find_chosen(page.services, form)
+    ids = [entry.job.recording_id for entry in entries]
+    if act == "delete":
+        for recording_id in ids:
+            recordings.trash(recording_id)
+        return Done(len(ids), undo=ids)
+    if act == "untag":
+        tag = first(form, "tag")
+        return Done(recordings.tag(ids, taken=tag), {"tag": tag})
+    if act == "tag":
+        tags = _read_tags(first(form, "tag"))
+        return Done(recordings.tag(ids, tags), {"tag": ", ".join(tags)})
+    if act == "study":
+        study = _read_code("study", first(form, "study"))
+        if not study:
+            raise BadParameter(name="study", value="", allowed=SUBJECT_HINT)
+        for entry in entries:
+            store.join_study(study, (entry.attempt or entry.job).id)
+        return Done(len(entries), {"study": study})
+    return Done(_analyse_again(page.services, entries, _read_change(act, form)))
+
+
+def _read_tags(text: str) -> tuple[str, ...]:
+    """Read tags with commas between. Raises BadParameter."""
+    tags = tuple(dict.fromkeys(tag.strip() for tag in text.split(",") if tag.strip()))
+    are_fit = all(len(tag) <= LONGEST_TAG and tag.isprintable() for tag in tags)
+    if not 0 < len(tags) <= MOST_TAGS or not are_fit:
+        raise BadParameter(name="tag", value=text[:LONGEST_TAG], allowed=f"<= {LONGEST_TAG}")
+    return tags
+
+
+def _read_code(name: str, text: str) -> str:
+    try:
+        return check_subject(text)
+    except ValueError:
+        raise BadParameter(name=name, value="", allowed=SUBJECT_HINT) from None
+
+
+def _read_change(act: Act, form: Form) -> dict[str, Any]:
+    """Read what is to be said of the recordings from now on; nothing if they are analysed as before.
+
+    Raises BadParameter.
+    """
+    if act == "again":
+        return {}
+    if act == "held":
+        return {"pose_held": "start"}
+    value = first(form, act)
+    if act == "subject":
+        return {"subject": _read_code("subject", value)}
+    if value not in ("", "left", "right"):
+        raise BadParameter(name="side", value=value[:20], allowed="left, right")
+    return {"side": value or None}
+
+
+def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
+    """Say something else of recordings, and analyse again where that is not what the report says.
+
+    What is under way, given by hand, or a comparison stays as it is. Raises Busy.
+    """
+    asked = []
+    for entry in entries:
+        newest = entry.attempt or entry.job
+        before = newest.request
+        is_same = bool(change) and all(getattr(before, name) == value for name, value in change.items())
+        is_waiting = not change and not newest.is_over
+        is_given = "pose_held" in change and (before.calibration_windows_s or before.arm_axis)
+        if not (is_same or is_given or is_waiting or before.reference):
+            asked.append((newest, replace(before, **change, reason="")))
+    check_queue(services, len(asked))
+    for job, request in asked if change.keys() & {"side", "subject"} else ():
+        say_whose(services, job, request, tuple(change))
+    return services.store.repeat_all(asked)
+
+
+# The trash: put in, take back, delete for good.
+
+
+@dataclass(frozen=True, slots=True)
+class TrashView:
+    """How long the trash keeps what is in it, and the title of the page of terms."""
+
+    term: str
+    terms: str
+
+
+def _describe_trash(page: Page) -> TrashView:
+    days = page.services.retention.find_trash_term_s(page.services.settings.trash_term_s) / DAY_S
+    term = fill(page.words()["trash"]["term"], {"days": f"{days:.0f}"})
+    return TrashView(term, page.words("trail")["terms"]["title"])
+
+
 @router.get("/recordings/{recording_id}/delete")
-def ask_to_delete(
-    recording_id: str, request: Request, services: UsedServices, language: UsedLanguage
-) -> Response:
+def ask_to_delete(recording_id: str, page: UsedPage) -> Response:
     """Say what goes before anything goes; without a trash, that it goes for good."""
-    if not has_trash(services):
-        return RedirectResponse(f"{find_base(request)}/recordings/{recording_id}/purge", status_code=303)
-    row = services.recordings.get(recording_id, trashed=True)
-    return _ask(request, services, row, language, for_good=row.state == "trashed")
+    if not has_trash(page.services):
+        return page.go(f"/recordings/{recording_id}/purge")
+    return _ask(page, recording_id, for_good=False)
 
 
 @router.get("/recordings/{recording_id}/purge")
-def ask_to_purge(
-    recording_id: str, request: Request, services: UsedServices, language: UsedLanguage
-) -> Response:
+def ask_to_purge(recording_id: str, page: UsedPage) -> Response:
     """Ask once more before a recording is deleted for good."""
-    row = services.recordings.get(recording_id, trashed=True)
-    return _ask(request, services, row, language, for_good=True)
+    return _ask(page, recording_id, for_good=True)
 
 
-def _ask(
-    request: Request, services: Services, row: StoredRow, language: Language, *, for_good: bool
-) -> Response:
-    values = {
-        "recording": row,
-        "size": format_size(row.size_bytes, language),
-        "added": format_moment(row.created_at),
-        "analyses": len(services.store.find_page(JobFilter(recording_id=row.id), SHOWN)),
-        "for_good": for_good,
-        "tr": load_wording(language, "trail"),
-        "hold_reasons": HOLD_REASONS,
-        "held_by": find_names(request, [row.hold_by], language)[row.hold_by],
-        **_describe_trash(services, language),
-    }
-    if for_good:
-        term = find_backup_term(services.storage)
-        values["backups"] = fill(values["t"]["backups"][term.kind], {"until": term.until})
-    return render_page(request, "delete.html", language, values)
+def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
+    row = page.services.recordings.get(recording_id, trashed=True)
+    is_for_good = for_good or row.state == "trashed"
+    backups = ""
+    if is_for_good:
+        term = find_backup_term(page.services.storage)
+        backups = fill(page.words()["trash"]["backups"][term.kind], {"until": term.until})
+    return page.render(
+        "delete.html",
+        _describe_trash(page),
+        recording=row,
+        size=format_size(row.size_bytes, page.language),
+        added=format_moment(row.created_at),
+        analyses=len(page.services.store.find_page(JobFilter(recording_id=row.id), SHOWN)),
+        for_good=is_for_good,
+        hold_reasons=HOLD_REASONS,
+        held_by=find_names(page.request, [row.hold_by], page.language)[row.hold_by],
+        backups=backups,
+    )
 
 
 @router.post("/recordings/{recording_id}/delete")
-def throw_away(recording_id: str, request: Request, services: UsedServices) -> Response:
+def throw_away(recording_id: str, page: UsedPage) -> Response:
     """Put a recording and all that was made of it into the trash; one that is there stays as it is.
 
     A trash that keeps nothing is emptied at the next look, so that erasing is what is asked for.
     """
-    if not has_trash(services):
-        check_may_erase(request)
-    services.recordings.trash(recording_id)
-    return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
+    if not has_trash(page.services):
+        check_may_erase(page.request)
+    page.services.recordings.trash(recording_id)
+    return page.go("/trash")
 
 
 @router.post("/recordings/{recording_id}/purge")
-def delete_for_good(recording_id: str, request: Request, services: UsedServices) -> Response:
+def delete_for_good(recording_id: str, page: UsedPage) -> Response:
     """Delete a recording, its analyses and every file of them."""
-    services.recordings.check_hold(recording_id)
-    services.recordings.trash(recording_id)
-    purge_recording(services, recording_id)
-    return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
+    page.services.recordings.check_hold(recording_id)
+    page.services.recordings.trash(recording_id)
+    purge_recording(page.services, recording_id)
+    return page.go("/trash")
 
 
 @router.post("/recordings/{recording_id}/restore")
-def take_back(recording_id: str, request: Request, services: UsedServices) -> Response:
+def take_back(recording_id: str, page: UsedPage) -> Response:
     """Take a recording out of the trash."""
-    services.recordings.restore(recording_id)
-    return RedirectResponse(f"{find_base(request)}/", status_code=303)
+    page.services.recordings.restore(recording_id)
+    return page.go("/")
 
 
 @router.get("/trash")
-def show_trash(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def show_trash(page: UsedPage) -> Response:
     """List what is in the trash."""
-    rows = services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
-    shown = [(row, format_size(row.size_bytes, language)) for row in rows]
-    return render_page(request, "trash.html", language, {"rows": shown} | _describe_trash(services, language))
-
-
-def _describe_trash(services: Services, language: Language) -> dict[str, Any]:
-    words = load_wording(language, "page")["trash"]
-    days = services.retention.find_trash_term_s(services.settings.trash_term_s) / DAY_S
-    return {
-        "term": fill(words["term"], {"days": f"{days:.0f}"}),
-        "terms": load_wording(language, "trail")["terms"]["title"],
-        "t": words,
-    }
-
-
-def summarise_jobs(services: Services, jobs: list[Job]) -> Iterator[Row]:
-    """Give the row of each report; what has none is left out."""
-    for job in jobs:
-        try:
-            results = find_results(services, job)
-        except ResultDamaged as damaged:
-            origin = Origin(job.file_name, job.request.subject, job.request.side)
-            yield summarise_failure(origin, damaged.code)
-            continue
-        if results is not None:
-            yield summarise_results(results)
+    found = page.services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
+    shown = [(row, format_size(row.size_bytes, page.language)) for row in found]
+    return page.render("trash.html", _describe_trash(page), rows=shown)

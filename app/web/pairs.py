@@ -1,11 +1,10 @@
 """Pages of two finished analyses: both arms of one shift, or one day beside an earlier one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import RedirectResponse
+from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
 from app.api.library.files import respond_with_file
@@ -15,19 +14,21 @@ from app.jobs.children.pairs import PairedJobs, PairReport
 from app.jobs.job import Job
 from app.jobs.library.listing import Entry, Library
 from app.report.pairs import format_rows, load_pair_words
-from app.report.words.wording import Language, fill, load_wording
+from app.report.words.wording import fill
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
-from app.services import Services, UsedLanguage, UsedServices
+from app.services import Services, UsedServices
 from app.web.recording.curves import CurveView, Laid, build_curves
-from app.web.rendering import find_base, render_page
-from app.web.reports import find_way, lay_way
+from app.web.rendering import Page, UsedPage
+from app.web.reports import lay_way_of_query
 from fusion.comparison import FigureChange
-
-# Which analyses fit together: the other arm of the same day, other days of the same person.
-
 
 DAY = 10  # characters of an ISO date
 MOST_TRUNKS = 50
+SETTINGS = frozenset({"method", "pose", "metric filter"})
+
+router = APIRouter(include_in_schema=False)
+
+# Which analyses fit together: the other arm of the same day, other days of the same person.
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +39,12 @@ class Offer:
     words: str
 
 
-def find_offers(services: Services, job: Job, start: str, language: Language) -> tuple[Offer, ...]:
+def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
     """Offer a pair where arm and day fit, else a comparison, the earlier first."""
-    words, offers = load_wording(language, "pair_pages"), []
-    for other in Library(services.store.reader).find_others(job):
+    words, offers = page.words("pair_pages"), []
+    for other in Library(page.services.store.reader).find_others(job):
         other_start = _read_start(other)
-        facts = {"name": other.job.file_name, "when": other_start[:16].replace("T", " ")}
+        facts = {"name": other.job.file_name, "when": _format_start(other_start)}
         kind, first, second = "compare", *((job, other.job) if start <= other_start else (other.job, job))
         sides = {job.request.side, other.job.request.side}
         if sides == {"left", "right"} and start[:DAY] == other_start[:DAY]:
@@ -58,20 +59,8 @@ def _read_start(entry: Entry) -> str:
     return (entry.headline.start if entry.headline else None) or ""
 
 
-def find_trunks(services: Services, first: Job, second: Job, start: str) -> tuple[Job, ...]:
-    """Give the recordings that may be of the trunk: same person, same day, neither arm stated."""
-    others = Library(services.store.reader).find_others(first, MOST_TRUNKS)
-    return tuple(
-        other.job
-        for other in others
-        if other.job.request.side is None
-        and other.job.recording_id != second.recording_id
-        and _read_start(other)[:DAY] == start[:DAY]
-    )
-
-
-router = APIRouter(include_in_schema=False)
-SETTINGS = frozenset({"method", "pose", "metric filter"})
+def _format_start(start: str) -> str:
+    return start[:16].replace("T", " ")
 
 
 class PairQuery(BaseModel):
@@ -102,88 +91,102 @@ def find_asked(
 Asked = Annotated[PairedJobs, Depends(find_asked)]
 
 
+@dataclass(frozen=True, slots=True)
+class PairView:
+    """Two analyses and, of a pair, the trunk; ``figures`` is None while one person is asked for.
+
+    ``days``: when two visits began; ``differences``: the settings in which they differ; ``changes``: the rows
+    of a comparison.
+    """
+
+    kind: PairKind
+    first: Job
+    second: Job
+    trunk: Job | None
+    offset: str
+    trunk_offset: str
+    same_subject: bool
+    days: tuple[str, str] = ("", "")
+    trunks: tuple[Job, ...] = ()
+    figures: Mapping[str, Any] | None = None
+    sentences: Sequence[str] = ()
+    differences: Sequence[str] = ()
+    trunk_limit: str = ""
+    changes: Sequence[Sequence[str]] = ()
+    curves: Sequence[CurveView] = ()
+
+
 @router.get("/beside/{kind}")
-def show_pair(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def show_pair(asked: Asked, page: UsedPage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
 
     Where a subject code is missing, only the question whether all are of one person is shown.
     """
-    kind, b = asked.request.kind, load_wording(language, "pair_pages")
-    values: dict[str, Any] = {
-        "kind": kind,
-        "first": asked.first,
-        "second": asked.second,
-        "trunk": asked.trunk,
-        "offset": _format_offset(asked.request.offset_s),
-        "trunk_offset": _format_offset(asked.request.trunk_offset_s),
-        "same_subject": asked.request.same_subject,
-        "days": ("", ""),
-        "figures": None,
-        "curves": None,
-        "b": b,
-    }
+    request, words = asked.request, page.words("pair_pages")
+    offset, trunk_offset = (
+        "" if offset_s is None else f"{offset_s:g}" for offset_s in (request.offset_s, request.trunk_offset_s)
+    )
+    ids = (request.kind, asked.first, asked.second, asked.trunk)
+    view = PairView(*ids, offset, trunk_offset, request.same_subject)
     try:
-        report = _make(services, asked)
+        report = _make(page.services, asked)
     except RecordedProblem as problem:
         if problem.facts.get("why") != "person":
             raise
-        return render_page(request, "beside.html", language, values)
+        return page.render("beside.html", view)
     figures = report.read_figures()
-    values |= {
-        "trunks": _offer_trunks(services, asked, figures),
-        "figures": figures,
-        "sentences": report.read_sentences(language),
-        "differences": [b["difference"][name] for name in figures.get("differences", ()) if name in SETTINGS],
-        "trunk_limit": load_pair_words(language)["pair"]["trunk"]["limit"],
-        "days": _name_days(figures),
-        "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), language),
-        "curves": _build_curves(services, asked, figures, language, find_base(request)),
-        "d": load_wording(language, "day"),
-    }
-    return render_page(request, "beside.html", language, values)
-
-
-def _build_curves(
-    services: Services, asked: PairedJobs, figures: Mapping[str, Any], language: Language, base: str
-) -> tuple[CurveView, ...]:
-    """Build the curves: of a pair, and its trunk, on one clock; of two visits by the time of the day."""
-    b = load_wording(language, "pair_pages")
     before, after = (
-        f"{b[name]} · {day}" if day else b[name]
-        for name, day in zip(("before", "after"), _name_days(figures), strict=True)
+        _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
     )
-    laid: tuple[Laid, ...] = ((asked.first, before, None), (asked.second, after, None))
-    if asked.request.kind == "pair":
-        laid = ((asked.first, b["left"], 0.0), (asked.second, b["right"], figures["clock"]["offset_s"]))
+    view = replace(
+        view,
+        days=(before, after),
+        trunks=_offer_trunks(page.services, asked, figures),
+        figures=figures,
+        sentences=report.read_sentences(page.language),
+        differences=[words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS],
+        trunk_limit=load_pair_words(page.language)["pair"]["trunk"]["limit"],
+        changes=format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
+        curves=build_curves(page, _lay_curves(page, asked, figures, (before, after))),
+    )
+    return page.render("beside.html", view)
+
+
+def _lay_curves(
+    page: Page, asked: PairedJobs, figures: Mapping[str, Any], days: tuple[str, str]
+) -> tuple[Laid, ...]:
+    """Lay a pair, and its trunk, on one clock; two visits by the time of the day."""
+    words = page.words("pair_pages")
+    if asked.request.kind != "pair":
+        before, after = (
+            f"{words[name]} · {day}" if day else words[name]
+            for name, day in zip(("before", "after"), days, strict=True)
+        )
+        return ((asked.first, before, None), (asked.second, after, None))
+    right_s = figures["clock"]["offset_s"]
+    laid: tuple[Laid, ...] = ((asked.first, words["left"], 0.0), (asked.second, words["right"], right_s))
     if asked.trunk is not None:
-        laid = (*laid, (asked.trunk, b["trunk"], figures["trunk_clock"]["offset_s"]))
-    return build_curves(services, laid, base)
+        laid = (*laid, (asked.trunk, words["trunk"], figures["trunk_clock"]["offset_s"]))
+    return laid
 
 
 @router.get("/beside/{kind}/report.{form}", response_class=Response)
-def get_report(
-    form: Literal["html", "pdf"],
-    asked: Asked,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-) -> Response:
-    """Give the report of two, to read or to file."""
-    report = _make(services, asked)
-    body = report.read(report.find("report", form, language))
+def get_report(form: Literal["html", "pdf"], asked: Asked, page: UsedPage) -> Response:
+    """Return the report of two, to read or to file."""
+    report = _make(page.services, asked)
+    body = report.read(report.find("report", form, page.language))
     if form == "html":
-        place = f"{find_base(request)}/beside/{asked.request.kind}"
-        return lay_way(body.decode(), find_way(place, request), request, language)
-    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{language}.pdf"))
+        return lay_way_of_query(page, body.decode(), f"/beside/{asked.request.kind}")
+    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 
 @router.post("/beside/compare/align")
-def analyse_alike(first: str, second: str, request: Request, services: UsedServices) -> Response:
+def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
-    before, after = services.store.get(first), services.store.get(second)
-    asked = align_request(before.request, after.request)
-    again = services.store.add_correction(before, asked)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
+    store = page.services.store
+    before, after = store.get(first), store.get(second)
+    again = store.add_correction(before, align_request(before.request, after.request))
+    return page.go(f"/analyses/{again.id}?before={before.id}")
 
 
 def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
@@ -213,21 +216,19 @@ def _make(services: Services, asked: PairedJobs) -> PairReport:
 
 
 def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, Any]) -> tuple[Job, ...]:
-    """Offer the recordings that may be of the trunk; the chosen one is always among them."""
+    """Offer the recordings that may be of the trunk: same person, same day, neither arm stated.
+
+    The chosen one is always among them.
+    """
     if asked.request.kind != "pair":
         return ()
-    found = find_trunks(services, asked.first, asked.second, figures["left"].get("start") or "")
+    start = figures["left"].get("start") or ""
+    found = [
+        other.job
+        for other in Library(services.store.reader).find_others(asked.first, MOST_TRUNKS)
+        if other.job.request.side is None
+        and other.job.recording_id != asked.second.recording_id
+        and _read_start(other)[:DAY] == start[:DAY]
+    ]
     chosen = (asked.trunk,) if asked.trunk and asked.trunk.id not in {job.id for job in found} else ()
     return (*chosen, *found)
-
-
-def _name_days(figures: Mapping[str, Any]) -> tuple[str, str]:
-    """Name two visits by when they began; empty without a clock, and for a pair, which its arms name."""
-    before, after = (
-        str(figures.get(side, {}).get("start") or "")[:16].replace("T", " ") for side in ("before", "after")
-    )
-    return before, after
-
-
-def _format_offset(offset_s: float | None) -> str:
-    return "" if offset_s is None else f"{offset_s:g}"

@@ -1,27 +1,27 @@
 """The page of several days: of one person, of both arms, of a group, before and after a change."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Response
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
 from app.api.library.files import respond_with_file
 from app.api.pairs import MOST_DAYS, build_pair_download_name
 from app.errors import CannotProfile, RecordedProblem
-from app.jobs.children.pairs import PairReport, ProfiledJobs
+from app.jobs.children.pairs import ProfiledJobs
 from app.jobs.job import Job
 from app.jobs.library.listing import Entry, Library, LibraryFilter
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_percent
-from app.report.words.wording import Language, load_wording
+from app.report.words.wording import load_wording
 from app.request import ProfileRequest
-from app.services import Services, UsedLanguage, UsedServices
-from app.web.rendering import find_base, render_page
-from app.web.reports import find_way, lay_way
+from app.services import Services, UsedServices
+from app.web.rendering import Page, UsedPage
+from app.web.reports import lay_way_of_query
 
 MOST_OFFERED = 60
 """Recordings of one person in the form."""
@@ -44,7 +44,12 @@ class DaysQuery(BaseModel):
 
 def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> ProfiledJobs:
     """Find the analyses that an address names; one that stands on both sides is after the change."""
-    first, after = _find_study(services, query) if query.study else _find_named(services, query)
+    if query.study:
+        first, after = _find_study(services, query)
+    else:
+        ids = dict.fromkeys(query.after)
+        first = [services.store.get(one) for one in dict.fromkeys(query.analysis) if one not in ids]
+        after = [services.store.get(one) for one in ids]
     jobs = (*first, *after)
     if not jobs:
         raise CannotProfile(why="one")
@@ -58,30 +63,19 @@ def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> P
     return ProfiledJobs(jobs, request)
 
 
-Sides = tuple[tuple[Job, ...], tuple[Job, ...]]
-"""Before, or all; and after a change."""
-
-
-def _find_named(services: Services, query: DaysQuery) -> Sides:
-    after = tuple(dict.fromkeys(query.after))
-    first = tuple(each for each in dict.fromkeys(query.analysis) if each not in after)
-    return tuple(map(services.store.get, first)), tuple(map(services.store.get, after))
-
-
-def _find_study(services: Services, query: DaysQuery) -> Sides:
-    """Find the reports of a study; of a change, those without a clock are on no side."""
+def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
+    """Find the reports of a study, and those after a change: what has no clock is on neither side."""
     wanted = LibraryFilter(batch=services.batches.get(query.study).id)
-    found = Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
     placed = [
         (entry.job, entry.headline.start or "")
-        for entry in found
+        for entry in Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
         if entry.headline and entry.job.request.reference is None
     ]
     if not query.since:
-        return tuple(job for job, _ in placed), ()
+        return [job for job, _ in placed], []
     since = query.since.isoformat()
-    before = tuple(job for job, start in placed if start and start < since)
-    return before, tuple(job for job, start in placed if start >= since)
+    before = [job for job, start in placed if start and start < since]
+    return before, [job for job, start in placed if start >= since]
 
 
 Asked = Annotated[ProfiledJobs, Depends(find_days)]
@@ -100,37 +94,48 @@ class Choice:
     is_after: bool
 
 
+@dataclass(frozen=True, slots=True)
+class DaysView:
+    """Answer and drawings, or the refusal in their place; then the form to choose other days."""
+
+    query: str
+    asked: ProfileRequest
+    choices: Sequence[Choice]
+    problem: Problem | None = None
+    sentences: Sequence[str] = ()
+    drawings: Sequence[Mapping[str, str]] = ()
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+
 @router.get("/days")
-def show_days(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def show_days(asked: Asked, page: UsedPage) -> Response:
     """Show several days laid over one another, with a form of the person's recordings to choose from."""
-    values: dict[str, Any] = {
-        **_show(_make(services, asked, language), language),
-        "query": request.url.query,
-        "choices": _list_choices(services, asked, language),
-        "asked": asked.request,
-        "one_person_ask": load_wording(language, "pair_pages")["one_person_ask"],
-        "one_person_yes": load_wording(language, "pair_pages")["one_person_yes"],
-        "d": load_wording(language, "days")["page"],
-        "title": load_wording(language, "days")["title"],
-    }
-    return render_page(request, "days.html", language, values)
+    try:
+        made = page.services.pairs.make(asked)
+    except RecordedProblem as refused:
+        if refused.code != CannotProfile.code:
+            raise
+        problem = describe_problem(refused.code, refused.facts, page.language)
+        shown: dict[str, Any] = {"problem": problem}
+    else:
+        drawings = [
+            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
+            for chart in made.read_drawings(page.language)
+        ]
+        sentences, figures = made.read_sentences(page.language), made.read_figures()
+        shown = {"sentences": sentences, "drawings": drawings, "figures": figures}
+    choices = _list_choices(page, asked)
+    return page.render("days.html", DaysView(page.request.url.query, asked.request, choices, **shown))
 
 
 @router.get("/days/report.{form}", response_class=Response)
-def get_days_report(
-    form: Literal["html", "pdf"],
-    asked: Asked,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-) -> Response:
+def get_days_report(form: Literal["html", "pdf"], asked: Asked, page: UsedPage) -> Response:
     """Get the report of several days, to read or to file."""
-    report = services.pairs.make(asked)
-    body = report.read(report.find("report", form, language))
+    report = page.services.pairs.make(asked)
+    body = report.read(report.find("report", form, page.language))
     if form == "html":
-        way = find_way(f"{find_base(request)}/days", request)
-        return lay_way(body.decode(), way, request, language)
-    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{language}.pdf"))
+        return lay_way_of_query(page, body.decode(), "/days")
+    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 
 @router.get("/days/{name}.csv", response_class=Response)
@@ -141,7 +146,7 @@ def get_days_table(name: Literal["profile", "overlay"], asked: Asked, services: 
 
 
 def find_days_address(services: Services, job: Job) -> str:
-    """Give the address of the days of a person: all recordings with a report; empty where there is one.
+    """Return the address of the days of a person: all recordings with a report; empty where there is one.
 
     What states no arm, as a sensor on the trunk, is left out beside what does.
     """
@@ -150,60 +155,33 @@ def find_days_address(services: Services, job: Job) -> str:
     return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
 
-def _make(services: Services, asked: ProfiledJobs, language: Language) -> PairReport | Problem:
-    """Make the report, or say why these days cannot be set together."""
-    try:
-        return services.pairs.make(asked)
-    except RecordedProblem as refused:
-        if refused.code != CannotProfile.code:
-            raise
-        return describe_problem(refused.code, refused.facts, language)
+def _list_choices(page: Page, asked: ProfiledJobs) -> tuple[Choice, ...]:
+    """List the chosen recordings and the others of the same people.
 
-
-def _show(made: PairReport | Problem, language: Language) -> dict[str, Any]:
-    """Give answer and drawings, or the refusal in their place."""
-    if isinstance(made, PairReport):
-        return {
-            "problem": None,
-            "sentences": made.read_sentences(language),
-            "drawings": [
-                {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
-                for chart in made.read_drawings(language)
-            ],
-            "figures": made.read_figures(),
-        }
-    return {"problem": made, "sentences": (), "drawings": (), "figures": {}}
-
-
-def _list_choices(services: Services, asked: ProfiledJobs, language: Language) -> tuple[Choice, ...]:
-    """List the chosen recordings and the others of the same people."""
-    chosen = [job.id for job in asked.jobs]
-    count = asked.request.before_count
-    after = set(chosen[count:]) if count is not None else set()
-    entries = _find_entries(services, asked.jobs)
-    listed = [
-        Choice(
-            entry.job.id,
-            entry.job.file_name,
-            ((entry.headline.start if entry.headline else None) or "")[:16].replace("T", " "),
-            load_wording(language)["side"][entry.job.request.side or "unknown"],
-            format_percent(entry.headline.above_60_percent if entry.headline else None, language),
-            entry.job.id in chosen and entry.job.id not in after,
-            entry.job.id in after,
-        )
-        for entry in entries
-    ]
-    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))
-
-
-def _find_entries(services: Services, jobs: Sequence[Job]) -> list[Entry]:
-    """Find the entries of all recordings of the same people; what has no subject code stands by itself."""
-    library = Library(services.store.reader)
+    What has no subject code stands by itself.
+    """
+    library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
     found: dict[str, Entry] = {}
-    for job in {job.request.subject: job for job in jobs}.values():
+    for job in {job.request.subject: job for job in asked.jobs}.values():
         every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
         found |= {entry.job.recording_id: entry for entry in every}
-    for job in jobs:
+    for job in asked.jobs:
         known = found.get(job.recording_id)
         found[job.recording_id] = Entry(job, known.headline if known else None)
-    return list(found.values())
+    chosen, count = [job.id for job in asked.jobs], asked.request.before_count
+    after = set(chosen[count:]) if count is not None else set()
+    listed = []
+    for entry in found.values():
+        job, headline = entry.job, entry.headline
+        listed.append(
+            Choice(
+                job.id,
+                job.file_name,
+                ((headline.start if headline else None) or "")[:16].replace("T", " "),
+                sides[job.request.side or "unknown"],
+                format_percent(headline.above_60_percent if headline else None, page.language),
+                job.id in chosen and job.id not in after,
+                job.id in after,
+            )
+        )
+    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))

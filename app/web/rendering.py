@@ -1,29 +1,32 @@
-"""Rendering: from a template and its values to a page, with its scripts and styles."""
+"""Pages: who asks for one, and how it is rendered from a template and its values, with scripts and styles."""
 
 import gzip
 import hashlib
 import re
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from os import PathLike, stat_result
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, cast
 from urllib.parse import parse_qsl, urlencode
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import HTMLResponse
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
+from app.access.logins import Logins
 from app.access.subjects import Permission, Subject
+from app.api.middleware.callers import find_logins
 from app.api.middleware.echoes import drop_secrets
 from app.errors import NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
-from app.report.words.wording import Language, fill, is_french, load_wording
-from app.services import LANGUAGE_COOKIE, SUBJECT, prefer_language
+from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
+from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
 
 # Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
 # them for good. plotly's script comes from the installed package: no page loads anything from another host.
@@ -49,7 +52,7 @@ class Assets(StaticFiles):
 
 @cache
 def find_assets() -> str:
-    """Give the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
+    """Return the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.rglob("*")):
         if path.is_file():
@@ -59,13 +62,13 @@ def find_assets() -> str:
 
 @cache
 def find_plotly() -> str:
-    """Give the address of plotly's script, without the proxy's part."""
+    """Return the address of plotly's script, without the proxy's part."""
     return f"/vendor/plotly-{version('plotly')}.min.js"
 
 
 @cache
 def find_style_ids() -> tuple[str, ...]:
-    """Give the ids of the styles that plotly's script puts into a page unless an element of that name is
+    """Return the ids of the styles that plotly's script puts into a page unless an element of that name is
     there: map controls, which we never draw, and which our policy would refuse.
     """
     return tuple(re.findall(r'getElementById\("([0-9a-f]{32,})"\)', _read_script().decode()))
@@ -73,7 +76,7 @@ def find_style_ids() -> tuple[str, ...]:
 
 @router.get("/vendor/{name}")
 def plotly(name: str, request: Request) -> Response:
-    """Give plotly's script from the installed package."""
+    """Return plotly's script from the installed package."""
     if f"/vendor/{name}" != find_plotly():
         raise NotHere
     headers = {"Cache-Control": FOR_EVER, "Vary": "Accept-Encoding"}
@@ -109,9 +112,9 @@ pages = Environment(
     lstrip_blocks=True,
 )
 pages.filters["drawing"] = trust_drawing
-pages.globals["fill"] = fill
-pages.globals["find_style_ids"] = find_style_ids
 pages.globals |= {
+    "fill": fill,
+    "find_style_ids": find_style_ids,
     "percent": format_percent,
     "angle": format_angle,
     "duration": format_duration,
@@ -119,54 +122,101 @@ pages.globals |= {
 }
 
 
-def render_page(
-    request: Request, template: str, language: Language, values: dict[str, Any], status: int = 200
-) -> HTMLResponse:
-    """Render a template with the words of the language, and remember a choice of language."""
-    subject: Subject | None = request.scope.get(SUBJECT)
-    body = pages.get_template(template).render(
-        values,
-        words=load_wording(language, "page"),
-        language=language,
-        base=find_base(request),
-        static=find_base(request) + find_assets(),
-        plotly=find_base(request) + find_plotly(),
-        language_link=turn_language(request, language),
-        subject=subject,
-        links=find_links(subject, language),
-    )
-    response = HTMLResponse(body, status, headers={"Content-Language": language})
-    if request.query_params.get("lang") == language:
-        response.set_cookie(
-            LANGUAGE_COOKIE,
-            language,
-            max_age=YEAR_S,
-            httponly=True,
-            samesite="lax",
-            path=find_base(request) or "/",
+class _Wording:
+    """The words of one language, by part, for templates: ``wording.day.heading``."""
+
+    def __init__(self, language: Language) -> None:
+        self._language = language
+
+    def __getattr__(self, part: str) -> Words:
+        return load_wording(self._language, cast("Part", part))
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A request for a page: its language, and the stores that answer it."""
+
+    request: Request
+    services: Services
+    language: Language
+
+    @property
+    def base(self) -> str:
+        """The path under which a proxy serves us, "" at the root; every address of ours begins with it."""
+        return find_base(self.request)
+
+    @property
+    def subject(self) -> Subject | None:
+        """Who asks; None for a browser that nobody is known behind."""
+        return cast("Subject | None", self.request.scope.get(SUBJECT))
+
+    @property
+    def logins(self) -> Logins:
+        """What logs people in."""
+        return find_logins(self.request)
+
+    def words(self, part: Part = "page") -> Words:
+        """Return one part of the words."""
+        return load_wording(self.language, part)
+
+    def go(self, place: str) -> Response:
+        """Lead the browser on to a page of ours."""
+        return RedirectResponse(self.base + place, status_code=303)
+
+    def render(self, template: str, *views: Any, status: int = 200, **values: Any) -> HTMLResponse:
+        """Render a template, and remember a choice of language.
+
+        ``views`` are dataclasses; their fields are names in the template, as ``values`` are.
+        """
+        shown = {field.name: getattr(view, field.name) for view in views for field in fields(view)}
+        body = pages.get_template(template).render(
+            shown | values,
+            words=self.words(),
+            wording=_Wording(self.language),
+            language=self.language,
+            base=self.base,
+            static=self.base + find_assets(),
+            plotly=self.base + find_plotly(),
+            language_link=self.turn_language(),
+            subject=self.subject,
+            links=self._list_links(),
         )
-    return response
+        response = HTMLResponse(body, status, headers={"Content-Language": self.language})
+        if self.request.query_params.get("lang") == self.language:
+            path = self.base or "/"
+            response.set_cookie(
+                LANGUAGE_COOKIE, self.language, max_age=YEAR_S, httponly=True, samesite="lax", path=path
+            )
+        return response
 
+    def turn_language(self) -> str:
+        """Return the same page in the other language; French is that of the place that the browser names."""
+        shown = parse_qsl(drop_secrets(self.request.url.query), keep_blank_values=True)
+        kept = [(name, value) for name, value in shown if name != "lang"]
+        other = "en" if is_french(self.language) else prefer_language(self.request, ("fr", "fr-CA"))
+        return "?" + urlencode([*kept, ("lang", other)])
 
-def find_links(subject: Subject | None, language: Language) -> tuple[tuple[str, str], ...]:
-    """Give the pages of trust that somebody may open: address, without the proxy's part, and title."""
-    words = load_wording(language, "trail")
-    known: tuple[tuple[Permission, str, str], ...] = (
-        ("aggregate", "/aggregate", words["group"]["title"]),
-        ("read", "/retention", words["terms"]["title"]),
-        ("trail", "/trail", words["title"]),
-    )
-    return tuple((address, title) for needed, address, title in known if subject and subject.may(needed))
+    def _list_links(self) -> tuple[tuple[str, str], ...]:
+        """List the pages of trust that somebody may open: address and title."""
+        words = self.words("trail")
+        known: tuple[tuple[Permission, str, str], ...] = (
+            ("aggregate", "/aggregate", words["group"]["title"]),
+            ("read", "/retention", words["terms"]["title"]),
+            ("trail", "/trail", words["title"]),
+        )
+        return tuple(
+            (place, title) for needed, place, title in known if self.subject and self.subject.may(needed)
+        )
 
 
 def find_base(request: Request) -> str:
-    """Give the path under which a proxy serves us, "" at the root; every address of ours begins with it."""
+    """Return the path under which a proxy serves us, "" at the root."""
     return str(request.scope.get("root_path", "")).rstrip("/")
 
 
-def turn_language(request: Request, language: Language) -> str:
-    """Give the same page in the other language; French is that of the place that the browser names."""
-    shown = parse_qsl(drop_secrets(request.url.query), keep_blank_values=True)
-    kept = [(name, value) for name, value in shown if name != "lang"]
-    other = "en" if is_french(language) else prefer_language(request, ("fr", "fr-CA"))
-    return "?" + urlencode([*kept, ("lang", other)])
+async def open_page(request: Request) -> Page:
+    """Return what a route of a page works with."""
+    return Page(request, find_services(request), choose_language(request))
+
+
+UsedPage = Annotated[Page, Depends(open_page)]

@@ -3,16 +3,14 @@
 from base64 import b64encode
 from hashlib import sha256
 from html import escape
-from typing import NamedTuple
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 from fastapi.responses import HTMLResponse
 
 from app.api.middleware.guard import REPORT_POLICY
-from app.report.words.wording import Language, find_nearest, load_wording
-from app.services import UsedLanguage, UsedServices
-from app.web.rendering import find_base, turn_language
+from app.report.words.wording import find_nearest
+from app.web.rendering import Page, UsedPage
 from app.web.views import OldVersion, describe_old
 
 STYLE = (
@@ -23,35 +21,29 @@ STYLE = (
 )
 STYLE_HASH = b64encode(sha256(STYLE.encode()).digest()).decode()
 """A report's own policy lets in styles by their hash alone."""
-
-
 POLICY = f"{REPORT_POLICY} allow-downloads"
 """Its PDF may be downloaded, all else is as strict as for the file."""
 
 
-class Way(NamedTuple):
-    """Where a report leads: back to its page, and to its PDF in this language."""
+def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
+    """Lay the way back above a report whose page and PDF are asked for by the same query."""
+    query = f"?{page.request.url.query}" if page.request.url.query else ""
+    return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
-    back: str
-    pdf: str
 
-
-def lay_way(
-    report: str, way: Way, request: Request, language: Language, old: OldVersion | None = None
-) -> HTMLResponse:
+def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
     """Lay the way back above a report, and the banner of an old version; its file is left as it is.
 
-    Printing leaves the links out.
+    ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
     """
-    page = load_wording(language, "page")
-    words, other = page["report_way"], f' lang="{page["other_language_code"]}"'
+    words, labels = page.words(), page.words()["report_way"]
     links = (
-        (way.back, words["back"], ""),
-        (way.pdf, words["pdf"], " download"),
-        (turn_language(request, language), page["other_language"], other),
+        (back, labels["back"], ""),
+        (pdf, labels["pdf"], " download"),
+        (page.turn_language(), words["other_language"], f' lang="{words["other_language_code"]}"'),
     )
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
-    bar = f'<nav class="way" aria-label="{escape(words["label"])}">{told}</nav>'
+    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
     if old is not None:
         link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
         bar += f'<p class="old">{escape(old.told)} {link}</p>'
@@ -61,26 +53,18 @@ def lay_way(
     return HTMLResponse(whole, headers={"Content-Security-Policy": POLICY, "Cache-Control": "no-store"})
 
 
-def find_way(place: str, request: Request) -> Way:
-    """Give the way of a report whose page and PDF are asked for by the same query."""
-    query = f"?{request.url.query}" if request.url.query else ""
-    return Way(f"{place}{query}", f"{place}/report.pdf{query}")
-
-
 router = APIRouter(include_in_schema=False)
 
 
 @router.get("/analyses/{analysis_id}/report.html")
-def show_report(
-    analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
-) -> Response:
+def show_report(analysis_id: str, page: UsedPage) -> Response:
     """Show the report of a recording, or of a comparison with a reference."""
+    services = page.services
     job = services.store.get(analysis_id)
     stem, place = ("report", "analyses") if job.request.reference is None else ("validation", "validations")
-    made = find_nearest(language, job.request.languages)
+    made = find_nearest(page.language, job.request.languages)
     report = services.results.read(job, f"{stem}.{made}.html").decode()
-    base = find_base(request)
-    pdf = f"{base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
+    pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
     reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
-    old = describe_old(job, reports, language, base)
-    return lay_way(report, Way(f"{base}/{place}/{job.id}", pdf), request, language, old)
+    old = describe_old(job, reports, page)
+    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)

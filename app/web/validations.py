@@ -1,13 +1,13 @@
 """Pages of a comparison with a reference: a form for two files, then the result; they need no script."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import HTMLResponse
 from starlette.datastructures import FormData
 
 from app.api.middleware.guard import REPORT_POLICY
@@ -17,14 +17,13 @@ from app.jobs.job import Job, JobState
 from app.report.agreement.tables import list_sentences
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_angle
-from app.report.words.wording import Language, fill, find_nearest, load_wording
-from app.services import Services, UsedLanguage, UsedServices
+from app.report.words.wording import fill, find_nearest
+from app.services import UsedServices
 from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
 from app.web.recording.curves import CurveView
-from app.web.recording.day import Piece, cut_curve, find_day
-from app.web.recording.day_views import DayClock
-from app.web.rendering import find_base, render_page
-from app.web.views import build_row, format_size, now_utc
+from app.web.recording.day import DayClock, Piece, cut_curve, find_day
+from app.web.rendering import Page, UsedPage
+from app.web.views import JobRow, build_row, format_size
 from fusion.errors import FusionError
 
 TYPED = ("side", "subject", "study", "offset_s", "drift_ppm")
@@ -34,49 +33,66 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 
 @router.get("/validations")
-def ask(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def ask(page: UsedPage) -> Response:
     """Show the form."""
-    return render_page(request, "validate.html", language, _describe_form(services, language))
+    return _render_form(page, {})
 
 
 @router.post("/validations")
-async def take(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+async def take(page: UsedPage) -> Response:
     """Take the form and go to its comparison; a refused one is shown again with what was typed."""
-    async with open_form(request, services) as form:
+    async with open_form(page.request, page.services) as form:
         try:
-            job = await queue_validation(form, services)
+            job = await queue_validation(form, page.services)
         except (FusionError, AppError) as refusal:
-            words = describe_problem(refusal.code, refusal.facts, language)
-            values = _describe_form(services, language, form) | {"problem": words, "code": refusal.code}
-            status = find_outcome_of_code(refusal.code).status
-            return render_page(request, "validate.html", language, values, status)
-    return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
+            return _render_form(page, form, refusal)
+    return page.go(f"/validations/{job.id}")
+
+
+def _render_form(
+    page: Page, form: FormData | Mapping[str, str], refusal: FusionError | AppError | None = None
+) -> Response:
+    """Render the form with what was typed into it before."""
+    typed = {name: form.get(name, "") for name in TYPED}
+    return page.render(
+        "validate.html",
+        status=find_outcome_of_code(refusal.code).status if refusal else 200,
+        problem=describe_problem(refusal.code, refusal.facts, page.language) if refusal else None,
+        code=refusal.code if refusal else "",
+        max_size=format_size(page.services.settings.max_upload_bytes, page.language),
+        typed={name: value if isinstance(value, str) else "" for name, value in typed.items()},
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationView:
+    """One comparison: its state, then its answer and the two angles."""
+
+    row: JobRow
+    reference: str
+    sentences: Sequence[str]
+    curves: Sequence[CurveView]
 
 
 @router.get("/validations/{validation_id}")
-def show(validation_id: str, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def show(validation_id: str, page: UsedPage) -> Response:
     """Show one comparison: its state, or its answer and files."""
+    services, language = page.services, page.language
     job = find_validation(services, validation_id)
-    if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and made again
-        return RedirectResponse(f"{find_base(request)}/validations/{job.replaced_by}", status_code=303)
-    sentences: tuple[str, ...] = ()
-    curves: tuple[CurveView, ...] = ()
+    sentences: Sequence[str] = ()
+    curves: Sequence[CurveView] = ()
     if job.state is JobState.SUCCEEDED:
+        if job.replaced_by is not None:  # it was damaged, and made again
+            return page.go(f"/validations/{job.replaced_by}")
         sentences = list_sentences(json.loads(services.results.read(job, "validation.json")), language)
     with suppress(NoSuchFile):  # only angles that were both measured are drawn
         clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
-        place = f"{find_base(request)}/validations/{job.id}/curve?of="
-        name = _load(language)["curves"]
+        place, name = f"{page.base}/validations/{job.id}/curve?of=", page.words("agreement")["page"]["curves"]
         curves = (CurveView(name, f"{place}own", clock, 0.0, beside=f"{place}reference"),)
-    values = {
-        "row": build_row(job, language, now_utc()),
-        "reference": job.request.reference.file_name if job.request.reference else "",
-        "sentences": sentences,
-        "asked": _load(language),
-        "curves": curves,
-        "d": load_wording(language, "day"),
-    }
-    return render_page(request, "validation.html", language, values)
+    reference = job.request.reference.file_name if job.request.reference else ""
+    return page.render(
+        "validation.html", ValidationView(build_row(job, language), reference, sentences, curves)
+    )
 
 
 class AnglePiece(Piece):
@@ -87,16 +103,16 @@ class AnglePiece(Piece):
 
 @router.get("/validations/{validation_id}/curve")
 def curve(validation_id: str, services: UsedServices, piece: Annotated[AnglePiece, Query()]) -> Response:
-    """Give a stretch of one of the two angles, as of a day."""
+    """Return a stretch of one of the two angles, as of a day."""
     name = OWN_CURVE if piece.of == "own" else REFERENCE_CURVE
     return cut_curve(find_day(services, find_validation(services, validation_id), name), piece)
 
 
 @router.get("/validations/{validation_id}/plot.svg")
-def plot(validation_id: str, services: UsedServices, language: UsedLanguage) -> Response:
-    """Give Bland and Altman's plot by itself."""
-    job = find_validation(services, validation_id)
-    body = services.results.read(job, f"plot.{find_nearest(language, job.request.languages)}.svg")
+def plot(validation_id: str, page: UsedPage) -> Response:
+    """Return Bland and Altman's plot by itself."""
+    job = find_validation(page.services, validation_id)
+    body = page.services.results.read(job, f"plot.{find_nearest(page.language, job.request.languages)}.svg")
     return Response(body, media_type="image/svg+xml", headers={"Content-Security-Policy": REPORT_POLICY})
 
 
@@ -109,13 +125,13 @@ class ComparedItem:
     plot: str
 
 
-def list_compared(services: Services, jobs: Sequence[Job], language: Language) -> tuple[ComparedItem, ...]:
+def list_compared(page: Page, jobs: Sequence[Job]) -> tuple[ComparedItem, ...]:
     """List the finished comparisons among the analyses of a study."""
-    items = []
+    words, language, items = page.words("agreement")["page"]["item"], page.language, []
     for job in jobs:
         if job.request.reference is None or job.state is not JobState.SUCCEEDED:
             continue
-        overall = json.loads(services.results.read(job, "validation.json"))["overall"]
+        overall = json.loads(page.services.results.read(job, "validation.json"))["overall"]
         facts = {
             "rmse": format_angle(overall["rmse_deg"], language, 2),
             "bias": format_angle(overall["bias_deg"], language, 2),
@@ -123,21 +139,6 @@ def list_compared(services: Services, jobs: Sequence[Job], language: Language) -
             "high": format_angle(overall["loa_high_deg"], language, 1),
         }
         name = f"plot.{find_nearest(language, job.request.languages)}.svg"
-        has_plot = services.store.find_file(job.id, name) is not None
-        items.append(ComparedItem(job, fill(_load(language)["item"], facts), "plot.svg" if has_plot else ""))
+        has_plot = page.services.store.find_file(job.id, name) is not None
+        items.append(ComparedItem(job, fill(words, facts), "plot.svg" if has_plot else ""))
     return tuple(items)
-
-
-def _describe_form(services: Services, language: Language, form: FormData | None = None) -> dict[str, Any]:
-    """Give the form as it is shown, with what was typed into it before."""
-    typed = {name: form.get(name, "") if form else "" for name in TYPED}
-    return {
-        "max_size": format_size(services.settings.max_upload_bytes, language),
-        "asked": _load(language),
-        "typed": {name: value if isinstance(value, str) else "" for name, value in typed.items()},
-        "problem": None,
-    }
-
-
-def _load(language: Language) -> Any:
-    return load_wording(language, "agreement")["page"]

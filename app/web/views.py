@@ -1,21 +1,39 @@
-"""Views of a job for the pages: words and formatted numbers, so that the templates only place them."""
+"""Views of a job and of the library: words and formatted numbers, so that the templates only place them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from math import ceil
 from pathlib import Path
 from statistics import median
 from typing import Any
+from urllib.parse import urlencode
+
+from fastapi import Request
 
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Took
+from app.jobs.library.figures import HeadlineFigures
+from app.jobs.library.listing import (
+    FALLING,
+    GROUPS,
+    ORDERS,
+    Entry,
+    Group,
+    Library,
+    LibraryFilter,
+    Order,
+    SavedView,
+    Took,
+)
 from app.report.words.columns import format_columns
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
-from app.web.recording.day_views import DayClock, format_axis, place_rows
+from app.services import Services
+from app.web.recording.day import DayClock, format_axis, place_rows
+from app.web.rendering import Page
 from fusion import errors
+from fusion.conventions import METHOD_VERSION
 
 _CURED_BY_COLUMNS = (
     *(errors.MixedColumns, errors.ExchangedSensors, errors.UnknownColumns, errors.SeveralSensors),
@@ -25,7 +43,6 @@ _CURED_BY_COLUMNS = (
 ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
 """Refusals that a person may cure by saying what the columns are."""
 
-SENTENCES = 3
 MOST_APART = 2.0
 """Times the size of a file: by larger or smaller ones no time left is judged."""
 MOST_PERIODS = 12
@@ -79,7 +96,7 @@ class OldVersion:
     address: str
 
 
-def describe_old(job: Job, reports: Sequence[Job], language: Language, base: str) -> OldVersion | None:
+def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
     """Return what stands above an old version; None for the current one and for what is no report.
 
     ``reports``: those of the recording, the newest first.
@@ -87,11 +104,11 @@ def describe_old(job: Job, reports: Sequence[Job], language: Language, base: str
     current = next(iter(reports), job)
     if job.state is not JobState.SUCCEEDED or job.request.version == current.request.version:
         return None
-    words = load_wording(language, "page")["version"]
+    words = page.words()["version"]
     count = max(report.request.version for report in (job, *reports))
     told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
     link = fill(words["current"], {"n": str(current.request.version)})
-    return OldVersion(told, link, f"{base}/analyses/{current.id}")
+    return OldVersion(told, link, f"{page.base}/analyses/{current.id}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +120,10 @@ class Fact:
     key: str = ""
 
 
-def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] = ()) -> JobRow:
+def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow:
     """Build the row of a job in the list; ``took``: earlier analyses, by which its time left is judged."""
-    words = load_wording(language, "page")
-    request, told = job.request, words["row"]
-    state_word = str(words["state"][job.state.value])
-    percent = round(100 * job.progress)
+    words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
+    told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
     times = []
     if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
         seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
@@ -125,6 +140,8 @@ def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] 
     side = str(told[request.side]) if request.side else str(told["no_side"]) if has_arm else ""
     of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
     place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
+    # a person may also name the columns anew
+    is_table = request.profile != "" and "header" in job.problem_facts
     return JobRow(
         id=job.id,
         key=f"of-{job.recording_id}",
@@ -142,7 +159,7 @@ def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] 
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=f"/api/v1/{place}",
         side=request.side or "",
-        asks_columns=asks_columns(job),
+        asks_columns=request.reference is None and (job.problem_code in ASK_COLUMNS or is_table),
         compared=format_compared(job, words),
     )
 
@@ -171,12 +188,6 @@ def format_compared(job: Job, words: Words) -> str:
     reference = job.request.reference
     facts = {"name": job.file_name, "reference": reference.file_name if reference else ""}
     return fill(words["row"]["compared"], facts) if reference else ""
-
-
-def asks_columns(job: Job) -> bool:
-    """Whether a person may cure a refusal by naming the columns, or by naming them anew."""
-    is_table = job.request.profile != "" and "header" in job.problem_facts
-    return job.request.reference is None and (job.problem_code in ASK_COLUMNS or is_table)
 
 
 def build_problem(job: Job, language: Language) -> ProblemBox | None:
@@ -226,10 +237,8 @@ class Answer:
 
 def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
     """Show the main figures, the answer in words and the verdict on the data."""
-    verdict = str(results["quality"]["verdict"])
-    lines = tuple(brief.splitlines())
-    reason = "".join(lines[SENTENCES : SENTENCES + 1])
-    return Answer(build_figures(results, language), verdict, reason, lines[:SENTENCES], brief)
+    lines, verdict = tuple(brief.splitlines()), str(results["quality"]["verdict"])
+    return Answer(build_figures(results, language), verdict, "".join(lines[3:4]), lines[:3], brief)
 
 
 def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
@@ -279,14 +288,11 @@ def format_moment(text: str) -> str:
 
 def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
     """Write stretches on the clock of the recording, or else in seconds; empty for none."""
-    words = load_wording(language, "page")["analysis"]
     if clock is not None and clock.start is not None:
         return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
-    pairs = (
-        {"start": format_number(start_s, 1, language), "end": format_number(end_s, 1, language)}
-        for start_s, end_s in windows
-    )
-    return "; ".join(fill(words["window"], pair) for pair in pairs)
+    words = load_wording(language, "page")["analysis"]["window"]
+    shown = ([format_number(moment_s, 1, language) for moment_s in window] for window in windows)
+    return "; ".join(fill(words, {"start": start, "end": end}) for start, end in shown)
 
 
 def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
@@ -303,14 +309,267 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
         rows = place_rows(diary, clock) if clock else []
     except errors.UnusableDiary:
         rows = []
-    shown = [
-        f"{row['label'] or kinds[row['kind']]} {row['start']} – {row['end']}" for row in rows[:MOST_PERIODS]
-    ]
+    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MOST_PERIODS]]
     if len(diary) > len(shown):
         shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
     return "; ".join(shown)
 
 
-def now_utc() -> datetime:
-    """Give the time at which a page is shown."""
-    return datetime.now(UTC)
+# The library: rows, groups with their counts, pages.
+
+PER_PAGE = 50
+SORTED: tuple[Order, ...] = ("subject", "date", "side", "hours", "quality", "above_60")
+SPARK_PX = 20.0
+SPARK_TOP_DEG = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class ShownEntry:
+    """A row of the list: whose, of when and of which arm, then the main figures of its report.
+
+    ``when`` is the beginning of the recording, or when it was added (``is_added``) where that is not known.
+    ``figures`` is None without a report. ``attempt``: a newer analysis that runs or has failed; the report
+    of the row stays what it was.
+    """
+
+    row: JobRow
+    recording_id: str
+    name: str
+    when: str
+    is_added: bool
+    arm: str
+    figures: "ShownFigures | None" = None
+    tags: tuple[tuple[str, str], ...] = ()
+    """Each with the address of all that have it."""
+    attempt: JobRow | None = None
+
+    @property
+    def active(self) -> JobRow | None:
+        """The analysis of the row that is under way."""
+        return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFigures:
+    """The main figures of a report; ``spark`` draws the day, "" where it is not known."""
+
+    hours: str
+    verdict: str
+    quality: str
+    is_older: bool
+    is_pose_open: bool
+    above: str
+    spark: str
+    spark_words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column by which the list is sorted; ``turned`` is "ascending" or "descending" where it is."""
+
+    order: str
+    name: str
+    address: str
+    turned: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chip:
+    """A group that can be chosen, with how many are in it."""
+
+    name: str
+    count: int
+    address: str
+    is_chosen: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LibraryView:
+    """The list of the first page, or of a batch: what is ``wanted``, its rows, and the links around them.
+
+    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
+    """
+
+    entries: Sequence[ShownEntry]
+    headings: Sequence[Heading]
+    wanted: LibraryFilter
+    tags: Sequence[str]
+    views: Sequence[SavedView]
+    number: int
+    older: int
+    query: str
+    chips: Sequence[Chip]
+    count: str
+    is_empty: bool
+    page: int
+    pages: int
+    earlier_page: str
+    later_page: str
+    source_query: str
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """What was shown before and after an analysis in the list that it was opened from."""
+
+    previous_id: str | None
+    next_id: str | None
+    query: str
+    back: str
+
+
+def read_filter(request: Request) -> LibraryFilter:
+    """Read the filter of an address."""
+    return parse_filter(request.query_params)
+
+
+def parse_filter(asked: Mapping[str, str]) -> LibraryFilter:
+    """Read a filter; a value that cannot be is ignored."""
+    group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
+    order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
+    first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
+    text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
+    is_reversed = asked.get("reversed", "") == "1"
+    tag = asked.get("tag", "")[:100]
+    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed, tag)
+
+
+def write_filter(wanted: LibraryFilter, **changes: str) -> str:
+    """Write a filter as the query of an address."""
+    parameters = {
+        "text": wanted.text,
+        "first_day": wanted.first_day,
+        "last_day": wanted.last_day,
+        "group": "" if wanted.group == "all" else wanted.group,
+        "order": "" if wanted.order == "newest" else wanted.order,
+        "batch": wanted.batch,
+        "tag": wanted.tag,
+        "reversed": "1" if wanted.is_reversed else "",
+    }
+    return urlencode({name: value for name, value in (parameters | changes).items() if value})
+
+
+def build_library(page: Page, wanted: LibraryFilter) -> LibraryView:
+    """Build everything that the list of the first page, or of a batch, needs."""
+    words, services = page.words(), page.services
+    library = Library(services.store.reader)
+    counts = library.count(wanted)
+    pages = max(1, -(-counts[wanted.group] // PER_PAGE))
+    asked = page.request.query_params.get("page", "")
+    number = min(int(asked) if asked.isdecimal() and 0 < int(asked) < 1_000_000 else 1, pages)
+    facts = {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
+    done = fill(words["list"]["summary"], facts)
+    entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
+    took = find_took(services, entries)
+    return LibraryView(
+        entries=[build_entry(entry, page.language, took) for entry in entries],
+        headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
+        wanted=wanted,
+        tags=library.find_tags(),
+        views=() if wanted.batch else services.views.find_all(),
+        number=counts[wanted.group],
+        older=counts["older"],
+        query=write_filter(wanted),
+        chips=[
+            Chip(
+                str(words["group"][group]),
+                counts[group],
+                write_filter(wanted, group="" if group == "all" else group),
+                group == wanted.group,
+            )
+            for group in GROUPS
+            if counts[group] or group in ("all", wanted.group)
+        ],
+        count=f"{done}. {words['row']['close_hint']}" if counts["active"] else done,
+        is_empty=not counts["all"] and wanted == LibraryFilter(),
+        page=number,
+        pages=pages,
+        earlier_page=write_filter(wanted, page=str(number - 1)) if number > 1 else "",
+        later_page=write_filter(wanted, page=str(number + 1)) if number < pages else "",
+        source_query=write_filter(wanted, page=str(number) if number > 1 else ""),
+    )
+
+
+def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
+    """Say how long earlier analyses took, where one of these runs."""
+    jobs = (job for entry in entries for job in (entry.job, entry.attempt) if job)
+    is_running = any(job.state is JobState.RUNNING for job in jobs)
+    return Library(services.store.reader).find_took() if is_running else ()
+
+
+def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> ShownEntry:
+    """Show a recording with its report or, without one, its newest analysis."""
+    job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
+    if attempt is not None and attempt.state is JobState.CANCELLED:
+        attempt = None
+    start = (entry.headline.start if entry.headline else None) or ""
+    return ShownEntry(
+        row=build_row(job, language, took),
+        recording_id=job.recording_id,
+        name=job.request.subject or job.file_name,
+        when=start[:16].replace("T", " ") or format_time(job.created_at),
+        is_added=not start,
+        arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
+        figures=_build_figures(entry.headline, words, language) if entry.headline else None,
+        tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
+        attempt=build_row(attempt, language, took) if attempt else None,
+    )
+
+
+def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> ShownFigures:
+    spark, lowest, highest = draw_spark(headline.day)
+    return ShownFigures(
+        hours=format_duration(headline.recorded_s, language),
+        verdict=headline.verdict,
+        quality=str(words["verdict_short"].get(headline.verdict, "")),
+        is_older=0 < headline.method_version < int(METHOD_VERSION),
+        is_pose_open=headline.calibration_state == "assumed",
+        above=format_percent(headline.above_60_percent, language),
+        spark=spark,
+        spark_words=fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
+    )
+
+
+def draw_spark(day: str) -> tuple[str, str, str]:
+    """Draw a day of :func:`app.jobs.library.figures.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
+
+    Gives the path with its lowest and highest angle; "" for each where no angle is known.
+    """
+    angles = [float(text) if text else None for text in day.split(",")]
+    known = [angle for angle in angles if angle is not None]
+    if not known:
+        return "", "", ""
+    step, parts, is_open = 100 / len(angles), [], False
+    for place, angle in enumerate(angles):
+        if angle is not None:
+            height = SPARK_PX * (1 - min(angle, SPARK_TOP_DEG) / SPARK_TOP_DEG)
+            parts.append(f"V{height:.1f}" if is_open else f"M{step * place:.1f} {height:.1f}")
+        is_open = angle is not None
+        if is_open:
+            parts.append(f"H{step * (place + 1):.1f}")
+    return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
+
+
+def find_neighbours(page: Page, job: Job) -> Neighbours:
+    """Find what was shown before and after an analysis in the list that it was opened from."""
+    wanted = read_filter(page.request)
+    before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
+    return Neighbours(
+        before, after, write_filter(wanted), f"/batches/{wanted.batch}" if wanted.batch else "/"
+    )
+
+
+def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
+    """Build the head of a column; a second click turns the order round."""
+    is_chosen = wanted.order == order
+    is_falling = (order in FALLING) != (is_chosen and wanted.is_reversed)
+    again = "1" if is_chosen and not wanted.is_reversed else ""
+    turned = ("descending" if is_falling else "ascending") if is_chosen else ""
+    return Heading(order, name, write_filter(wanted, order=order, reversed=again), turned)
+
+
+def _read_day(text: str) -> str:
+    try:
+        return date.fromisoformat(text).isoformat()
+    except ValueError:
+        return ""

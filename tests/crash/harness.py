@@ -27,7 +27,8 @@ from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import format_result_name
 from app.upkeep.verify import find_faults, find_kept
-from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
+from tests import ROOT
+from tests.ways_in.servers import list_children, read_stat, wait_for
 
 Victim = Literal["web", "worker", "child", "all"]
 PARTS: tuple[Victim, ...] = ("web", "worker", "child")

@@ -17,7 +17,8 @@ from typing import Any
 import httpx2
 
 from fusion.simulation import simulate_shift, write_shift
-from tests.ways_in.servers import ROOT, wait_for
+from tests import ROOT
+from tests.ways_in.servers import wait_for
 
 MINUTE_HOURS = 1 / 60
 TUS = {"Tus-Resumable": "1.0.0", "Content-Type": "application/offset+octet-stream"}

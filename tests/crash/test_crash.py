@@ -9,9 +9,9 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from tests import ROOT
 from tests.crash.harness import Journal, Site, check_settled
 from tests.crash.rounds import can_cut_power, kill_rounds, power_cut
-from tests.ways_in.servers import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks up processes in /proc")
 needs_disks = pytest.mark.skipif(not can_cut_power(), reason="no root to mount a disk with")

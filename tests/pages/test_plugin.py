@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
+from tests import ROOT
 from tests.pages.conftest import keep_picture
 from tests.pages.steps import open_home, see_end, wait_for_end
 from tests.plugin import install, make_environment, read_blocks, write_armband, write_wheel
-from tests.ways_in.servers import ROOT, RunningServer
+from tests.ways_in.servers import RunningServer
 
 
 @pytest.fixture(scope="module")

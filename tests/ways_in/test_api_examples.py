@@ -12,8 +12,8 @@ import pytest
 
 from app.main import create_app
 from app.settings import Settings
+from tests import ROOT
 from tests.ways_in.conftest import StartServer
-from tests.ways_in.servers import ROOT
 
 PAGE = (ROOT / "docs" / "api.md").read_text("utf-8")
 EXAMPLES = dict(re.findall(r"```(sh|python|r)\n(.*?)```", PAGE, re.DOTALL))

@@ -17,9 +17,10 @@ from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import Storage
+from tests import ROOT
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
-from tests.ways_in.servers import ROOT, wait_for
+from tests.ways_in.servers import wait_for
 
 StartWorker = Callable[..., subprocess.Popen[bytes]]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.plan import plan_tasks
+from app.batch.folder import plan_tasks
 from app.request import ReportRequest
 from tests.ways_in.typed import read_table, run
 

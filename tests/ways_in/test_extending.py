@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.ways_in.servers import ROOT
+from tests import ROOT
 
 PAGE = ROOT / "docs" / "extend.md"
 Extend = Callable[[str], Path]

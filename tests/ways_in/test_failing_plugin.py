@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from tests import ROOT
 from tests.plugin import install, make_environment, write_wheel
-from tests.ways_in.servers import ROOT, RunningServer
+from tests.ways_in.servers import RunningServer
 
 FAILING = """
 def recognise(source):

@@ -16,9 +16,10 @@ from app.jobs.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
+from tests import ROOT
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer
-from tests.ways_in.servers import ROOT, is_alive, wait_for
+from tests.ways_in.servers import is_alive, wait_for
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks up processes in /proc")
 

@@ -12,8 +12,7 @@ import openpyxl
 import pytest
 from typer.testing import CliRunner
 
-from app.batch.folder import open_staging
-from app.batch.plan import plan_tasks
+from app.batch.folder import open_staging, plan_tasks
 from app.batch.run import do_task
 from app.cli import app
 from app.request import ReportRequest

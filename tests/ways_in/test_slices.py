@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.ways_in.servers import ROOT
+from tests import ROOT
 from tests.ways_in.typed import read_table, run
 
 SLICES = 8

@@ -4,8 +4,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests import ROOT
 from tests.ways_in.conftest import StartServer
-from tests.ways_in.servers import ROOT, RunningServer
+from tests.ways_in.servers import RunningServer
 
 PRODUCTS = ("results.json", "elevation.parquet", "summary.csv", "report.html?lang=en", "report.pdf?lang=en")
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from tusclient.client import TusClient
 
+from tests import ROOT
 from tests.ways_in.conftest import StartServer
-from tests.ways_in.servers import ROOT, RunningServer
+from tests.ways_in.servers import RunningServer
 
 
 def sha256_at(server: RunningServer, address: str) -> str:

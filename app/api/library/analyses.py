@@ -3,7 +3,7 @@
 import asyncio
 import re
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -15,7 +15,8 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.library.analysis_models import (
+from app.api.library.files import serve_bytes, serve_file
+from app.api.library.models import (
     RESULT_NAMES,
     AnalysisList,
     AnalysisQuery,
@@ -25,20 +26,19 @@ from app.api.library.analysis_models import (
     StartedAnalyses,
     StudyName,
     check_periods,
+    cut_page,
+    read_cursor,
     read_periods,
     view_analysis,
 )
-from app.api.library.files import serve_bytes, serve_file
-from app.api.library.intake import receive_recording
-from app.api.library.recording_models import cut_page, read_cursor
+from app.api.library.uploads import receive_recording
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.batch.settings_file import encode_settings
 from app.errors import Busy
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
-from app.jobs.recordings import Place, StoredRow
-from app.jobs.regeneration import find_or_add, retry
-from app.jobs.results import check_succeeded
+from app.jobs.recordings import StoredRow
+from app.jobs.results import check_succeeded, find_or_add, retry
 from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.crate import CRATE, Made, encode_crate
@@ -46,7 +46,7 @@ from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
 from app.report.figures import load_results
 from app.report.words.wording import Language, find_nearest
-from app.request import Conclusion, Paper, ReportRequest, write_profile
+from app.request import Conclusion, Paper, ReportRequest, clean_file_name, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.storage.day_file import DAY_NAME
 from app.storage.store import StoredRecording
@@ -93,7 +93,13 @@ async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kw
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
 DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
-RAW_BODY = {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}}
+ANALYZE: dict[str, Any] = {
+    "status_code": 202,
+    "response_model": AnalysisView,
+    "response_model_exclude_unset": True,
+    "responses": DONE,
+    "openapi_extra": {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
+}
 
 
 class AnalysisWish(BaseModel):
@@ -107,14 +113,7 @@ class AnalysisWish(BaseModel):
     study: StudyName = ""
 
 
-@router.post(
-    "/analyze",
-    status_code=202,
-    response_model=AnalysisView,
-    response_model_exclude_unset=True,
-    responses=DONE,
-    openapi_extra=RAW_BODY,
-)
+@router.post("/analyze", **ANALYZE)
 async def analyze(
     request: Request,
     services: UsedServices,
@@ -127,15 +126,13 @@ async def analyze(
     The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
     """
     check_queue(services)
-    asked = parameters.to_request(language, services.settings.paper)
+    file_name = clean_file_name(parameters.file_name)
+    asked = parameters.build_request(file_name, language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         add = partial(services.store.add, stored, asked, way_in, parameters.external_id)
-        if parameters.again:
-            job, existed = add(), False
-        else:
-            own = (stored.id, stored.sha256)
-            job, existed = find_or_add(services.store, services.storage, own, asked, way_in, add)
+        own = (stored.id, stored.sha256)
+        job, existed = _start(services, own, asked, way_in, add, again=parameters.again)
         if existed:
             services.storage.drop_recording(stored.id)
         if parameters.study:
@@ -150,15 +147,7 @@ async def analyze(
 
 
 # What ``curl -T`` sends.
-router.put(
-    "/analyze",
-    name="put_and_analyze",
-    status_code=202,
-    response_model=AnalysisView,
-    response_model_exclude_unset=True,
-    responses=DONE,
-    openapi_extra=RAW_BODY,
-)(analyze)
+router.put("/analyze", name="put_and_analyze", **ANALYZE)(analyze)
 
 
 @router.post(
@@ -175,22 +164,21 @@ def create_analyses(
     rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
     asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
-    pairs = [_start(services, row, request, flow, again=body.again) for row, request in asked]
-    for row in rows:
-        _fill_in(services, row, body.settings)
+    pairs = []
+    for row, request in asked:
+        own = (row.id, row.sha256)
+        add = partial(services.store.add_analysis, own, request, flow)
+        pairs.append(_start(services, own, request, flow, add, again=body.again))
+    for row in rows:  # write on a recording whose arm it is, where it does not say so yet
+        about, told = row.about, body.settings
+        stated = replace(about, subject=about.subject or told.subject, side=about.side or told.side)
+        if stated != about:
+            services.recordings.describe(row, stated)
     for job, _ in pairs if body.study else ():
         services.store.join_study(body.study, job.id)
     views = [_view(job, language, existed=existed) for job, existed in pairs]
     items = [view.model_dump(mode="json", exclude_unset=True) for view in views]
     return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
-
-
-def _fill_in(services: Services, row: StoredRow, settings: AnalysisSettings) -> None:
-    """Write on a recording whose arm it is, where it does not say so yet."""
-    about = row.about
-    stated = replace(about, subject=about.subject or settings.subject, side=about.side or settings.side)
-    if stated != about:
-        services.recordings.describe(row, stated)
 
 
 @router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)
@@ -221,12 +209,7 @@ def retry_analysis(
 
 
 def check_queue(services: Services, more: int = 1) -> None:
-    """Refuse more work than may wait.
-
-    Raises
-    ------
-    Busy
-    """
+    """Refuse more work than may wait. Raises Busy."""
     if services.store.count_waiting() + more > services.settings.max_queued:
         raise Busy
 
@@ -236,13 +219,9 @@ def build_request(
 ) -> ReportRequest:
     """Build the request of the settings; the recording and then the server give what they leave out.
 
-    Raises
-    ------
-    fusion.errors.UnusableDiary
+    Raises fusion.errors.UnusableDiary.
     """
-    stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
-    whole = AnalysisSettings.model_validate(stated)
-    request = whole.build_request(row.about.file_name, language, paper)
+    request = settings.complete(row.about).build_request(row.about.file_name, language, paper)
     diary = row.diary
     if settings.periods is not None:
         diary = read_periods(settings.periods)
@@ -261,11 +240,15 @@ def build_request(
 
 
 def _start(
-    services: Services, row: StoredRow, request: ReportRequest, way_in: WayIn, *, again: bool
+    services: Services,
+    own: tuple[str, str],
+    request: ReportRequest,
+    way_in: WayIn,
+    add: Callable[[], Job],
+    *,
+    again: bool,
 ) -> tuple[Job, bool]:
     """Give the analysis, and whether it was there before."""
-    own = (row.id, row.sha256)
-    add = partial(services.store.add_analysis, own, request, way_in)
     if again:
         return add(), False
     return find_or_add(services.store, services.storage, own, request, way_in, add)
@@ -313,7 +296,8 @@ async def _stream_changes(
     last, sent_s = "", time.monotonic()
     while not await request.is_disconnected():
         job = await run_in_threadpool(services.store.get, analysis_id)
-        event = _encode_event(view_analysis(job, language))
+        view = view_analysis(job, language)
+        event = f"event: analysis\ndata: {view.model_dump_json(exclude_unset=True)}\n\n"
         if event != last:
             last, sent_s = event, time.monotonic()
             yield event
@@ -323,15 +307,6 @@ async def _stream_changes(
         if job.is_over:
             return
         await anyio.sleep(LOOK_S)
-
-
-def _encode_event(view: AnalysisView) -> str:
-    return f"event: analysis\ndata: {view.model_dump_json(exclude_unset=True)}\n\n"
-
-
-EXPORT_NAMES = tuple(
-    name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap", "datapackage"))
-)
 
 
 ReportLanguage = Annotated[
@@ -350,7 +325,13 @@ def list_analyses(
     """Give the newest analyses, page by page."""
     asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
     found = services.store.find_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
-    jobs, following = cut_page(found, wanted.limit, _find_place, request, answer)
+    jobs, following = cut_page(
+        found,
+        wanted.limit,
+        lambda job: (job.created_at.isoformat(timespec="microseconds"), job.id),
+        request,
+        answer,
+    )
     return AnalysisList(items=[view_analysis(job, language) for job in jobs], next_cursor=following)
 
 
@@ -366,22 +347,21 @@ async def get_analysis(
     return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)
 
 
-@router.get("/analyses/{analysis_id}/results.json", response_class=FileResponse)
-def get_results(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Every figure, byte for byte as the command line writes it."""
-    return _serve(request, services, analysis_id, "results.json")
+def _add_file_route(name: str, about: str, route: str) -> None:
+    """Add the route of one stored file."""
+
+    def get_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
+        return serve_file(request, services, services.store.get(analysis_id), name)
+
+    path = f"/analyses/{{analysis_id}}/{name}"
+    router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
 
 
-@router.get("/analyses/{analysis_id}/elevation.parquet", response_class=FileResponse)
-def get_elevation(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """The angle over time."""
-    return _serve(request, services, analysis_id, "elevation.parquet")
-
-
-@router.get("/analyses/{analysis_id}/fhir.json", response_class=FileResponse)
-def get_fhir(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """The report with its PDF, and its figures as observations, as a FHIR R4 bundle."""
-    return _serve(request, services, analysis_id, "fhir.json")
+_add_file_route("results.json", "Every figure, byte for byte as the command line writes it.", "get_results")
+_add_file_route("elevation.parquet", "The angle over time.", "get_elevation")
+_add_file_route(
+    "fhir.json", "The report with its PDF, and its figures as observations, as a FHIR R4 bundle.", "get_fhir"
+)
 
 
 @router.get("/analyses/{analysis_id}/report.html", response_class=FileResponse)
@@ -415,13 +395,10 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
     files = {name: services.results.read(job, name) for name in names}
-    made = Made(_measure(files), load_results(files.get("results.json", b"null")))
+    sizes = {name: len(content) for name, content in files.items()}
+    made = Made(sizes, load_results(files.get("results.json", b"null")))
     body = pack_files({**files, CRATE: encode_crate([made], {})})
     return serve_bytes(request, services, job, "bundle.zip", body)
-
-
-def _measure(files: Mapping[str, bytes]) -> dict[str, int]:
-    return {name: len(content) for name, content in files.items()}
 
 
 @router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
@@ -448,27 +425,10 @@ def get_elevation_table(analysis_id: str, request: Request, services: UsedServic
     return serve_bytes(request, services, job, "elevation.csv.gz", body)
 
 
-def _serve_export(name: str) -> Callable[[str, Request, Services], Response]:
-    """Make the route of one table: the main figures, written for other programs."""
-
-    def get_export(analysis_id: str, request: Request, services: UsedServices) -> Response:
-        """The main figures as a table, or what its columns mean."""
-        return _serve(request, services, analysis_id, name)
-
-    return get_export
-
-
-for export in EXPORT_NAMES:
-    router.add_api_route(
-        f"/analyses/{{analysis_id}}/{export}",
-        _serve_export(export),
-        name=f"get_{export.replace('.', '_')}",
-        response_class=FileResponse,
-    )
-
-
-def _find_place(job: Job) -> Place:
-    return job.created_at.isoformat(timespec="microseconds"), job.id
+for export in RESULT_NAMES:
+    if export.startswith(("summary", "dictionary", "redcap", "datapackage")):
+        about = "The main figures as a table, or what its columns mean."
+        _add_file_route(export, about, f"get_{export.replace('.', '_')}")
 
 
 def _serve_report(
@@ -483,7 +443,3 @@ def _serve_report(
     made = job.request.languages
     language = find_nearest(lang, made) if lang else made[0]
     return serve_file(request, services, job, f"{stem}.{language}.{kind}")
-
-
-def _serve(request: Request, services: Services, analysis_id: str, name: str) -> Response:
-    return serve_file(request, services, services.store.get(analysis_id), name)

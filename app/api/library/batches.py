@@ -7,16 +7,15 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.library.analyses import build_request, check_queue
-from app.api.library.analysis_models import AnalysisSettings
+from app.api.library.models import AnalysisSettings
 from app.api.middleware.problems import PROBLEM_RESPONSES, validate_model
 from app.errors import CANCELLED, NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
-from app.jobs.regeneration import can_regenerate
+from app.jobs.results import can_regenerate
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
 from app.report.figures import load_results
-from app.report.words.wording import Language
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import is_result_whole
 
@@ -78,7 +77,8 @@ def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage
     items = []
     for item in body.items:
         row = services.recordings.get(item.recording_id)
-        settings = _merge(body.settings, item.settings or {})
+        merged = body.settings.model_dump(exclude_unset=True) | (item.settings or {})
+        settings = validate_model(AnalysisSettings, merged)
         items.append((row, build_request(row, settings, language, services.settings.paper)))
     batch = services.batches.add(body.name, items, again=body.again)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
@@ -94,16 +94,33 @@ def get_batch(batch_id: str, services: UsedServices) -> BatchView:
 @router.get("/{batch_id}/summary.csv", responses=CSV, response_class=Response)
 def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
     """One row for each recording, failed ones too; once nothing more will happen to any."""
-    jobs = (job for job in _find_ended(services, batch_id) if job.request.reference is None)
-    return _answer_table(encode_summary(_summarise(services, job) for job in jobs), "summary")
+    rows: list[Row] = []
+    for job in _find_ended(services, batch_id):
+        if job.request.reference is not None:
+            continue
+        origin = _build_origin(job)
+        if job.state is not JobState.SUCCEEDED:
+            rows.append(summarise_failure(origin, job.problem_code or CANCELLED))
+            continue
+        try:
+            results = load_results(services.results.read(job, RESULTS))
+            rows.append(summarise_results(add_origin(results, origin)))
+        except ResultDamaged as damaged:
+            rows.append(summarise_failure(origin, damaged.code))
+    return _answer_table(encode_summary(rows), "summary")
 
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
     """The recordings without a result, and what to do about each; those whose result is damaged, too."""
-    problems = (_describe_problem(services, job, language) for job in _find_ended(services, batch_id))
-    body = encode_table(PROBLEM_COLUMNS, [row for row in problems if row is not None])
-    return _answer_table(body, "problems")
+    rows: list[Row] = []
+    for job in _find_ended(services, batch_id):
+        if job.state is not JobState.SUCCEEDED:
+            code, facts = job.problem_code or CANCELLED, job.problem_facts
+            rows.append(tell_problem(_build_origin(job), code, facts, language))
+        elif _is_damaged(services, job):
+            rows.append(tell_problem(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language))
+    return _answer_table(encode_table(PROBLEM_COLUMNS, rows), "problems")
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)
@@ -136,10 +153,6 @@ def view_batch(batch: Batch) -> BatchView:
     )
 
 
-def _merge(common: AnalysisSettings, own: dict[str, Any]) -> AnalysisSettings:
-    return validate_model(AnalysisSettings, common.model_dump(exclude_unset=True) | own)
-
-
 def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
     """Give the analyses of a batch that is over: half a table would pass for a whole one."""
     batch = services.batches.get(batch_id)
@@ -147,24 +160,6 @@ def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
         done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
         raise NotFinished(state=f"{done}/{batch.item_count}")
     return services.batches.find_jobs(batch_id)
-
-
-def _summarise(services: Services, job: Job) -> Row:
-    if job.state is not JobState.SUCCEEDED:
-        return summarise_failure(_build_origin(job), job.problem_code or CANCELLED)
-    try:
-        results = load_results(services.results.read(job, RESULTS))
-    except ResultDamaged as damaged:
-        return summarise_failure(_build_origin(job), damaged.code)
-    return summarise_results(add_origin(results, _build_origin(job)))
-
-
-def _describe_problem(services: Services, job: Job, language: Language) -> Row | None:
-    if job.state is not JobState.SUCCEEDED:
-        return tell_problem(_build_origin(job), job.problem_code or CANCELLED, job.problem_facts, language)
-    if _is_damaged(services, job):
-        return tell_problem(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language)
-    return None
 
 
 def _is_damaged(services: Services, job: Job) -> bool:

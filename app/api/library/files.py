@@ -81,9 +81,7 @@ MEDIA_TYPES: Mapping[str, str] = {
 def serve_file(request: Request, services: Services, job: Job, name: str, download: str = "") -> Response:
     """Give the bytes of a published file, held against their row; ``download`` names them, else the one rule.
 
-    Raises
-    ------
-    NotFinished, NoSuchFile, NoSuchRange, ResultDamaged
+    Raises NotFinished, NoSuchFile, NoSuchRange or ResultDamaged.
     """
     file = services.results.find(job, name)
     headers = build_file_headers(name, file.sha256) | {
@@ -100,9 +98,7 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
 def serve_recording(request: Request, services: Services, row: StoredRow) -> Response:
     """Return the original bytes of a recording under its original name.
 
-    Raises
-    ------
-    NoSuchRange, StoreDamaged
+    Raises NoSuchRange or StoreDamaged.
     """
     headers = build_file_headers("", row.sha256) | {
         "Content-Type": "application/octet-stream",
@@ -182,18 +178,12 @@ def format_disposition(name: str, kind: Literal["attachment", "inline"] = "attac
 
 def build_download_name(services: Services, job: Job, name: str) -> str:
     """Name a download by :func:`app.report.export.naming.format_file_name`."""
-    asked = job.request
-    origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)
-    return format_file_name(origin, name)
-
-
-def _find_start(services: Services, job: Job) -> str:
-    """Give when the recording began; empty where its clock was never set, or the results are damaged."""
-    try:
+    asked, start = job.request, ""  # the clock was never set, or the results are damaged
+    with suppress(ResultDamaged):
         recording = json.loads(services.results.read(job, "results.json")).get("recording", {})
-    except ResultDamaged:
-        return ""
-    return str(recording.get("start") or "")
+        start = str(recording.get("start") or "")
+    origin = Origin(asked.subject, job.file_name, start, asked.side or "", asked.version)
+    return format_file_name(origin, name)
 
 
 def is_known(request: Request, etag: str) -> bool:

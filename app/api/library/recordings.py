@@ -1,5 +1,6 @@
 """Recordings: stored, described, looked at, divided into periods, thrown away."""
 
+from contextlib import suppress
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -8,33 +9,32 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.api.library.analysis_models import (
+from app.api.library.files import serve_recording
+from app.api.library.models import (
     PeriodList,
     PeriodView,
-    check_periods,
-    read_periods,
-    view_periods,
-    write_periods,
-)
-from app.api.library.files import serve_recording
-from app.api.library.intake import (
-    RecordingForm,
-    read_digest,
-    read_small_body,
-    receive_recording,
-    store_recording,
-)
-from app.api.library.recording_models import (
     RecordingList,
     RecordingPatch,
     RecordingQuery,
     RecordingView,
     RecordingWords,
+    check_periods,
     cut_page,
     read_cursor,
+    read_periods,
+    view_periods,
     view_recording,
+    write_periods,
 )
-from app.api.library.uploads import finish_upload, get_upload_row
+from app.api.library.uploads import (
+    RecordingForm,
+    finish_upload,
+    get_upload_row,
+    read_digest,
+    read_small_body,
+    receive_recording,
+    store_recording,
+)
 from app.api.middleware.access import check_confirmed, check_may, find_subject
 from app.api.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.errors import (
@@ -118,10 +118,7 @@ def _add(services: Services, stored: StoredRecording, about: Description) -> tup
 
 @router.get("")
 def list_recordings(
-    request: Request,
-    answer: Response,
-    services: UsedServices,
-    asked: Annotated[RecordingQuery, Query()],
+    request: Request, answer: Response, services: UsedServices, asked: Annotated[RecordingQuery, Query()]
 ) -> RecordingList:
     """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
     limit = asked.limit
@@ -253,25 +250,15 @@ def _store_periods(
 ) -> StoredRow:
     row = _match(services.recordings.get(recording_id), if_match)
     if diary:
-        check_periods(diary, _try_to_inspect(services, row))
+        found = None
+        with suppress(RecordedProblem, Crashed):  # it needs a rate or a profile before it can be read
+            found = _inspect(services, row)
+        check_periods(diary, found)
     return services.recordings.put_diary(row, diary)
 
 
-def _try_to_inspect(services: Services, row: StoredRow) -> dict[str, Any] | None:
-    """Inspect; None for a file that needs a rate or a profile before it can be read."""
-    try:
-        return _inspect(services, row)
-    except (RecordedProblem, Crashed):
-        return None
-
-
 def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
-    """Read periods from JSON.
-
-    Raises
-    ------
-    BadParameter, fusion.errors.UnusableDiary
-    """
+    """Read periods from JSON. Raises BadParameter or fusion.errors.UnusableDiary."""
     return read_periods(validate_model(PeriodList, parse_json(body)).root)
 
 
@@ -283,21 +270,14 @@ def has_trash(services: Services) -> bool:
 def check_may_erase(request: Request) -> None:
     """Check that who asks may delete for good, and gave the password a short time ago.
 
-    Raises
-    ------
-    NotPermitted, NotConfirmed
+    Raises NotPermitted or NotConfirmed.
     """
     check_may(find_subject(request), "erase")
     check_confirmed(request)
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
-    """Delete a recording for good, with every file made of it.
-
-    Raises
-    ------
-    OnHold, PurgeUnfinished
-    """
+    """Delete a recording for good, with every file made of it. Raises OnHold or PurgeUnfinished."""
     finish_purge(services, services.recordings.begin_purge(recording_id))
 
 
@@ -306,14 +286,11 @@ def finish_purge(services: Services, *begun: Purged) -> None:
 
     They are in the ledger of erasures before the first file is deleted. The rows go last, once the daily
     copies hold them no more, so that housekeeping or the next start can go on with an interrupted purge.
-
-    Raises
-    ------
-    PurgeUnfinished
+    Raises PurgeUnfinished.
     """
     if not begun:
         return
-    services.storage.ledger.add([one for purged in begun for one in (*purged.recordings, *purged.analyses)])
+    services.storage.add_erased([one for purged in begun for one in (*purged.recordings, *purged.analyses)])
     for purged in begun:
         for analysis_id in purged.analyses:
             services.storage.drop_analysis(analysis_id)

@@ -11,7 +11,6 @@ from typing import Annotated, cast
 import anyio
 from anyio.to_thread import run_sync
 from fastapi import Depends
-from starlette.datastructures import Headers
 from starlette.exceptions import WebSocketException
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
@@ -45,13 +44,15 @@ class Access:
         self._known = KnownLines()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Find the subject, then hand the request on."""
-        if scope["type"] not in ("http", "websocket") or _is_about_health(scope):
+        """Find the subject, then hand the request on; an address that holds a token is refused at once."""
+        path = str(scope.get("path", ""))
+        if scope["type"] == "lifespan" or path.removeprefix(scope.get("root_path", "")) in HEALTH:
             await self._app(scope, receive, send)
             return
         try:
-            check_address(scope)
-            subject = await run_sync(self._gate.find_subject, read_credentials(HTTPConnection(scope)))
+            if holds_token(f"{path}?{scope['query_string'].decode('latin-1')}"):
+                raise TokenInAddress
+            subject = await run_sync(self._gate.find_subject, _read_credentials(HTTPConnection(scope)))
             if subject is not None:
                 scope[SUBJECT] = subject
         except AppError as refusal:
@@ -87,43 +88,23 @@ class Access:
         lasting.cancel()
 
 
-def _is_about_health(scope: Scope) -> bool:
-    return str(scope["path"]).removeprefix(scope.get("root_path", "")) in HEALTH
-
-
 def _lasts(scope: Scope) -> bool:
     return scope["type"] == "websocket" or str(scope["path"]).endswith("/events")
 
 
-def check_address(scope: Scope) -> None:
-    """Refuse a request whose address holds a token, before anything is looked up.
-
-    Raises
-    ------
-    TokenInAddress
-    """
-    if holds_token(f"{scope['path']}?{scope['query_string'].decode('latin-1')}"):
-        raise TokenInAddress
-
-
-def read_credentials(connection: HTTPConnection) -> Credentials:
+def _read_credentials(connection: HTTPConnection) -> Credentials:
     """Read what a request brings; a secret in the address is not looked at."""
     cookie = connection.cookies.get(name_cookie(connection, SESSION_COOKIE), "")
+    scheme, _, value = connection.headers.get("authorization", "").partition(" ")
+    bearer = value.strip() if scheme.lower() == "bearer" else ""
     is_attended = "x-unattended" not in connection.headers and not _lasts(connection.scope)
-    return Credentials(_read_bearer(connection.headers), cookie, is_attended)
-
-
-def _read_bearer(headers: Headers) -> str:
-    scheme, _, value = headers.get("authorization", "").partition(" ")
-    return value.strip() if scheme.lower() == "bearer" else ""
+    return Credentials(bearer, cookie, is_attended)
 
 
 async def check_permission(connection: HTTPConnection) -> None:
     """Check that the subject may use the route that was found; a WebSocket is closed before it is accepted.
 
-    Raises
-    ------
-    NotSignedIn, NotPermitted, NotConfirmed
+    Raises NotSignedIn, NotPermitted, NotConfirmed.
     """
     method, path = connection.scope.get("method", "WS"), connection.scope["route"].path
     route = ROUTE_TABLE.get((method, path))
@@ -139,18 +120,13 @@ async def check_permission(connection: HTTPConnection) -> None:
 
 
 def check_confirmed(connection: HTTPConnection) -> None:
-    """Check that a person gave the password a short time ago.
-
-    Raises
-    ------
-    NotConfirmed
-    """
+    """Check that a person gave the password a short time ago. Raises NotConfirmed."""
     if not find_gate(connection).is_confirmed(find_subject(connection)):
         raise NotConfirmed
 
 
 def find_gate(connection: HTTPConnection) -> Gate:
-    """Give the gate of the application that answers."""
+    """Return the gate of the application that answers."""
     return cast("Gate", connection.app.state.gate)
 
 
@@ -158,12 +134,7 @@ CHECKED = [Depends(check_permission)]
 
 
 def find_subject(connection: HTTPConnection) -> Subject:
-    """Give who asks.
-
-    Raises
-    ------
-    NotSignedIn
-    """
+    """Return who asks. Raises NotSignedIn."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     if subject is None:
         raise NotSignedIn
@@ -174,17 +145,12 @@ UsedSubject = Annotated[Subject, Depends(find_subject)]
 
 
 def may(connection: HTTPConnection, permission: Permission) -> bool:
-    """Tell whether whoever asks has a permission; nobody known has none."""
+    """Return whether whoever asks has a permission; nobody known has none."""
     subject: Subject | None = connection.scope.get(SUBJECT)
     return subject is not None and subject.may(permission)
 
 
 def check_may(subject: Subject, permission: Permission) -> None:
-    """Check a permission that depends on what the request says.
-
-    Raises
-    ------
-    NotPermitted
-    """
+    """Check a permission that depends on what the request says. Raises NotPermitted."""
     if not subject.may(permission):
         raise NotPermitted(permission=permission)

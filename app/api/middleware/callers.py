@@ -1,5 +1,7 @@
 """From where a request comes, and the cookies that a browser is given."""
 
+from typing import cast
+
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
@@ -15,43 +17,41 @@ LONGEST_COOKIE = 200
 
 
 def find_settings(connection: HTTPConnection) -> Settings:
-    """Give the settings of the server."""
-    settings: Settings = connection.app.state.services.settings
-    return settings
+    """Return the settings of the server."""
+    return cast("Settings", connection.app.state.services.settings)
 
 
 def find_logins(connection: HTTPConnection) -> Logins:
-    """Give what logs people in."""
-    logins: Logins = connection.app.state.logins
-    return logins
+    """Return what logs people in."""
+    return cast("Logins", connection.app.state.logins)
 
 
 def find_address(connection: HTTPConnection) -> str:
-    """Give the address that asks: of the peer, or what the proxy of the settings says last."""
+    """Return the address that asks: of the peer, or what the proxy of the settings says last."""
     peer, proxy = connection.client.host if connection.client else "unix", find_settings(connection).proxy
     told = connection.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()
     return told if told and proxy and (peer or "unix") == proxy else peer or "unix"
 
 
 def find_caller(connection: HTTPConnection) -> Caller:
-    """Give from where somebody tries to log in."""
+    """Return from where somebody tries to log in."""
     browser = connection.cookies.get(name_cookie(connection, BROWSER_COOKIE), "")
     return Caller(find_address(connection), browser[:LONGEST_COOKIE])
 
 
 def is_secure(connection: HTTPConnection) -> bool:
-    """Tell whether the browser speaks HTTPS, with us or with the proxy before us."""
+    """Return whether the browser speaks HTTPS, with us or with the proxy before us."""
     return connection.url.scheme in ("https", "wss") or bool(find_settings(connection).proxy)
 
 
 def find_origin(connection: HTTPConnection) -> str:
-    """Give scheme and host by which the browser asks."""
+    """Return scheme and host by which the browser asks."""
     scheme = "https" if is_secure(connection) else "http"
     return f"{scheme}://{connection.headers.get('host', '')}"
 
 
 def name_cookie(connection: HTTPConnection, name: str) -> str:
-    """Give the name under which a browser keeps a cookie."""
+    """Return the name under which a browser keeps a cookie."""
     is_bound = is_secure(connection) and find_path(connection) == "/"
     return f"{_HOST_PREFIX}{name}" if is_bound else name
 
@@ -75,5 +75,5 @@ def drop_cookie(connection: HTTPConnection, response: Response, name: str) -> No
 
 
 def find_path(connection: HTTPConnection) -> str:
-    """Give the path for which the browser keeps our cookies."""
+    """Return the path for which the browser keeps our cookies."""
     return str(connection.scope.get("root_path", "")).rstrip("/") or "/"

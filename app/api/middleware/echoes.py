@@ -16,17 +16,17 @@ _TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
 
 
 def holds_token(text: str) -> bool:
-    """Tell whether a token stands in a part of an address, however it is quoted."""
+    """Return whether a token stands in a part of an address, however it is quoted."""
     return _TOKEN.search(unquote(text)) is not None
 
 
 def is_secret(name: object) -> bool:
-    """Tell whether a field of this name may hold what opens something."""
+    """Return whether a field of this name may hold what opens something."""
     return isinstance(name, str) and _SECRET.search(name.lower()) is not None
 
 
 def show_input(error: Mapping[str, Any]) -> str:
-    """Give what a refused field held, as an answer may repeat it; ``error`` is pydantic's.
+    """Return what a refused field held, as an answer may repeat it; ``error`` is pydantic's.
 
     A whole body, and what has fields of its own, may hold a secret beside what is wrong: it is not repeated.
     """
@@ -38,19 +38,19 @@ def show_input(error: Mapping[str, Any]) -> str:
 
 
 def hide_tokens(text: str) -> str:
-    """Give a text without the tokens in it."""
+    """Return a text without the tokens in it."""
     return _TOKEN.sub(HIDDEN, text)
 
 
 def drop_secrets(query: str) -> str:
-    """Give a query without the fields that may hold a secret."""
+    """Return a query without the fields that may hold a secret."""
     pairs = parse_qsl(query, keep_blank_values=True)
     kept = [pair for pair in pairs if not is_secret(pair[0]) and not any(map(holds_token, pair))]
     return query if len(kept) == len(pairs) else urlencode(kept)
 
 
 def hide_address(request: Request) -> Request:
-    """Give a request whose address holds no token; the same one where it holds none."""
+    """Return a request whose address holds no token; the same one where it holds none."""
     scope = request.scope
     path, query = str(scope["path"]), scope["query_string"].decode("latin-1")
     if not holds_token(f"{path}?{query}"):

@@ -1,7 +1,9 @@
-"""Middleware before every route: who may call, how slowly a client may send, what browsers may do."""
+"""Middleware before every route: who may call, how slowly and with which text, what browsers may do."""
 
 import asyncio
+import json
 import math
+import re
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from app.api.middleware.callers import find_origin
-from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
+from app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
 from app.storage.store import too_large
 
 # A time limit for the header of each request; uvicorn itself waits for ever.
@@ -125,10 +127,15 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check the request, then hand it on."""
-        if scope["type"] == "websocket":
-            await self._guard_socket(scope, receive, send)
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
             return
-        if scope["type"] != "http":
+        if scope["type"] == "websocket":  # browsers bind these to no origin
+            try:
+                check_caller("POST", HTTPConnection(scope), self._host_names)
+            except AppError:
+                await send({"type": "websocket.close", "code": 1008})
+                return
             await self._app(scope, receive, send)
             return
         request, sealed = Request(scope), _add_headers(send, self._headers)
@@ -141,18 +148,8 @@ class Guard:
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
         sealed = _drain_refused(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
-            await self._app({**scope, "method": "GET"}, watch.receive, _send_headers_only(sealed))
-            return
+            scope = {**scope, "method": "GET"}  # the server itself leaves the body out
         await self._app(scope, watch.receive, sealed)
-
-    async def _guard_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse a WebSocket of another site before it is accepted; browsers bind these to no origin."""
-        try:
-            check_caller("POST", HTTPConnection(scope), self._host_names)
-        except AppError:
-            await send({"type": "websocket.close", "code": 1008})
-            return
-        await self._app(scope, receive, send)
 
 
 def takes_file(scope: Scope) -> bool:
@@ -168,9 +165,7 @@ def check_caller(
 
     Our own pages ask by the same scheme, name and port; behind a proxy the scheme is the proxy's.
 
-    Raises
-    ------
-    ForeignHostName, ForeignOrigin
+    Raises ForeignHostName, ForeignOrigin.
     """
     headers = connection.headers
     host = headers.get("host", "")
@@ -229,18 +224,6 @@ def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
     return patient
 
 
-def _send_headers_only(send: Send) -> Send:
-    """Send the header of a response without its body."""
-
-    async def headed(message: Message) -> None:
-        if message["type"] == "http.response.body":
-            message = {**message, "body": b""}
-        if message["type"] != "http.response.pathsend":
-            await send(message)
-
-    return headed
-
-
 class _BodyWatch:
     """Adds up how long the server waited for the body; its own time does not count."""
 
@@ -256,12 +239,7 @@ class _BodyWatch:
         self._waited_s, self._got_bytes, self._all_bytes, self._more = 0.0, 0, 0, True
 
     async def receive(self) -> Message:
-        """Give the next message.
-
-        Raises
-        ------
-        SlowUpload, FileTooLarge
-        """
+        """Return the next message. Raises SlowUpload, FileTooLarge."""
         if not self._more:
             return await self._receive()
         began_s = time.monotonic()
@@ -275,7 +253,11 @@ class _BodyWatch:
         self._more = message.get("more_body", False)
         if self._all_bytes > self._most_bytes:
             raise too_large(self._all_bytes, int(self._most_bytes))
-        self._check_rate()
+        # judged by windows as long as the limit, so that a good start does not excuse a standstill
+        if self._waited_s >= self._body_timeout_s:
+            if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
+                raise SlowUpload
+            self._waited_s, self._got_bytes = 0.0, 0
         return message
 
     async def finish(self) -> None:
@@ -284,10 +266,72 @@ class _BodyWatch:
             while self._more and (await self.receive())["type"] == "http.request":
                 pass
 
-    def _check_rate(self) -> None:
-        """Judge by windows as long as the limit, so that a good start does not excuse a standstill."""
-        if self._waited_s < self._body_timeout_s:
+
+# Text that no database, log or response can hold: a lone surrogate, a NUL.
+
+_UNFIT = re.compile(r"[\0\ud800-\udfff]")
+_MAY_BE_UNFIT = re.compile(rb"\\u(?:0000|[dD][89a-fA-F])|\xed[\xa0-\xbf]|\0")
+"""How such text is written in JSON: as an escape, or as bytes that are not UTF-8 (Python reads them)."""
+_NUL_IN_ADDRESS = re.compile(rb"%00|\0")
+
+
+class PlainText:
+    """Refuses text which no database, log or response can hold, in every address and every body of JSON."""
+
+    def __init__(self, app: ASGIApp, respond: Respond) -> None:
+        self._app, self._respond = app, respond
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Refuse unfit text; hand everything else on as it came."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
             return
-        if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
-            raise SlowUpload
-        self._waited_s, self._got_bytes = 0.0, 0
+        try:
+            # bytes of an address that are not UTF-8 are replaced where they are read
+            if any(map(_NUL_IN_ADDRESS.search, (scope.get("raw_path") or b"", scope["query_string"]))):
+                raise BadParameter(name="URL", value="%00", allowed="UTF-8")
+            messages = await _read_json(scope, receive)
+            check_json(b"".join(message.get("body", b"") for message in messages))
+        except AppError as refusal:
+            await self._respond(Request(scope), refusal)(scope, receive, send)
+            return
+        waiting = iter(messages)
+
+        async def receive_again() -> Message:
+            return next(waiting, None) or await receive()
+
+        await self._app(scope, receive_again, send)
+
+
+def check_json(body: bytes) -> None:
+    """Refuse JSON with a lone surrogate or a NUL in any of its texts; what is no JSON is for the route.
+
+    Raises BadParameter.
+    """
+    if not _MAY_BE_UNFIT.search(body):
+        return
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):
+        return
+    waiting = [values]
+    while waiting:  # every name and every text, however deep
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += [*value, *value.values()]
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, str) and (unfit := _UNFIT.search(value)):
+            raise BadParameter(name="body", value=repr(unfit.group())[1:-1], allowed="UTF-8")
+
+
+async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
+    """Return the messages of a body that may be JSON, which the guard keeps short; none of any other."""
+    kind = dict(scope["headers"]).get(b"content-type", b"").lower()
+    is_file = takes_file(scope) and b"json" not in kind
+    if scope["method"] in SAFE_METHODS or is_file or kind.startswith(b"multipart/"):
+        return []
+    messages = [await receive()]
+    while messages[-1].get("more_body", False):
+        messages.append(await receive())
+    return messages

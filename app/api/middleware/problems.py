@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
 from app.api.middleware.echoes import hide_tokens, show_input
-from app.api.middleware.plain_text import check_json
+from app.api.middleware.guard import check_json
 from app.errors import (
     AppError,
     BadParameter,
@@ -97,18 +97,14 @@ def _format_hint(schema: Schema, document: Schema) -> str:
         return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
     if schema.get("properties"):
         return ", ".join(schema["properties"])
-    if schema.get("type") in ("number", "integer"):
-        return _format_range(schema) or _SIGNS[schema["type"]]
+    low, high = schema.get("minimum"), schema.get("maximum")
+    if schema.get("type") in ("number", "integer") and low is not None:
+        return f"{low:g} … {high:g}" if high is not None else f"≥ {low:g}"
+    if schema.get("type") in ("number", "integer") and high is not None:
+        return f"≤ {high:g}"
     if schema.get("type") == "array" and "items" in schema:
         return f"[{_format_hint(_resolve(schema['items'], document), document)}]"
     return _SIGNS.get(schema.get("type", ""), "")
-
-
-def _format_range(schema: Schema) -> str:
-    low, high = schema.get("minimum"), schema.get("maximum")
-    if low is not None and high is not None:
-        return f"{low:g} … {high:g}"
-    return f"≥ {low:g}" if low is not None else f"≤ {high:g}" if high is not None else ""
 
 
 TUS_HEADERS: Mapping[str, str] = {"Tus-Resumable": "1.0.0", "Tus-Version": "1.0.0"}
@@ -157,18 +153,9 @@ def view_problem(code: str, facts: Mapping[str, Fact], language: Language, insta
 
 def view_flag(code: str, language: Language, instance: str) -> ProblemView:
     """Put a warning into words. It refuses nothing: its status is 200, and there is nothing to mend."""
-    caveat = describe_flag(QualityFlag(code), language)
-    return ProblemView(
-        type=f"/api/v1/problems/{code}",
-        title=caveat.title,
-        status=200,
-        detail=caveat.detail,
-        code=code,
-        fix="",
-        where=None,
-        retryable=False,
-        instance=instance,
-    )
+    caveat, place = describe_flag(QualityFlag(code), language), f"/api/v1/problems/{code}"
+    about = {"title": caveat.title, "detail": caveat.detail, "code": code, "fix": ""}
+    return ProblemView(type=place, status=200, where=None, retryable=False, instance=instance, **about)
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -214,12 +201,7 @@ def translate_error(request: Request, error: Exception) -> Refusal:
 
 
 def validate_model(model: type[Model], values: object) -> Model:
-    """Check values against a model outside of a route's signature.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Check values against a model outside of a route's signature. Raises BadParameter."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -227,12 +209,7 @@ def validate_model(model: type[Model], values: object) -> Model:
 
 
 def parse_json(body: bytes) -> Any:
-    """Read a JSON body.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Read a JSON body. Raises BadParameter."""
     check_json(body)
     try:
         return json.loads(body)

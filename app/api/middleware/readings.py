@@ -7,31 +7,41 @@ analyses whose files were read.
 - A **download** is ``file.exported``, or any other answer that leaves the server as an attachment. Each is a
   line; a piece of one (a range that does not begin the file, an answer without its bytes) is folded.
 - All else is a **reading**: its pieces (curves, rows, events) are one line for 15 minutes.
-- A **refusal** is a line for each id that was asked for, once in 15 minutes; how many lines an asker may
-  leave says :mod:`app.api.middleware.refused_lines`.
+- A **refusal** is a line for each id that was asked for, once in 15 minutes. One asker leaves only so many
+  lines: guesses stay visible, the audit log bounded.
 """
 
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from threading import Lock
+from typing import Literal
 
 from anyio.to_thread import run_sync
+from sqlalchemy import Engine
 from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.types import Message, Scope, Send
 
+from app.access.logins import find_network
 from app.access.routes import ROUTE_TABLE, Route
 from app.access.subjects import Subject
-from app.access.throttle import find_network
 from app.api.middleware.callers import find_address
-from app.api.middleware.refused_lines import MOST_LINES, MOST_OF_STRANGERS, WINDOW_S, RefusedLines
 from app.jobs.audit_log import NOBODY, Act, begin_touching, record_alone, record_readings, record_refusal
 from app.services import SUBJECT, find_services
 
 ONE_READING_S = 15 * 60.0
 MOST_KNOWN = 10_000
+WINDOW_S = 15 * 60.0
+MOST_LINES, MOST_OF_STRANGERS = 50, 300
+"""In a window: of one subject or address, and of all who are not logged in together."""
+MOST_COUNTED = 10_000
+"""So many askers are counted at once; whoever asked longest ago is forgotten first."""
+STRANGERS = ""
+
+Share = Literal["line", "more", "none"]
+"""What a refusal leaves: its line, the one line that says that more were refused, or nothing."""
 REFUSALS = (401, 403, 404)
 NOT_MODIFIED, PART_OF_FILE = 304, 206
 EXPORTS = frozenset({"file.exported", "trail.exported"})
@@ -52,7 +62,7 @@ class KnownReadings:
     _turn: Lock = field(default_factory=Lock)
 
     def is_new(self, key: tuple[str, ...]) -> bool:
-        """Tell whether a reading begins, without counting it."""
+        """Return whether a reading begins, without counting it."""
         with self._turn:
             return time.monotonic() - self._at_s.get(key, -ONE_READING_S) >= ONE_READING_S
 
@@ -63,6 +73,36 @@ class KnownReadings:
             if len(self._at_s) >= MOST_KNOWN:
                 del self._at_s[next(iter(self._at_s))]
             self._at_s[key] = time.monotonic()
+
+
+@dataclass(slots=True)
+class RefusedLines:
+    """Counts the lines of each asker in a fixed window; each server process counts for itself."""
+
+    clock: Callable[[], float] = time.monotonic
+    _counts: dict[str, tuple[float, int]] = field(default_factory=dict)
+    _turn: Lock = field(default_factory=Lock)
+
+    def take(self, asker: str, *, is_stranger: bool) -> Share:
+        """Count a refusal of a subject, or of an address that is nobody's."""
+        with self._turn:
+            share = self._count(asker, MOST_LINES)
+            if share == "none" or not is_stranger:
+                return share
+            of_all = self._count(STRANGERS, MOST_OF_STRANGERS)
+            return share if of_all == "line" else of_all
+
+    def _count(self, asker: str, most: int) -> Share:
+        now_s = self.clock()
+        began_s, number = self._counts.pop(asker, (now_s, 0))
+        if now_s - began_s >= WINDOW_S:
+            began_s, number = now_s, 0
+        elif not number and len(self._counts) >= MOST_COUNTED:
+            del self._counts[next(iter(self._counts))]
+        self._counts[asker] = (began_s, number + 1)
+        if number < most:
+            return "line"
+        return "more" if number == most else "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,20 +170,20 @@ class Recorder:
         who = self._find_who()
         key = (who, act, *map(str, other.values()), *(one for pair in read for one in pair))
         if (is_whole and act in EXPORTS) or self._known.readings.is_new(key):
-            engine = find_services(HTTPConnection(self._scope)).store.engine
-            await run_sync(record_readings, engine, act, read, other)
+            await run_sync(record_readings, self._find_engine(), act, read, other)
             self._known.readings.begin(key)
 
     async def _write_refusal(self, told: Mapping[str, str | int]) -> None:
-        who = self._find_who()
-        engine = find_services(HTTPConnection(self._scope)).store.engine
+        who, connection = self._find_who(), HTTPConnection(self._scope)
         is_stranger = who == NOBODY
-        asker = find_network(find_address(HTTPConnection(self._scope))) if is_stranger else who
-        for one in self._find_asked():
+        asker = find_network(find_address(connection)) if is_stranger else who
+        # the ids of the address, whether or not they are anybody's; "" if it has none
+        address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
+        for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]:
             key = (who, "refused", *map(str, told.values()), one)
             if not self._known.readings.is_new(key):
                 continue
-            share = self._known.refused.take(asker, is_stranger=is_stranger)
+            share, engine = self._known.refused.take(asker, is_stranger=is_stranger), self._find_engine()
             if share == "line":
                 await run_sync(record_refusal, engine, one, told)
                 self._known.readings.begin(key)
@@ -151,10 +191,8 @@ class Recorder:
                 most = {"most": MOST_LINES, "most_of_strangers": MOST_OF_STRANGERS}
                 await run_sync(record_alone, engine, "refused.more", most | {"minutes": int(WINDOW_S / 60)})
 
-    def _find_asked(self) -> Sequence[str]:
-        """Return the ids of the address, whether or not they are anybody's; "" if it has none."""
-        address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
-        return list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]
+    def _find_engine(self) -> Engine:
+        return find_services(HTTPConnection(self._scope)).store.engine
 
     def _find_who(self) -> str:
         subject: Subject | None = self._scope.get(SUBJECT)
@@ -162,14 +200,14 @@ class Recorder:
 
 
 def _is_whole(status: int, headers: Headers, method: str) -> bool:
-    """Tell whether a file begins to leave: not the later ranges of one that is fetched in pieces."""
+    """Return whether a file begins to leave: not the later ranges of one that is fetched in pieces."""
     if method == "HEAD" or status == NOT_MODIFIED:
         return False
     return status != PART_OF_FILE or headers.get("content-range", "").startswith("bytes 0-")
 
 
 def _find_status(message: Message, *, is_open: bool) -> int | None:
-    """Give the status of a message that begins a response; that of a socket that was not accepted."""
+    """Return the status of a message that begins a response; that of a socket that was not accepted."""
     if message["type"] in ("http.response.start", "websocket.http.response.start"):
         return int(message["status"])
     return 403 if message["type"] == "websocket.close" and not is_open else None

@@ -1,26 +1,25 @@
-"""Pages of the recordings and of one analysis, built from the job rows."""
+"""Pages of the recordings and of one analysis: its state or answer, versions, changes and damage."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from app.api.middleware.access import find_subject, may
 from app.api.middleware.callers import find_origin
 from app.api.middleware.problems import Refusal
-from app.api.names import find_names, find_person_name
+from app.api.trust import find_names, find_person_name
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Entry
-from app.jobs.recordings import StoredRow
-from app.jobs.regeneration import can_regenerate
-from app.jobs.regeneration import retry as retry_job
+from app.jobs.results import can_regenerate
+from app.jobs.results import retry as retry_job
 from app.jobs.store import JobFilter
 from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
@@ -28,30 +27,38 @@ from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
 from app.request import ReportRequest
-from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
+from app.services import Services, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
-from app.web.library_views import build_entry, build_library, find_neighbours, find_took, read_filter
+from app.web.pairs import Offer as PairOffer
 from app.web.pairs import find_offers
 from app.web.profile import find_days_address
+from app.web.recording.columns import Offer as ColumnOffer
 from app.web.recording.columns import find_offer
-from app.web.recording.conclusion import build_conclusion
-from app.web.recording.day import find_day
-from app.web.recording.day_views import DayClock, build_day, build_hours, list_axes
-from app.web.recording.page_one import read_page_one
-from app.web.rendering import find_base, render_page
-from app.web.trust import build_release
+from app.web.recording.conclusion import ConclusionCard, build_conclusion
+from app.web.recording.day import DayClock, DayView, build_day, build_hours, find_day, list_axes
+from app.web.recording.page_one import PageOne, read_page_one
+from app.web.rendering import Page, UsedPage
+from app.web.trust import ReleaseCard, build_release
 from app.web.views import (
+    Answer,
     Fact,
+    JobRow,
+    OldVersion,
+    ShownEntry,
     build_answer,
+    build_entry,
     build_figures,
+    build_library,
     build_row,
     build_settings,
     describe_old,
+    find_neighbours,
+    find_took,
     format_size,
     format_time,
     format_times,
     format_windows,
-    now_utc,
+    read_filter,
 )
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
@@ -99,48 +106,42 @@ class History:
         is_later = newest is not None and newest.created_at > shown.created_at
         return newest if newest is not None and is_later and newest.state is JobState.FAILED else None
 
-    def find_report(self) -> Job | None:
-        """Find the newest report."""
-        return self.reports[0] if self.reports else None
-
 
 def build_versions(
-    history: History, shown: Job, names: Mapping[str, str], clock: DayClock | None, language: Language
+    page: Page, history: History, shown: Job, clock: DayClock | None
 ) -> tuple[VersionRow, ...]:
     """Build the rows of the versions, the newest first; none where only ``shown`` exists.
 
-    A version that was computed more than once is there once: the one that is shown, or else the newest.
+    A version that was computed more than once is there once: the one that is shown, or else the newest. What
+    differs from the version before stands with the times that a person gave.
     """
-    name = load_wording(language, "page")["row"]["version"]
-    first = (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports
+    language, number = page.language, page.words()["row"]["version"]
+    changed = page.words("report")["changed"]
+    names = find_names(page.request, (job.asked_by for job in history.jobs), language)
     found: dict[int, Job] = {}
-    for job in first:
+    for job in (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports:
         found.setdefault(job.request.version, job)
-    rows = tuple(
-        VersionRow(
-            job.id,
-            fill(name, {"n": str(job.request.version)}),
-            format_time(job.created_at),
-            format_changes(job, clock, language),
-            job.request.reason,
-            job.id == shown.id,
-            names.get(job.asked_by, ""),
+    rows = []
+    for version, job in sorted(found.items(), reverse=True):
+        request = job.request
+        times = {
+            "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
+            "slip_times_s": format_times(request.slip_times_s, clock, language),
+            "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
+        }
+        told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
+        rows.append(
+            VersionRow(
+                job.id,
+                fill(number, {"n": str(version)}),
+                format_time(job.created_at),
+                ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                request.reason,
+                job.id == shown.id,
+                names.get(job.asked_by, ""),
+            )
         )
-        for _, job in sorted(found.items(), reverse=True)
-    )
-    return () if all(row.is_this for row in rows) else rows
-
-
-def format_changes(job: Job, clock: DayClock | None, language: Language) -> str:
-    """Write what differs from the version before, with the times that a person gave."""
-    names, request = load_wording(language)["changed"], job.request
-    times = {
-        "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
-        "slip_times_s": format_times(request.slip_times_s, clock, language),
-        "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
-    }
-    told = ((str(names.get(name, name)), times.get(name, "")) for name in request.changes)
-    return ", ".join(f"{name} ({time})" if time else name for name, time in told)
+    return () if all(row.is_this for row in rows) else tuple(rows)
 
 
 # Damaged or missing files: the problem, and what a person can do about it.
@@ -161,24 +162,24 @@ class Damage:
     source: Problem | None
 
 
-def build_damage(services: Services, facts: Mapping[str, ProblemFact], language: Language) -> Damage | None:
+def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
     """Show the facts of a ResultDamaged; None where the analysis is gone by now."""
+    store, code = page.services.store, ResultDamaged.code
     try:
-        job = services.store.get(str(facts.get("analysis", "")))
+        job = store.get(str(facts.get("analysis", "")))
     except NotHere:
         return None
-    code = ResultDamaged.code
-    words = describe_problem(code, {"name": facts["name"]}, language)
-    is_source_whole = job.replaced_by is not None or can_regenerate(services.store, services.storage, job)
-    source = None if is_source_whole else describe_problem(StoreDamaged.code, {}, language)
+    words = describe_problem(code, {"name": facts["name"]}, page.language)
+    is_source_whole = job.replaced_by is not None or can_regenerate(store, page.services.storage, job)
+    source = None if is_source_whole else describe_problem(StoreDamaged.code, {}, page.language)
     return Damage(job.id, job.file_name, words, code, job.replaced_by or "", source)
 
 
-def describe_source(services: Services, job: Job, language: Language) -> Problem | None:
+def describe_source(page: Page, job: Job) -> Problem | None:
     """Say that the recording of an analysis is damaged or missing; None where it seems whole."""
-    if seems_whole(services.storage, StoredRecording(job.recording_id, job.sha256, job.size_bytes)):
-        return None
-    return describe_problem(StoreDamaged.code, {}, language)
+    stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
+    is_whole = seems_whole(page.services.storage, stored)
+    return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
 
 
 # The answer of a finished analysis, and what a correction has changed.
@@ -200,37 +201,52 @@ class Changes:
     settings: tuple[Row, ...]
 
 
-def read_answer(services: Services, job: Job, asked: ReportRequest, language: Language) -> dict[str, Any]:
-    """Give answer, hours and day of a finished analysis, or none; the form shows ``asked``.
+@dataclass(frozen=True, slots=True)
+class AnswerView:
+    """Answer, hours and day of a finished analysis, and where it leads; or the damage of one of its files.
 
-    Where a file is damaged, what is read before it is shown, and the damage is named.
+    ``days``: the address of all days of the person.
     """
-    shown: dict[str, Any] = dict.fromkeys(("answer", "day", "page_one", "damage"))
-    shown |= {"hours": [], "offers": (), "days": ""}
+
+    answer: Answer | None = None
+    hours: Sequence[tuple[str, ...]] = ()
+    offers: Sequence[PairOffer] = ()
+    days: str = ""
+    day: DayView | None = None
+    page_one: PageOne | None = None
+    damage: Damage | None = None
+
+
+def read_answer(page: Page, job: Job, asked: ReportRequest) -> AnswerView:
+    """Read the answer of a finished analysis, or nothing of any other; the form shows ``asked``.
+
+    If a file is damaged, what is read before it is shown, and the damage is named.
+    """
+    services, language, shown = page.services, page.language, AnswerView()
     try:
         results = find_results(services, job)
         if results is None:
             return shown
         name = f"answer.{find_nearest(language, job.request.languages)}.txt"
-        shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
-        shown["hours"] = build_hours(results, language)
-        start = results.get("recording", {}).get("start") or ""
-        shown["offers"] = find_offers(services, job, start, language)
-        shown["days"] = find_days_address(services, job)
+        shown = replace(
+            shown,
+            answer=build_answer(results, services.results.read(job, name).decode(), language),
+            hours=build_hours(results, language),
+            offers=find_offers(page, job, results.get("recording", {}).get("start") or ""),
+            days=find_days_address(services, job),
+        )
         day = None
         with suppress(NoSuchFile):
             day = find_day(services, job)
-        shown["day"] = build_day(day, asked, language) if day else None
-        shown["page_one"] = read_page_one(services, job, day, language)
+            shown = replace(shown, day=build_day(day, asked, language))
+        return replace(shown, page_one=read_page_one(services, job, day, language))
     except ResultDamaged as damaged:
-        shown["damage"] = build_damage(services, damaged.facts, language)
-    return shown
+        return replace(shown, damage=build_damage(page, damaged.facts))
 
 
-def build_changes(
-    services: Services, history: History, job: Job, before_id: str, language: Language
-) -> Changes | None:
+def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
     """Compare an analysis with the one that it corrects, or else with the version before it."""
+    services, language = page.services, page.language
     earlier = (other for other in history.reports if other.request.version < job.request.version)
     version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
     before = next((other for other in history.jobs if other.id == before_id), version_before)
@@ -252,7 +268,7 @@ def build_changes(
 
 
 def find_clock(services: Services, history: History) -> DayClock | None:
-    """Give the clock of the recording by its newest report that can be read."""
+    """Return the clock of the recording by its newest report that can be read."""
     for report in history.reports:
         with suppress(ResultDamaged):
             results = find_results(services, report)
@@ -301,135 +317,152 @@ class Seen(BaseModel):
     attempt: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class AnalysisView:
+    """One analysis: ``row`` is its state, ``job_request`` what the form of corrections shows.
+
+    ``reason`` and ``attempt_id`` are those of a failed attempt whose settings are shown; ``failed`` is one
+    that came later, ``report`` the current report where this is not it.
+    """
+
+    row: JobRow
+    entry: ShownEntry
+    settings: Sequence[Fact]
+    job_request: ReportRequest
+    reason: str
+    attempt_id: str
+    why_unusable: Mapping[str, str]
+    axes: Sequence[tuple[str, str]]
+    is_of_sensors: bool
+    offer: ColumnOffer | None
+    changes: Changes | None
+    conclusion: ConclusionCard | None
+    release: ReleaseCard
+    versions: Sequence[VersionRow]
+    recording_id: str
+    source: Problem | None
+    failed: JobRow | None
+    report: Job | None
+    old: OldVersion | None
+
+
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 
 @router.get("/")
-def home(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def home(page: UsedPage) -> Response:
     """Show the place to drop files, and the recordings."""
-    limit_bytes = services.settings.max_upload_bytes
-    values = build_library(services, request, read_filter(request), language)
-    values |= {"max_bytes": limit_bytes, "max_size": format_size(limit_bytes, language)}
-    values |= {
-        "devices": load_device_names(language),
-        "has_columns": bool(services.mappings.find_all()),
-        "has_batches": bool(services.batches.find_newest(1)),
-        "address": find_origin(request) + find_base(request),
-        "quarantined": str(len(services.quarantine.names) or ""),
-    }
-    return render_page(request, "home.html", language, values)
+    services, limit_bytes = page.services, page.services.settings.max_upload_bytes
+    return page.render(
+        "home.html",
+        build_library(page, read_filter(page.request)),
+        max_bytes=limit_bytes,
+        max_size=format_size(limit_bytes, page.language),
+        devices=load_device_names(page.language),
+        has_columns=bool(services.mappings.find_all()),
+        has_batches=bool(services.batches.find_newest(1)),
+        address=find_origin(page.request) + page.base,
+        quarantined=str(len(services.quarantine.names) or ""),
+    )
 
 
 @router.get("/rows")
-def rows(request: Request, services: UsedServices, language: UsedLanguage, only: str = "") -> Response:
-    """Give the list alone, for a page that is open already; ``only`` one analysis if named."""
-    if only:
-        entry = Entry(services.store.get(only), None)
-        entries = [build_entry(entry, language, find_took(services, [entry]))]
-        values = {"entries": entries, "is_empty": False, "count": "", "query": ""}
-    else:
-        values = build_library(services, request, read_filter(request), language)
-    return render_page(request, "rows.html", language, values)
+def rows(page: UsedPage, only: str = "") -> Response:
+    """Return the list alone, for a page that is open already; ``only`` one analysis if named."""
+    if not only:
+        return page.render("rows.html", build_library(page, read_filter(page.request)))
+    entry = Entry(page.services.store.get(only), None)
+    entries = [build_entry(entry, page.language, find_took(page.services, [entry]))]
+    return page.render("rows.html", entries=entries, is_empty=False, count="", query="")
 
 
 @router.get("/analyses/{analysis_id}")
-def analysis(
-    analysis_id: str,
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    seen: Annotated[Seen, Query()],
-) -> Response:
+def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -> Response:
     """Show one analysis: its state or its answer, files, day, versions; or the way out of the trash."""
-    trashed = services.store.find_trashed(analysis_id)
+    services, language, store = page.services, page.language, page.services.store
+    trashed = store.find_trashed(analysis_id)
     if trashed is not None:
-        return _show_trashed(services.recordings.get(trashed, trashed=True), request, language)
-    job = services.store.get(analysis_id)
+        return _show_trashed(page, trashed)
+    job = store.get(analysis_id)
     if job.request.reference is not None:
-        return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
+        return page.go(f"/validations/{job.id}")
     if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and analysed again
-        return RedirectResponse(f"{find_base(request)}/analyses/{job.replaced_by}", status_code=303)
+        return page.go(f"/analyses/{job.replaced_by}")
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
-    clock = find_clock(services, history)
     asked = attempt.request if attempt else job.request
-    report, failed = history.find_report(), history.find_failed(job)
-    took = find_took(services, [Entry(job, None)])
-    subject = find_subject(request)
-    own_name = find_person_name(request, subject.id)
-    names = find_names(request, (other.asked_by for other in history.jobs), language)
+    clock, failed = find_clock(services, history), history.find_failed(job)
+    report = next(iter(history.reports), None)
     is_current = report is not None and report.id == job.id
-    values = {
-        "row": build_row(job, language, now_utc(), took),
-        "settings": build_settings(job, clock, language),
-        "job_request": asked,
-        "reason": asked.reason if attempt else "",
-        "attempt_id": attempt.id if attempt else "",
-        "entry": build_entry(Entry(job, None), language, took),
-        "d": load_wording(language, "day"),
-        "why_unusable": {why: load_wording(language)["fact"]["why"][why] for why in WINDOW_FAULTS},
-        "b": load_wording(language, "pair_pages"),
-        "days_link": load_wording(language, "days")["page"]["link"],
-        "c": load_wording(language, "columns"),
-        "axes": list_axes(),
-        "is_of_sensors": job.problem_code == SeveralSensors.code,
-        "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
-        "changes": build_changes(services, history, job, seen.before, language),
-        "conclusion": build_conclusion(services, job, language, own_name, is_current=is_current),
-        "release": build_release(request, services, subject, job.id, language),
-        "versions": build_versions(history, job, names, clock, language),
-        "tr": load_wording(language, "trail"),
-        "recording_id": job.recording_id,
-        "source": describe_source(services, job, language),
-        "failed": build_row(failed, language, now_utc()) if failed else None,
-        "report": None if is_current else report,
-        "old": describe_old(job, history.reports, language, find_base(request)),
-        **find_neighbours(services, request, job),
-        **read_answer(services, job, asked, language),
-    }
-    return render_page(request, "analysis.html", language, values)
+    entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
+    subject = find_subject(page.request)
+    own_name = find_person_name(page.request, subject.id)
+    view = AnalysisView(
+        row=entry.row,
+        entry=entry,
+        settings=build_settings(job, clock, language),
+        job_request=asked,
+        reason=asked.reason if attempt else "",
+        attempt_id=attempt.id if attempt else "",
+        why_unusable={why: page.words("report")["fact"]["why"][why] for why in WINDOW_FAULTS},
+        axes=list_axes(),
+        is_of_sensors=job.problem_code == SeveralSensors.code,
+        offer=find_offer(page, job, str(job.problem_facts.get("header", ""))),
+        changes=build_changes(page, history, job, seen.before),
+        conclusion=build_conclusion(page, job, own_name, is_current=is_current),
+        release=build_release(page, subject, job.id),
+        versions=build_versions(page, history, job, clock),
+        recording_id=job.recording_id,
+        source=describe_source(page, job),
+        failed=build_row(failed, language) if failed else None,
+        report=None if is_current else report,
+        old=describe_old(job, history.reports, page),
+    )
+    return page.render("analysis.html", view, find_neighbours(page, job), read_answer(page, job, asked))
 
 
-def _show_trashed(row: StoredRow, request: Request, language: Language) -> HTMLResponse:
-    values = {"recording": row, "t": load_wording(language, "page")["trash"]}
-    return render_page(request, "in_trash.html", language, values, NotHere.outcome.status)
+def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:
+    recording = page.services.recordings.get(recording_id, trashed=True)
+    return page.render("in_trash.html", status=NotHere.outcome.status, recording=recording)
 
 
 @router.post("/analyses/{analysis_id}/cancel")
-def cancel(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def cancel(analysis_id: str, page: UsedPage) -> Response:
     """Stop an analysis (a plain form, so that it needs no script)."""
-    services.store.cancel(analysis_id)
-    return RedirectResponse(f"{find_base(request)}/", status_code=303)
+    page.services.store.cancel(analysis_id)
+    return page.go("/")
 
 
 @router.post("/analyses/{analysis_id}/retry")
-def retry(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def retry(analysis_id: str, page: UsedPage) -> Response:
     """Start the same analysis once more."""
-    again = retry_job(services.store, services.storage, analysis_id, "web")
+    store = page.services.store
+    again = retry_job(store, page.services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
-        again = services.store.add_correction(again, again.request)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
+        again = store.add_correction(again, again.request)
+    return page.go(f"/analyses/{again.id}")
 
 
 @router.post("/analyses/{analysis_id}/withdraw")
-def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def withdraw(analysis_id: str, page: UsedPage) -> Response:
     """Keep the report as it is: the later attempt that failed no longer counts."""
-    report = services.store.withdraw(analysis_id)
-    return RedirectResponse(f"{find_base(request)}/analyses/{report.id}", status_code=303)
+    return page.go(f"/analyses/{page.services.store.withdraw(analysis_id).id}")
 
 
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
-    language = choose_language(request)
+    page = Page(request, find_services(request), choose_language(request))
     may_read = may(request, "read")
     if may_read and error.code == NotHere.code:  # what an address names may be in the trash
-        services = find_services(request)
         for analysis_id in re.findall(r"\ban_[0-9a-f]{16}\b", str(request.url)):
-            recording_id = services.store.find_trashed(analysis_id)
+            recording_id = page.services.store.find_trashed(analysis_id)
             if recording_id is not None:
-                return _show_trashed(services.recordings.get(recording_id, trashed=True), request, language)
-    values: dict[str, Any] = {"problem": describe_problem(error.code, error.facts, language)}
-    values |= {"code": error.code, "damage": None}
-    if may_read and error.code == ResultDamaged.code:
-        values["damage"] = build_damage(find_services(request), error.facts, language)
-    return render_page(request, "error.html", language, values, find_outcome_of_code(error.code).status)
+                return _show_trashed(page, recording_id)
+    is_damaged = may_read and error.code == ResultDamaged.code
+    return page.render(
+        "error.html",
+        status=find_outcome_of_code(error.code).status,
+        problem=describe_problem(error.code, error.facts, page.language),
+        code=error.code,
+        damage=build_damage(page, error.facts) if is_damaged else None,
+    )

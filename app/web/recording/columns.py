@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import RedirectResponse
+from fastapi import APIRouter, Response
 
 from app.api.library.analyses import check_queue
 from app.errors import BadParameter
@@ -15,13 +14,12 @@ from app.jobs.job import Job, JobState
 from app.jobs.library.mappings import UNNAMED
 from app.report.words.columns import format_columns
 from app.report.words.subject import clean_text, cut_text
-from app.report.words.wording import Language, load_wording
 from app.request import write_profile
-from app.services import Services, UsedLanguage, UsedServices
+from app.services import Services
 from app.storage.store import borrow_recording
 from app.web.forms import Form, UsedForm, first
-from app.web.rendering import find_base, render_page
-from app.web.views import build_problem, format_moment
+from app.web.rendering import Page, UsedPage
+from app.web.views import ProblemBox, build_problem, format_moment
 
 AXES = ("x", "y", "z")
 VECTORS = ("acceleration", "angular_rate")
@@ -61,65 +59,78 @@ class Offer:
     is_unnamed: bool
 
 
+@dataclass(frozen=True, slots=True)
+class ColumnsView:
+    """The form of the columns: what was ``found`` in the first rows, or named before, and the choices."""
+
+    job: Job
+    problem: ProblemBox | None
+    found: Mapping[str, Any]
+    rate: str | float
+    offer: Offer | None
+    waiting: int
+    is_unnamed: bool
+    choices: Sequence[Choice]
+    time: int
+    units: Mapping[str, Sequence[str]]
+    orders: Sequence[str] = DATE_ORDERS
+
+
 @router.get("/analyses/{analysis_id}/columns")
-def ask_columns(
-    analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
-) -> Response:
+def ask_columns(analysis_id: str, page: UsedPage) -> Response:
     """Ask which column is what, with the first rows and a proposal by their names."""
+    services = page.services
     job = services.store.get(analysis_id)
     with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
         found = services.inspector.propose_columns(log, job.request)
-    header = found["header"]
-    named = (
-        {"sensor": ""} | {"rate_hz": "", "date_order": ""} | found | json.loads(job.request.profile or "{}")
-    )
-    time = named["time"] if not job.request.profile else json.loads(job.request.profile).get("time")
-    values = {
-        "job": job,
-        "problem": build_problem(job, language),
-        "found": named,
-        "rate": named["rate_hz"],
-        "offer": find_offer(services, job, header, language),
-        "waiting": count_others(services, job, header),
-        "is_unnamed": header.startswith(UNNAMED),
-        "choices": [
-            Choice(f"{vector}_{axis}", vector, axis, _find_column(place, found["columns"]))
+    header, columns = found["header"], found["columns"]
+    profile = json.loads(job.request.profile or "{}")
+    named = {"sensor": "", "rate_hz": "", "date_order": ""} | found | profile
+    time = profile.get("time") if job.request.profile else named["time"]
+    view = ColumnsView(
+        job,
+        build_problem(job, page.language),
+        named,
+        named["rate_hz"],
+        find_offer(page, job, header),
+        _count_others(services, job, header),
+        header.startswith(UNNAMED),
+        [
+            Choice(f"{vector}_{axis}", vector, axis, _find_column(place, columns))
             for vector in VECTORS
             for axis, place in zip(AXES, named[vector] or (None, None, None), strict=True)
         ],
-        "time": _find_column(time, found["columns"]),
-        "units": UNITS,
-        "orders": DATE_ORDERS,
-        "c": load_wording(language, "columns"),
-    }
-    return render_page(request, "columns.html", language, values)
+        _find_column(time, columns),
+        UNITS,
+    )
+    return page.render("columns.html", view)
 
 
 @router.post("/analyses/{analysis_id}/columns")
-def take_columns(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
+def take_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     """Keep the chosen columns for the header, and analyse the recording by them; others too, where asked."""
+    services = page.services
     job = services.store.get(analysis_id)
     profile, header = write_profile(read_profile(form)), _read_header(form)
     is_confirmed = bool(first(form, "everywhere"))
     waiting_for = header if is_confirmed else ""
     check_queue(services, 1 + (services.mappings.count_waiting(header) if waiting_for else 0))
     if header:
-        services.mappings.put(
-            header, name_columns(form.get("column", [])), profile, is_confirmed=is_confirmed
-        )
+        names = name_columns(form.get("column", []))
+        services.mappings.put(header, names, profile, is_confirmed=is_confirmed)
     again = services.mappings.analyse(job, profile, waiting_for)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
+    return page.go(f"/analyses/{again.id}")
 
 
 @router.post("/analyses/{analysis_id}/columns/use")
-def use_columns(analysis_id: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
+def use_columns(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     """Use the columns named before, for this file, for all that wait, and from now on."""
-    header = _read_header(form)
+    header, services = _read_header(form), page.services
     job, mapping = services.store.get(analysis_id), services.mappings.get(header)
     check_queue(services, 1 + services.mappings.count_waiting(header))
     services.mappings.change(header, is_confirmed=1)
     again = services.mappings.analyse(job, mapping.profile, header)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
+    return page.go(f"/analyses/{again.id}")
 
 
 def name_columns(columns: Sequence[str]) -> str:
@@ -128,21 +139,21 @@ def name_columns(columns: Sequence[str]) -> str:
     return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
 
 
-def find_offer(services: Services, job: Job, header: str, language: Language) -> Offer | None:
-    """Give the columns that were named for a header, unless the analysis has used them already."""
-    mapping = services.mappings.find(header) if header else None
+def find_offer(page: Page, job: Job, header: str) -> Offer | None:
+    """Return the columns that were named for a header, unless the analysis has used them already."""
+    mapping = page.services.mappings.find(header) if header else None
     if mapping is None or mapping.profile == job.request.profile:
         return None
     return Offer(
         header,
-        format_columns(mapping.profile, language),
+        format_columns(mapping.profile, page.language),
         format_moment(mapping.created_at),
-        count_others(services, job, header),
+        _count_others(page.services, job, header),
         header.startswith(UNNAMED),
     )
 
 
-def count_others(services: Services, job: Job, header: str) -> int:
+def _count_others(services: Services, job: Job, header: str) -> int:
     """Count the other recordings with a header that wait for their columns."""
     return max(0, services.mappings.count_waiting(header) - (job.state is JobState.FAILED)) if header else 0
 
@@ -155,7 +166,7 @@ def _read_header(form: Form) -> str:
 
 
 def read_profile(form: Form) -> dict[str, Any]:
-    """Give the profile of the form, as :func:`fusion.readers.parse_profile` reads it. Raises BadParameter."""
+    """Read the profile of the form for :func:`fusion.readers.parse_profile`. Raises BadParameter."""
     names = form.get("column", [])
     stated: dict[str, Any] = {name: first(form, name) for name in UNITS if first(form, name)}
     if rate := first(form, "rate_hz"):
@@ -188,7 +199,7 @@ def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
 
 
 def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
-    """Give the number of a column, which a proposal names where its name is its own."""
+    """Return the number of a column, which a proposal names where its name is its own."""
     if isinstance(place, str):
         return columns.index(place) + 1 if place in columns else 0
     return place or 0
@@ -198,28 +209,27 @@ def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
 
 
 @router.get("/columns")
-def list_mappings(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def list_mappings(page: UsedPage) -> Response:
     """List the columns that were named."""
     rows = [
-        (mapping, format_moment(mapping.created_at), format_columns(mapping.profile, language))
-        for mapping in services.mappings.find_all()
+        (mapping, format_moment(mapping.created_at), format_columns(mapping.profile, page.language))
+        for mapping in page.services.mappings.find_all()
     ]
-    values = {"rows": rows, "c": load_wording(language, "columns"), "unnamed": UNNAMED}
-    return render_page(request, "mappings.html", language, values)
+    return page.render("mappings.html", rows=rows, unnamed=UNNAMED)
 
 
 @router.post("/columns/{header}")
-def change_mapping(header: str, request: Request, services: UsedServices, form: UsedForm) -> Response:
+def change_mapping(header: str, page: UsedPage, form: UsedForm) -> Response:
     """Rename, or say whether further files are read so unasked (a plain form, so that it needs no script)."""
     values: dict[str, str | int] = {"is_confirmed": int(bool(first(form, "everywhere")))}
     if name := clean_text(first(form, "name")):
         values["name"] = name
-    services.mappings.change(header, **values)
-    return RedirectResponse(f"{find_base(request)}/columns", status_code=303)
+    page.services.mappings.change(header, **values)
+    return page.go("/columns")
 
 
 @router.post("/columns/{header}/delete")
-def forget_mapping(header: str, request: Request, services: UsedServices) -> Response:
+def forget_mapping(header: str, page: UsedPage) -> Response:
     """Forget the columns of a header; the reports made by them stay."""
-    services.mappings.drop(header)
-    return RedirectResponse(f"{find_base(request)}/columns", status_code=303)
+    page.services.mappings.drop(header)
+    return page.go("/columns")

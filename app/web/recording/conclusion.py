@@ -6,21 +6,18 @@ After a correction it is shown as a draft, until a person confirms or dismisses 
 from dataclasses import dataclass
 from datetime import date
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import RedirectResponse
-from starlette.status import HTTP_303_SEE_OTHER
+from fastapi import APIRouter, Response
 
 from app.api.middleware.access import UsedSubject
-from app.api.names import find_person_name
+from app.api.trust import find_person_name
 from app.errors import BadParameter
 from app.jobs.job import Job, JobState
 from app.report.words.numbers import format_date
 from app.report.words.subject import clean_paragraphs, clean_text
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft
-from app.services import Services, UsedServices
 from app.web.forms import Form, UsedForm, first
-from app.web.rendering import find_base
+from app.web.rendering import Page, UsedPage
 
 router = APIRouter(prefix="/analyses/{analysis_id}", include_in_schema=False)
 
@@ -43,9 +40,7 @@ class ConclusionCard:
     own_name: str = ""
 
 
-def build_conclusion(
-    services: Services, job: Job, language: Language, own_name: str = "", *, is_current: bool = True
-) -> ConclusionCard | None:
+def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -> ConclusionCard | None:
     """Return the card of a finished analysis, with its draft if it is the current report; None for any other.
 
     ``own_name``: of the person logged in.
@@ -54,12 +49,15 @@ def build_conclusion(
         return None
     draft = job.request.draft if is_current else None
     said = draft.conclusion if draft else job.request.conclusion
-    when = format_date(date.fromisoformat(said.date), language) if said else ""
-    same = services.store.find_same(job.sha256, job.request)
-    is_open = any(one.id == job.id for one in same)
-    origin = describe_draft(draft, language) if draft else ""
-    today = date.today().isoformat()  # noqa: DTZ011
-    return ConclusionCard(said, origin, when, today, LONGEST_CONCLUSION, is_open, own_name)
+    return ConclusionCard(
+        said,
+        describe_draft(draft, page.language) if draft else "",
+        format_date(date.fromisoformat(said.date), page.language) if said else "",
+        date.today().isoformat(),  # noqa: DTZ011
+        LONGEST_CONCLUSION,
+        any(one.id == job.id for one in page.services.store.find_same(job.sha256, job.request)),
+        own_name,
+    )
 
 
 def describe_draft(draft: ConclusionDraft, language: Language) -> str:
@@ -85,25 +83,24 @@ def read_conclusion(form: Form) -> Conclusion:
 
 
 @router.post("/conclude")
-def conclude(
-    analysis_id: str, request: Request, services: UsedServices, subject: UsedSubject, form: UsedForm
-) -> Response:
+def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedForm) -> Response:
     """Make the next version of the report, with the conclusion; its figures are the same.
 
     The name is that of the person logged in; at the machine it is typed.
     """
-    own_name = find_person_name(request, subject.id)
+    own_name, store = find_person_name(page.request, subject.id), page.services.store
     concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
-    again = services.store.conclude(services.store.get(analysis_id), concluded)
-    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", HTTP_303_SEE_OTHER)
+    again = store.conclude(store.get(analysis_id), concluded)
+    return page.go(f"/analyses/{again.id}")
 
 
 @router.post("/dismiss")
-def dismiss(analysis_id: str, request: Request, services: UsedServices) -> Response:
+def dismiss(analysis_id: str, page: UsedPage) -> Response:
     """Dismiss the draft of a conclusion, or make the next version without the conclusion of the report."""
-    job = services.store.get(analysis_id)
+    store = page.services.store
+    job = store.get(analysis_id)
     if job.request.conclusion is not None:
-        job = services.store.conclude(job, None)
+        job = store.conclude(job, None)
     else:
-        services.store.dismiss_draft(job.id)
-    return RedirectResponse(f"{find_base(request)}/analyses/{job.id}", HTTP_303_SEE_OTHER)
+        store.dismiss_draft(job.id)
+    return page.go(f"/analyses/{job.id}")

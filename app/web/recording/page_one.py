@@ -1,6 +1,5 @@
 """Page 1 of the report on the page of its recording, and the moments to look at on the curve."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from app.errors import NoSuchFile
@@ -8,13 +7,13 @@ from app.jobs.job import Job
 from app.report.analysis.report import build_report
 from app.report.charts.day import WORST_WINDOW_S, build_timeline
 from app.report.export.results import decode_results
-from app.report.findings import Findings, Kept
+from app.report.findings import Findings
 from app.report.model import Report
 from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, fill, load_wording
 from app.services import Services
 from app.storage.day_file import DayFile
-from app.web.recording.day_views import DayClock
+from app.web.recording.day import DayClock
 from fusion.conventions import MAIN_THRESHOLD_DEG
 
 HIGHEST = 10
@@ -53,35 +52,25 @@ class PageOne:
 
 
 def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
-    """Build page 1 of a finished analysis; None if its results cannot be read.
+    """Build page 1 of a finished analysis; None if its results cannot be read. Raises ResultDamaged.
 
-    Raises
-    ------
-    ResultDamaged
+    Without a day there is nothing to look at.
     """
     try:
         kept = decode_results(services.results.read(job, "results.json"))
     except (NoSuchFile, ValueError):
         return None
-    subject = replace(kept.subject, reason=job.request.reason)
-    return build_page_one(replace(kept, subject=subject), day, language)
-
-
-def build_page_one(kept: Kept, day: DayFile | None, language: Language) -> PageOne:
-    """Build page 1 from findings; without a day there is nothing to look at."""
-    report = build_report(kept.findings, kept.subject, language)
+    report = build_report(kept.findings, replace(kept.subject, reason=job.request.reason), language)
     if day is None:
         return PageOne(report, (), ())
-    clock = Clock(kept.findings.recording.start, language)
-    place = _Place(DayClock.of(day.facts), clock, language)
-    looks, highest = tuple(_list_looks(kept.findings, place)), tuple(_list_highest(day, place))
+    looks, highest = _list_looks(kept.findings, day, language)
     return PageOne(report, looks, highest, list_minutes(kept.findings, language))
 
 
 def list_minutes(findings: Findings, language: Language) -> Minutes:
     """List the minutes of the report's day."""
     clock = Clock(findings.recording.start, language)
-    runs = build_timeline(findings, clock, load_wording(clock.language)).runs
+    runs = build_timeline(findings, clock, load_wording(language)).runs
     return tuple(
         tuple(
             (b.start_s, b.end_s, *(round(angle, 2) for angle in (b.low_deg, b.middle_deg, b.high_deg)))
@@ -91,53 +80,36 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Writes stretches: ``clock`` as the form reads moments, ``told`` as people do."""
+def _list_looks(
+    findings: Findings, day: DayFile, language: Language
+) -> tuple[tuple[Look, ...], tuple[Look, ...]]:
+    """List the 15 minutes with the most time above 60 deg and the longest stay; then the highest episodes."""
+    clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
+    words = load_wording(language, "page")["page_one"]
 
-    clock: DayClock
-    told: Clock
-    language: Language
+    def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Look:
+        shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
+        return Look(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
 
-    @property
-    def words(self) -> Words:
-        words: Words = load_wording(self.language, "page")["page_one"]
-        return words
-
-    def look(self, words: str, mark: str, span_s: tuple[float, float], around_s: float) -> Look:
-        start_s, end_s = span_s
-        shown = max(start_s - around_s, 0.0), min(end_s + around_s, self.clock.duration_s)
-        return Look(words, mark, self.clock.format((start_s + end_s) / 2), *map(self.clock.format, shown))
-
-
-def _list_looks(findings: Findings, place: _Place) -> Iterator[Look]:
-    """Give the 15 minutes with the most time above 60 deg and the longest continuous time above it."""
+    looks = []
     window = next((w for w in findings.exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
     if window is not None and window.start_s is not None and window.percent_above_60:
-        span_s = window.start_s, window.start_s + window.length_s
-        told = {
-            "start": place.told.format(span_s[0]),
-            "end": place.told.format(span_s[1]),
-            "percent": format_percent(window.percent_above_60, place.language),
-        }
-        yield place.look(fill(place.words["window"], told), "", span_s, 60.0)
+        start_s, end_s = window.start_s, window.start_s + window.length_s
+        share = format_percent(window.percent_above_60, language)
+        facts = {"start": told.format(start_s), "end": told.format(end_s), "percent": share}
+        looks.append(look(fill(words["window"], facts), start_s, end_s, 60.0))
     stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)
     if stays is not None and stays.longest_s and stays.longest_start_s is not None:
-        span_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
-        told = {
-            "time": place.told.format(span_s[0]),
-            "duration": format_duration(stays.longest_s, place.language),
+        start_s, end_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
+        facts = {"time": told.format(start_s), "duration": format_duration(stays.longest_s, language)}
+        looks.append(look(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
+    highest = []
+    for number, episode in enumerate(day.find_highest(float(MAIN_THRESHOLD_DEG), LEAST_S, HIGHEST), 1):
+        facts = {
+            "time": told.format(episode.start_s),
+            "angle": format_angle(episode.highest_deg, language),
+            "duration": format_duration(episode.end_s - episode.start_s, language),
         }
-        yield place.look(fill(place.words["longest"], told), "", span_s, 2 * AROUND_S)
-
-
-def _list_highest(day: DayFile, place: _Place) -> Iterator[Look]:
-    highest = day.find_highest(float(MAIN_THRESHOLD_DEG), LEAST_S, HIGHEST)
-    for number, episode in enumerate(highest, 1):
-        told = {
-            "time": place.told.format(episode.start_s),
-            "angle": format_angle(episode.highest_deg, place.language),
-            "duration": format_duration(episode.end_s - episode.start_s, place.language),
-        }
-        span_s = episode.start_s, episode.end_s
-        yield place.look(fill(place.words["episode"], told), str(number), span_s, AROUND_S)
+        sentence = fill(words["episode"], facts)
+        highest.append(look(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
+    return tuple(looks), tuple(highest)

@@ -13,8 +13,7 @@ from fastapi.testclient import TestClient
 from httpx2 import Response
 from sqlalchemy import update
 
-from app.access.accounts import LONGEST_S, AccountStore, Person
-from app.access.hashing import hash_secret
+from app.access.accounts import LONGEST_S, AccountStore, Person, hash_secret
 from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import ROLES, Permission, Role

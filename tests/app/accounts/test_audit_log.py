@@ -12,7 +12,7 @@ from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.api.housekeeping import write_side_files
-from app.api.middleware.refused_lines import MOST_LINES
+from app.api.middleware.readings import MOST_LINES
 from app.jobs.audit_log import (
     ACTS,
     AuditLine,

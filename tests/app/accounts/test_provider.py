@@ -12,7 +12,7 @@ import httpx2
 import pytest
 
 from app.access.accounts import AccountStore
-from app.access.credentials import CredentialStore
+from app.access.logins import CredentialStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor, open_server
 

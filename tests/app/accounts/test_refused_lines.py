@@ -2,12 +2,13 @@
 
 import threading
 
-from app.api.middleware.readings import MOST_KNOWN, KnownReadings
-from app.api.middleware.refused_lines import (
+from app.api.middleware.readings import (
     MOST_COUNTED,
+    MOST_KNOWN,
     MOST_LINES,
     MOST_OF_STRANGERS,
     WINDOW_S,
+    KnownReadings,
     RefusedLines,
 )
 from tests.app.accounts.conftest import Clock

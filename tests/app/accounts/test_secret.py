@@ -7,8 +7,7 @@ from typing import cast
 import pytest
 from fastapi.testclient import TestClient
 
-from app.access.gate import Gate
-from app.access.secret import StartSecret, read_or_create_secret
+from app.access.gate import Gate, StartSecret, read_or_create_secret
 from app.settings import Settings
 
 LIST = "/api/v1/recordings"

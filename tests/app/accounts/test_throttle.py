@@ -11,8 +11,7 @@ from sqlalchemy import select
 
 from app.access import passwords
 from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
-from app.access.throttle import TOLD_S, Budget, Throttle, limit_address
+from app.access.logins import TOLD_S, Budget, Caller, Logins, Throttle, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.jobs.audit_log import NOBODY, acting
 from app.jobs.database.tables import audit_log, tries

@@ -1,6 +1,6 @@
 """Which of several sensors is on the arm: on the page and by REST."""
 
-from app.api.library.analysis_models import AnalysisSettings
+from app.api.library.models import AnalysisSettings
 from app.report.words.columns import format_columns
 from app.web.recording.columns import read_profile
 from fusion.readers import propose_profile

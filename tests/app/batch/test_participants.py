@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from app.batch.folder import Task
 from app.batch.inputs import assign_participants, read_participants
-from app.batch.plan import Task
 from app.errors import UnusableParticipants
 from app.report.words.messages import describe_problem
 from app.request import ReportRequest

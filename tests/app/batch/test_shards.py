@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.plan import plan_tasks
-from app.batch.run import Outcome
-from app.batch.shards import Shard, ShardRecord, collect_outcomes, parse_shard
+from app.batch.folder import plan_tasks
+from app.batch.run import Outcome, Shard, ShardRecord, collect_outcomes, parse_shard
 from app.request import ReportRequest
 
 ASKED = ReportRequest("", languages=("en",))

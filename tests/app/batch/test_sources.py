@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.plan import find_recordings, read_list
+from app.batch.folder import find_recordings, read_list
 from app.batch.run import NEED_BYTES, Capacity, choose_workers
 from app.errors import UnusableList
 

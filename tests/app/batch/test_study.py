@@ -14,7 +14,7 @@ from app.cli import app
 from app.report.agreement.report import StudyFacts, build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
-from app.roads.agreement_study import find_study_files
+from app.roads.validate import find_study_files
 from fusion.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
 from tests.fusion.comparison.test_agreement_statistics import OURS, REFERENCE

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.batch.plan import format_folder_name
+from app.batch.folder import format_folder_name
 from app.cli import app
 from tests.badfiles.table_files import values
 

@@ -10,7 +10,7 @@ from app.api.pairs import ProfileView
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.request import ProfileRequest
-from app.roads.profile import make_profile
+from app.roads.pair import make_profile
 from tests.app.analysis.days_factory import write_day
 from tests.app.conftest import OpenBench, find_study
 from tests.app.http.test_pairs import send, take_folder

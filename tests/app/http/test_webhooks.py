@@ -20,8 +20,7 @@ from fastapi.testclient import TestClient
 from starlette.requests import Request
 
 from app.api import housekeeping
-from app.api.housekeeping import WebhookSender
-from app.delivery import Message, check_address, is_public, send_message
+from app.api.webhooks import Message, WebhookSender, check_address, is_public, send_message
 from app.errors import ForeignWebhook
 from app.jobs.worker import run_next
 from app.main import create_app

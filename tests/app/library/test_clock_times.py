@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from app.errors import BadParameter
 from app.request import ReportRequest
-from app.web.recording.day import correct_request, read_rows, write_csv
-from app.web.recording.day_views import DayClock, place_rows
+from app.web.recording.day import DayClock, correct_request, place_rows, read_rows, write_csv
 from fusion.diary import read_diary
 from fusion.errors import UnusableCalibration, UnusableDiary
 
@@ -135,10 +134,10 @@ def test_rows_that_were_exported_are_imported_alike(clock: DayClock, start: str,
     form = {"start": [start], "end": [end], "kind": ["task"], "label": ['shelves; "high"']}
     rows = place_rows(read_rows(form, clock), clock)
 
-    body = write_csv([(row["start"], row["end"], row["kind"], row["label"]) for row in rows], clock)
+    body = write_csv([(row.start, row.end, row.kind, row.label) for row in rows], clock)
 
     assert place_rows(read_diary(body), clock) == rows
-    assert rows[0]["start"] == clock.format(1800.0)
+    assert rows[0].start == clock.format(1800.0)
 
 
 @pytest.mark.parametrize("text", ["2230", "22.30", "22,30", "22h30", "22 h 30", "22:30"])
@@ -150,7 +149,7 @@ def test_the_fields_of_the_page_take_every_spelling(text: str) -> None:
 
     assert request.calibration_windows_s == ((1800.0, 1810.0),)
     assert request.slip_times_s == (1800.0, 4200.0)
-    assert place_rows(request.diary, NIGHT)[0]["start"] == "22:30:00"
+    assert place_rows(request.diary, NIGHT)[0].start == "22:30:00"
 
 
 @pytest.mark.parametrize("text", ["7:58", "10h20", "soon"])

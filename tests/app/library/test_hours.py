@@ -1,7 +1,7 @@
 """The hours of a day as the page lists them."""
 
 from app.web.recording.analysis import pair_tasks
-from app.web.recording.day_views import build_hours
+from app.web.recording.day import build_hours
 
 
 def test_an_hour_of_which_nothing_was_analysed_has_no_figures() -> None:

@@ -15,7 +15,7 @@ from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import ResultFile
-from app.web.library_views import draw_spark
+from app.web.views import draw_spark
 from tests.app.conftest import AddJob
 
 

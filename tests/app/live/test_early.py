@@ -13,11 +13,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.api import live as live_api
-from app.api.live_library import LIVE_FOLDER
-from app.live.early import EarlyFile, EarlyPort, read_about, read_pieces
-from app.live.early_rows import write_early_rows
+from app.api.live import LIVE_FOLDER
+from app.live.early import EarlyFile, EarlyPort, SessionFiles, begin_files, find_left, read_about, read_pieces
 from app.live.ports import PushedPort
-from app.live.session_files import SessionFiles, begin_files, find_left
+from app.live.raw_file import write_early_rows
 from app.main import create_app
 from app.settings import Settings
 from fusion.readers import read_recording
@@ -193,7 +192,7 @@ def test_before_the_science_is_loaded_samples_are_on_the_disk_and_afterwards_in_
 def test_a_session_that_cannot_start_leaves_no_file(
     client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 0.2)
+    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.2)
     with connect(client, type="start", source="lines", name="phone", keeps=True) as socket:
         socket.send_bytes(b"1,2,3,4,5,6,7\n")
         read_until(socket, "problem")
@@ -206,7 +205,7 @@ import os, signal, sys
 from pathlib import Path
 from app.live.early import EarlyFile, EarlyPort
 from app.live.ports import PushedPort
-from app.live.session_files import begin_files
+from app.live.early import begin_files
 from app.settings import Settings
 from tests.app.live.test_early import ASKED, BOARD, read_early, wait_for, write_rows
 

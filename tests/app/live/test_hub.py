@@ -9,11 +9,11 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from app.errors import TooManySessions
+from app.live.early import SessionFiles, begin_files
 from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
 from app.live.raw_file import Wearer
 from app.live.recorder import Recorder
-from app.live.session_files import SessionFiles, begin_files
-from app.live.source import SourceFacts
+from app.live.sources import SourceFacts
 from fusion.live import Frames, replay_frames
 from fusion.live.cues import Cue
 from fusion.readers import read_recording

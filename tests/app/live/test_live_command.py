@@ -16,7 +16,7 @@ from app.cli import app
 from app.cli.live import _run, _Screen
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
-from app.live.source import SourceFacts
+from app.live.sources import SourceFacts
 from fusion.errors import UnusableTime
 from fusion.live import Frames, replay_frames
 from fusion.readers import read_recording

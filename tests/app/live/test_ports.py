@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from app.errors import LiveSourceFailed
-from app.live.lines import LineSource, open_lines
 from app.live.ports import MOST_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, names_port, open_port
+from app.live.sources import LineSource, open_lines
 from fusion.live import LiveSession
 from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
 

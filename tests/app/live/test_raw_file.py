@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.live.raw_file import RawFile, Wearer, find_cut, was_stopped
-from app.live.source import SourceFacts
+from app.live.sources import SourceFacts
 from fusion.live import Frames
 from fusion.pipeline import analyse
 from fusion.readers import read_recording

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.live.replay import ReplaySource, find_axis
+from app.live.sources import ReplaySource, find_axis
 from fusion.live import LiveElevation, LiveSession
 from tests.app.live.made import FIRST_POSE, make_worn
 

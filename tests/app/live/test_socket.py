@@ -14,15 +14,14 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.live import _find_limiter, find_hub
-from app.api.live_library import LIVE_FOLDER
+from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
 from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
+from app.live.early import SessionFiles, begin_files
 from app.live.ports import SerialPort
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
-from app.live.session_files import SessionFiles, begin_files
-from app.live.source import SourceFacts
+from app.live.sources import SourceFacts
 from app.main import create_app
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret
@@ -314,7 +313,7 @@ def read_trail(store: JobStore, *acts: str) -> list[Row[Any]]:
 def test_boards_that_are_silent_hold_up_no_other_request(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 3.0)
+    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 3.0)
     silent = 45  # more than the threads that answer requests
     with ExitStack() as sockets:
         for _ in range(silent):
@@ -501,7 +500,7 @@ def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: Tes
 def test_lines_without_a_header_are_refused_in_words(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 0.2)
+    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.2)
     with connect(client, type="start", source="lines", name="phone") as socket:
         socket.send_bytes(b"1,2,3,4,5,6,7\n")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.plan import MARKER, identify_place, place_folders
+from app.batch.folder import MARKER, identify_place, place_folders
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 
 from app.report.export.results import decode_results
 from app.report.findings import Findings
-from app.web.example import find_example
+from app.web.help import find_example
 from benchmarks.example import analyse_example
 
 THRESHOLDS_DEG = (30, 60, 90)

@@ -6,7 +6,7 @@ from typing import Literal
 
 import pytest
 
-from app.batch.plan import Task
+from app.batch.folder import Task
 from app.batch.run import Outcome
 from app.cli.output import format_question
 from app.report.export.results import build_results, encode_results

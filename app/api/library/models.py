@@ -1,12 +1,16 @@
-"""Analyses as the API takes and gives them, typed for the readers of the OpenAPI document."""
+"""Recordings and analyses as the API takes and gives them, typed for the readers of the OpenAPI document."""
 
+import base64
+import binascii
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import date, datetime
 from typing import Annotated, Any, Literal, Self, TypeVar
+from urllib.parse import urlencode
 
+from fastapi import Request, Response
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -24,6 +28,7 @@ from pydantic_core import PydanticCustomError
 from app.api.middleware.problems import ProblemView, view_problem
 from app.errors import BadParameter
 from app.jobs.job import Job
+from app.jobs.recordings import Description, Place, RecordingFilter, StoredRow
 from app.report.export.csv import encode_table
 from app.report.words.subject import MAX_TEXT, check_conclusion, clean_text
 from app.report.words.wording import Language, find_other_language
@@ -32,8 +37,6 @@ from app.request import (
     LONGEST_SUBJECT,
     SUBJECT_HINT,
     WINDOW_HINT,
-    Conclusion,
-    ConclusionDraft,
     Paper,
     ReportRequest,
     check_subject,
@@ -42,7 +45,8 @@ from app.request import (
     parse_window,
     write_profile,
 )
-from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, parse_arm_axis
+from fusion.caveats import Caveat
+from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
 from fusion.errors import UnusableDiary
 from fusion.exposure.periods import place_diary
@@ -159,31 +163,14 @@ def parse_subject(text: str) -> str:
 
 
 def parse_device_clock(text: str) -> str:
-    """Check a date or time of the device's clock, which has no zone; the refusal carries a hint."""
-    return _parse(_read_device_clock, text, CLOCK_HINT) if text else ""
+    """Check a date or time of the device's clock and write it as starts are written; the refusal has a hint.
 
-
-def _read_device_clock(text: str) -> str:
-    """Write it as starts are written.
-
-    Raises
-    ------
-    ValueError
-        Also for a time with a zone: compared with a clock that has none, it would find others.
+    A zone is refused: compared with a clock that has none, it would find others.
     """
-    moment = datetime.fromisoformat(text)
-    if moment.tzinfo is not None:
-        raise ValueError
-    return moment.isoformat()
-
-
-def _read_axis(text: str | None) -> ArmAxis | None:
-    return _parse(parse_arm_axis, text, AXIS_HINT) if text else None
-
-
-def _check_window(text: str) -> str:
-    _parse(parse_window, text, WINDOW_HINT)
-    return text
+    moment = _parse(datetime.fromisoformat, text, CLOCK_HINT) if text else None
+    if moment is not None and moment.tzinfo is not None:
+        raise PydanticCustomError("value", "value", {"expected": CLOCK_HINT})
+    return moment.isoformat() if moment else ""
 
 
 def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
@@ -193,23 +180,24 @@ def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
         raise PydanticCustomError("value", "value", {"expected": hint}) from None
 
 
+SubjectCode = Annotated[str, AfterValidator(parse_subject)]
+DeviceClock = Annotated[str, AfterValidator(parse_device_clock)]
+SlipTimes = list[Annotated[float, Field(ge=0, le=1e8)]]
+
+
 class AnalysisOptions(BaseModel):
     """What may be asked of an analysis; a name that is not known is refused."""
 
     model_config = ConfigDict(extra="forbid")
 
     side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
-    subject: Annotated[
-        str,
-        Field(description="Subject code; never a name."),
-        AfterValidator(parse_subject),
-    ] = ""
+    subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
     paper: Annotated[Paper | None, Field(description="Paper of the PDF; else the server's.")] = None
     calibration: Annotated[
-        list[Annotated[str, AfterValidator(_check_window)]],
+        list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
         Field(
             max_length=MOST_WINDOWS,
             description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
@@ -221,21 +209,25 @@ class AnalysisOptions(BaseModel):
     ] = None
     axis: Annotated[
         ArmAxis | None,
-        BeforeValidator(_read_axis),
+        BeforeValidator(lambda text: _parse(parse_arm_axis, text, AXIS_HINT) if text else None),
         Field(description="No pose: the sensor's axis along the arm, towards the shoulder."),
     ] = None
     slip_at: Annotated[
-        list[Annotated[float, Field(ge=0, le=1e8)]],
-        Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds."),
+        SlipTimes, Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds.")
     ] = []
     no_slip_at: Annotated[
-        list[Annotated[float, Field(ge=0, le=1e8)]],
+        SlipTimes,
         Field(max_length=MOST_WINDOWS, description="When it did not, though it may seem so, seconds."),
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
     sensor: Annotated[
         str, Field(max_length=200, description="Which sensor of a table of several is on the arm.")
     ] = ""
+
+    def complete(self, about: Description) -> Self:
+        """Return the options with what the recording says where they say nothing."""
+        stated = {"subject": about.subject, "side": about.side} | self.model_dump(exclude_unset=True)
+        return self.model_validate(stated)
 
     @model_validator(mode="after")
     def _count_windows(self) -> Self:
@@ -270,9 +262,7 @@ class AnalysisOptions(BaseModel):
 
 
 StudyName = Annotated[
-    str,
-    Field(description="Name of a study that it joins, which begins with its first."),
-    AfterValidator(parse_subject),
+    SubjectCode, Field(description="Name of a study that it joins, which begins with its first.")
 ]
 
 
@@ -286,14 +276,8 @@ class AnalyzeParameters(DeclaredOptions):
     """What may be asked with a recording."""
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
-    external_id: Annotated[
-        str, Field(description="Its name in your own system."), AfterValidator(parse_subject)
-    ] = ""
+    external_id: Annotated[SubjectCode, Field(description="Its name in your own system.")] = ""
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
-
-    def to_request(self, language: Language, paper: Paper) -> ReportRequest:
-        """Build the request for the file that comes along."""
-        return self.build_request(clean_file_name(self.file_name), language, paper)
 
 
 class ConclusionView(BaseModel):
@@ -417,6 +401,12 @@ class StartedAnalyses(AnalysisView):
 
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Show a job."""
+    said, draft = job.request.conclusion, job.request.draft
+    concluded = ConclusionView.model_validate(asdict(said)) if said else None
+    drafted = None
+    if draft is not None:
+        origin = {"version": draft.version, "changes": list(draft.changes)}
+        drafted = ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
     view = AnalysisView(
         id=job.id,
         recording_id=job.recording_id,
@@ -436,23 +426,12 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         batch_id=job.batch_id,
         replaced_by=job.replaced_by,
         interruptions=job.interruptions,
-        conclusion=_view_conclusion(job.request.conclusion),
-        conclusion_draft=_view_draft(job.request.draft),
+        conclusion=concluded,
+        conclusion_draft=drafted,
     )
     if job.problem_code is not None:
         view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
     return view
-
-
-def _view_conclusion(said: Conclusion | None) -> ConclusionView | None:
-    return ConclusionView.model_validate(asdict(said)) if said else None
-
-
-def _view_draft(draft: ConclusionDraft | None) -> ConclusionDraftView | None:
-    if draft is None:
-        return None
-    origin = {"version": draft.version, "changes": list(draft.changes)}
-    return ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
 
 
 def describe_links(job: Job) -> Mapping[str, str]:
@@ -484,3 +463,161 @@ def view_settings(request: ReportRequest) -> dict[str, Any]:
     )
     periods = [period.model_dump() for period in view_periods(request.diary)]
     return {name: getattr(request, name) for name in names} | {"periods": periods}
+
+
+# Recordings, and long lists page by page.
+
+
+# Long lists, page by page.
+
+
+def write_cursor(place: Place) -> str:
+    """Write where a page ended, as text that nobody need understand."""
+    return base64.urlsafe_b64encode("|".join(place).encode()).decode().rstrip("=")
+
+
+def read_cursor(text: str) -> Place | None:
+    """Read what :func:`write_cursor` wrote; None for "". Raises BadParameter."""
+    if not text:
+        return None
+    try:
+        decoded = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4)).decode("utf-8")
+        moment, identity = decoded.split("|")
+    except (binascii.Error, ValueError):
+        raise BadParameter(name="cursor", value=text[:60], allowed="next_cursor") from None
+    return moment, identity
+
+
+def cut_page(
+    rows: Sequence[T], limit: int, place: Callable[[T], Place], asked: Request, answer: Response
+) -> tuple[Sequence[T], str | None]:
+    """Give the rows of the page and the cursor of the next, from one row more than asked for.
+
+    The answer also gets ``Link: <...>; rel="next"`` (RFC 8288).
+    """
+    if len(rows) <= limit:
+        return rows, None
+    cursor = write_cursor(place(rows[limit - 1]))
+    others = [(name, value) for name, value in asked.query_params.multi_items() if name != "cursor"]
+    answer.headers["Link"] = f'<{asked.url.path}?{urlencode([*others, ("cursor", cursor)])}>; rel="next"'
+    return rows[:limit], cursor
+
+
+Text = Annotated[str, Field(max_length=200), AfterValidator(parse_subject)]
+SENT_BEFORE = Caveat.DUP_UPLOAD
+Note = Annotated[str, Field(max_length=2000)]
+
+
+class RecordingWords(BaseModel):
+    """What people say about a recording; a name that is not known is refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
+    subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
+    side: Annotated[Side | None, Field(description="Which arm.")] = None
+    external_id: Annotated[Text, Field(description="Its name in your own system.")] = ""
+    note: Note = ""
+
+    def describe(self) -> Description:
+        """Give the words to the rows."""
+        return Description(
+            clean_file_name(self.file_name), self.subject, self.side, self.external_id, self.note
+        )
+
+
+class RecordingPatch(BaseModel):
+    """A JSON merge patch (RFC 7396): what is absent stays, null takes the value away."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    file_name: Annotated[str, Field(max_length=1000)] | None = None
+    subject: SubjectCode | None = None
+    side: Side | None = None
+    external_id: Text | None = None
+    note: Note | None = None
+
+    def merge(self, about: Description) -> Description:
+        """Give the words after the change."""
+        named = {name: getattr(self, name) for name in self.model_fields_set}
+        emptied = {name: "" if value is None and name != "side" else value for name, value in named.items()}
+        return RecordingWords(**(asdict(about) | emptied)).describe()
+
+
+class RecordingView(BaseModel):
+    """A stored recording. ``start`` is known once it has been inspected."""
+
+    id: str
+    file_name: str
+    subject: str
+    side: Literal["left", "right"] | None
+    external_id: str
+    note: str
+    sha256: str
+    size_bytes: int
+    duplicate_of: str | None
+    warnings: list[str]
+    damage: str | None = Field(
+        None, description="E-STORE-DAMAGED where the stored bytes are gone or altered."
+    )
+    start: str | None
+    period_count: int
+    version: int
+    state: Literal["stored", "trashed"]
+    hold: str | None = Field(None, description="Why it may not be deleted for good; null where it may.")
+    created_at: str
+    links: dict[str, str]
+
+
+class RecordingQuery(BaseModel):
+    """Which recordings are listed; what is left out asks for any."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str = ""
+    external_id: str = ""
+    sha256: str = ""
+    begin: Annotated[
+        DeviceClock,
+        Field(alias="from", description="First start, ISO 8601, by the device's clock: without a zone."),
+    ] = ""
+    end: Annotated[DeviceClock, Field(alias="to", description="Start before this, by the same clock.")] = ""
+    trashed: bool = False
+    limit: Annotated[int, Field(ge=1, le=500)] = 50
+    cursor: str = ""
+    lang: Language | None = None
+
+    def wanted(self) -> RecordingFilter:
+        """Give the filter of the rows."""
+        return RecordingFilter(
+            self.subject, self.external_id, self.sha256, self.begin, self.end, self.trashed
+        )
+
+
+class RecordingList(BaseModel):
+    """A page of recordings; ``next_cursor`` asks for the next, null ends."""
+
+    items: list[RecordingView]
+    next_cursor: str | None
+
+
+def view_recording(row: StoredRow) -> RecordingView:
+    """Show a recording."""
+    own = f"/api/v1/recordings/{row.id}"
+    links = {"self": own} | {part: f"{own}/{part}" for part in ("file", "inspection", "periods")}
+    about = {name: value for name, value in asdict(row.about).items() if value is not None}
+    return RecordingView(
+        id=row.id,
+        **{"side": None} | about,
+        sha256=row.sha256,
+        size_bytes=row.size_bytes,
+        duplicate_of=row.duplicate_of,
+        warnings=[SENT_BEFORE] if row.duplicate_of else [],
+        start=row.start,
+        period_count=len(row.diary),
+        version=row.version,
+        state=row.state,
+        hold=row.hold or None,
+        created_at=row.created_at,
+        links=links | {"analyses": f"/api/v1/analyses?recording_id={row.id}"},
+    )
