@@ -1,6 +1,5 @@
 """What an analysis found, read again from results.json: the report comes out the same, in either language."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,17 +16,13 @@ from app.report.findings import (
     QuestionFacts,
     RepeatFacts,
     StillFacts,
-    take_findings,
 )
 from app.report.render.write import RESULTS, rewrite_reports
 from app.report.words.subject import ReportSubject, Software
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Conclusion, ReportRequest
-from fusion.diary import DiaryEntry
 from fusion.exposure import Interval
-from fusion.pipeline import analyse
 from fusion.recording import QualityFlag
-from fusion.settings import AnalysisSettings
 from tests.app.analysis_factory import (
     make_analysis,
     make_calibration,
@@ -35,7 +30,6 @@ from tests.app.analysis_factory import (
     make_quality,
     make_subject,
 )
-from tests.app.report.test_every_interval import record_shift
 
 
 def read_again(findings: Findings) -> Findings:
@@ -54,16 +48,6 @@ def list_values(value: Any, path: str = "") -> dict[str, Any]:
     return {path: value}
 
 
-@pytest.fixture(scope="module")
-def analysed() -> Findings:
-    """A simulated shift with a diary."""
-    diary = tuple(
-        DiaryEntry(start, start + 1500.0, kind, label)  # type: ignore[arg-type]
-        for start, kind, label in ((600.0, "task", "a"), (2400.0, "break", ""), (4200.0, "task", "a"))
-    )
-    return take_findings(analyse(record_shift(), AnalysisSettings(diary=diary)))
-
-
 def test_every_value_of_an_analysis_is_read_again_to_its_last_digit(analysed: Findings) -> None:
     assert list_values(read_again(analysed)) == list_values(analysed)
 
@@ -73,13 +57,6 @@ def test_an_analysis_gives_the_same_report_when_read_again(analysed: Findings, l
     assert build_report(read_again(analysed), make_subject(), language) == build_report(
         analysed, make_subject(), language
     )
-
-
-def test_reading_and_writing_again_gives_the_same_results(analysed: Findings) -> None:
-    encoded = encode_results(analysed, make_subject())
-    kept = decode_results(encoded)
-
-    assert json.loads(encode_results(kept.findings, kept.subject)) == json.loads(encoded)
 
 
 def test_a_minute_without_analysed_time_stays_without() -> None:
