@@ -14,8 +14,7 @@ from app.main import create_app
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import Storage
-from app.upkeep.backup import back_up, restore
-from app.upkeep.drill import drill
+from app.upkeep.backup import back_up, drill, restore
 from app.upkeep.envelope import Recipients
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, do_next, on_both_set_ups
@@ -85,7 +84,7 @@ def test_after_an_erasure_the_canary_is_nowhere(
 
     assert find_hits(served.data_dir) == []
     assert find_hits_in_bucket(storage) == []
-    assert recording_id in storage.ledger.find()
+    assert recording_id in storage.find_erased()
 
 
 @on_both_set_ups
