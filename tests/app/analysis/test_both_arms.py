@@ -58,12 +58,7 @@ def report_of(pair: ArmPair, language: Language = "en") -> Report:
 
 
 def keep(
-    folder: Path,
-    side: str,
-    angle_deg: float = 40.0,
-    *,
-    method: MethodName = "smoothed",
-    **known: Any,
+    folder: Path, side: str, angle_deg: float = 40.0, *, method: MethodName = "smoothed", **known: Any
 ) -> Path:
     """Leave a finished analysis of 60 s at one angle."""
     folder.mkdir()

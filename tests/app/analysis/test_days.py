@@ -77,10 +77,7 @@ LATER = MONDAY.replace(hour=15)  # the first day lasts 7 h 59 min from 8 h on
         (week(7.6), "one"),
         ([make_day(0), of_another_person(make_day(0))], "same"),
         ([make_day(0), change_recording(make_day(1), start=LATER)], "hours"),
-        (
-            [make_day(0, stage="before"), change_recording(make_day(1, stage="after"), start=MONDAY)],
-            "hours",
-        ),
+        ([make_day(0, stage="before"), change_recording(make_day(1, stage="after"), start=MONDAY)], "hours"),
         ([make_day(0), make_day(1, subject="S013"), make_day(2, subject="")], "codes"),
         ([make_day(0), by_another_method(make_day(1))], "methods"),
         *(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from app.cli import app
 from app.report.agreement.tables import tell_drift
@@ -110,53 +110,43 @@ def test_the_same_comparison_gives_the_same_bytes(
         assert (tmp_path / name).read_bytes() == (compared / name).read_bytes()
 
 
-def test_a_clock_set_by_hand_is_kept(shift_gt3x: Path, tmp_path: Path) -> None:
-    truth = shift_gt3x.with_name("truth.parquet")
-    command = ["validate", str(shift_gt3x), "--reference", str(truth), "-o", str(tmp_path)]
-
-    CliRunner().invoke(app, [*command, "--offset-s", "0.25", "--drift-ppm", "-3"])
-
-    alignment = json.loads((tmp_path / "validation.json").read_text())["alignment"]
-    assert (alignment["offset_s"], alignment["drift_ppm"]) == (0.25, -3.0)
-
-
-def test_an_angle_file_may_be_judged_too(shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path) -> None:
-    truth = shift_gt3x.with_name("truth.parquet")
-
-    done = CliRunner().invoke(
-        app, ["validate", str(shift_mvnx), "--reference", str(truth), "-o", str(tmp_path)]
+def validate(log: Path, reference: Path, out: Path, *more: str) -> Result:
+    return CliRunner().invoke(
+        app, ["validate", str(log), "--reference", str(reference), "-o", str(out), *more]
     )
+
+
+def test_a_clock_set_by_hand_is_kept_and_an_angle_file_may_be_judged_too(
+    shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path
+) -> None:
+    truth = shift_gt3x.with_name("truth.parquet")
+
+    validate(shift_gt3x, truth, tmp_path / "by hand", "--offset-s", "0.25", "--drift-ppm", "-3")
+    done = validate(shift_mvnx, truth, tmp_path / "angles")
 
     assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "validation.json").read_text())
+    by_hand, found = (
+        json.loads((tmp_path / name / "validation.json").read_text())["alignment"]
+        for name in ("by hand", "angles")
+    )
+    assert (by_hand["offset_s"], by_hand["drift_ppm"]) == (0.25, -3.0)
     # Here the truth's clock stands 20 s behind MVN's.
-    assert found["alignment"]["offset_s"] == pytest.approx(-20.0, abs=0.005)
+    assert found["offset_s"] == pytest.approx(-20.0, abs=0.005)
 
 
-def test_a_reference_of_something_else_is_refused_with_its_code(shift_gt3x: Path, tmp_path: Path) -> None:
+def test_a_reference_of_something_else_and_tasks_that_cannot_be_read_are_refused_with_their_codes(
+    shift_gt3x: Path, tmp_path: Path
+) -> None:
     angles = np.random.default_rng(0).uniform(0, 90, 6000)
-    other = tmp_path / "other.csv"
-    other.write_text(
-        "time_s,elevation_deg\n" + "".join(f"{k / 60:.4f},{a:.2f}\n" for k, a in enumerate(angles))
-    )
+    rows = "".join(f"{k / 60:.4f},{a:.2f}\n" for k, a in enumerate(angles))
+    (tmp_path / "other.csv").write_text(f"time_s,elevation_deg\n{rows}")
+    (tmp_path / "tasks.csv").write_text("name,start_s,end_s\nlift,20,10\n")
 
-    done = CliRunner().invoke(
-        app, ["validate", str(shift_gt3x), "--reference", str(other), "-o", str(tmp_path)]
-    )
+    other = validate(shift_gt3x, tmp_path / "other.csv", tmp_path)
+    reversed_ = validate(shift_gt3x, shift_gt3x, tmp_path, "--tasks", str(tmp_path / "tasks.csv"))
 
-    assert done.exit_code == 3
-    assert "E-ALIGN" in done.output
-
-
-def test_a_list_of_tasks_that_cannot_be_read_is_a_slip_of_usage(shift_gt3x: Path, tmp_path: Path) -> None:
-    tasks = tmp_path / "tasks.csv"
-    tasks.write_text("name,start_s,end_s\nlift,20,10\n")
-    command = ["validate", str(shift_gt3x), "--reference", str(shift_gt3x), "--tasks", str(tasks)]
-
-    done = CliRunner().invoke(app, command)
-
-    assert done.exit_code == 2
-    assert "E-TASKS" in done.output
+    assert (other.exit_code, "E-ALIGN" in other.output) == (3, True)
+    assert (reversed_.exit_code, "E-TASKS" in reversed_.output) == (2, True)
 
 
 def test_a_motion_capture_is_told_for_what_it_is(shift_mvnx: Path) -> None:

@@ -40,12 +40,7 @@ def make_task(path: str) -> Task:
     [
         (
             "file,subject,side,pose,calibration\na.gt3x,S01,left,side-lean,5-15\n",
-            {
-                "subject": "S01",
-                "side": "left",
-                "pose": "side-lean",
-                "calibration_windows_s": ((5.0, 15.0),),
-            },
+            {"subject": "S01", "side": "left", "pose": "side-lean", "calibration_windows_s": ((5.0, 15.0),)},
         ),
         ("file,calibration\na,5-15 20.5-30\n", {"calibration_windows_s": ((5.0, 15.0), (20.5, 30.0))}),
         (

@@ -34,6 +34,9 @@ RESULTS: dict[str, Any] = build_results(make_analysis(), make_subject())
 SHARES = ({10: 1.0, 50: 2.0, 90: 3.0}, {30: 1.0, 60: 1.0, 90: 1.0}, None)
 
 
+Reports = tuple[Report, Report, Sequence[str]]
+
+
 def analysis_with(texts: Sequence[str]) -> Findings:
     """Put texts wherever a file or a person could: labels, reasons, zone, facts, unknown codes and kinds."""
     tasks = (
@@ -68,16 +71,14 @@ def squeeze(text: str) -> str:
 
 
 @pytest.fixture(scope="module", params=FAMILIES)
-def reports(request: pytest.FixtureRequest) -> tuple[Report, Report, Sequence[str]]:
+def reports(request: pytest.FixtureRequest) -> Reports:
     """A report with the payloads of a family, one with harmless texts of the same lengths, the payloads."""
     texts = FAMILIES[request.param]
     harmless = [f"{k:02d}".ljust(len(text), "x")[: len(text)] for k, text in enumerate(texts)]
     return report_with(texts), report_with(harmless), texts
 
 
-def test_the_page_has_no_other_element_and_attribute_and_shows_each_text_as_it_is(
-    reports: tuple[Report, Report, Sequence[str]],
-) -> None:
+def test_the_page_has_no_other_element_and_attribute_and_shows_each_text_as_it_is(reports: Reports) -> None:
     hostile, clean = (read(render_html(report)) for report in reports[:2])
     words = " ".join(hostile.words)
 
@@ -86,9 +87,7 @@ def test_the_page_has_no_other_element_and_attribute_and_shows_each_text_as_it_i
     assert [text for text in reports[2] if text.strip() not in words] == []
 
 
-def test_every_drawing_stays_well_formed_with_the_same_elements(
-    reports: tuple[Report, Report, Sequence[str]],
-) -> None:
+def test_every_drawing_stays_well_formed_with_the_same_elements(reports: Reports) -> None:
     hostile, clean = (
         [
             [element.tag for element in ET.fromstring(svg).iter()]

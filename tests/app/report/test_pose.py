@@ -10,14 +10,7 @@ from app.batch.folder import Task
 from app.batch.run import Outcome
 from app.cli.output import format_question
 from app.report.export.results import build_results, encode_results
-from app.report.findings import (
-    CalibrationFacts,
-    Findings,
-    PartFacts,
-    QuestionFacts,
-    RepeatFacts,
-    StillFacts,
-)
+from app.report.findings import CalibrationFacts, Findings, PartFacts, QuestionFacts, RepeatFacts, StillFacts
 from app.report.model import Report
 from app.report.render.brief import format_brief
 from app.report.render.html import render_html
@@ -91,10 +84,7 @@ def told_of_method(report: Report) -> dict[str, str]:
         ),
         (
             {"repeats": (AGAIN,), "repeat_deg": 3.5},
-            {
-                "Pose held again": "09:58:54 (3.5° from the first)",
-                "Largest angle between the poses": "3.5°",
-            },
+            {"Pose held again": "09:58:54 (3.5° from the first)", "Largest angle between the poses": "3.5°"},
         ),
         ({"slip_times_s": (3600.0,)}, {"Sensor slipped, as reported": "08:58:12"}),
         ({"no_slip_times_s": (3600.0,)}, {"No slip of the sensor, as reported": "08:58:12"}),

@@ -7,9 +7,7 @@ import pytest
 
 from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure import Interval, PartExposure
-from tests.app.analysis_factory import (
-    make_exposure,
-)
+from tests.app.analysis_factory import make_exposure
 from tests.app.report.report_reading import plain, report_of, section_of, table_of
 
 

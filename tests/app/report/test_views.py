@@ -12,13 +12,7 @@ from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure import Entries, Episodes, Interval, PeakWindow, Velocity
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
-from tests.app.analysis_factory import (
-    make_analysis,
-    make_exposure,
-    make_quality,
-    make_subject,
-    with_velocity,
-)
+from tests.app.analysis_factory import make_analysis, make_exposure, make_quality, make_subject, with_velocity
 from tests.app.report.report_reading import plain, report_of, section_of, table_of
 
 

@@ -190,15 +190,6 @@ def test_no_french_text_of_quebec_has_a_space_before_a_semicolon_or_a_poste() ->
     assert [text for text in walk_french("fr-CA") if re.search(wrong, text, re.IGNORECASE)] == []
 
 
-def test_both_frenches_hold_the_same_texts() -> None:
-    keys = [
-        [path for part in get_args(Part) for path, _ in walk_texts(load_wording(language, part))]
-        for language in ("fr", "fr-CA")
-    ]
-
-    assert keys[0] == keys[1]
-
-
 @pytest.mark.parametrize(
     ("wanted", "made", "chosen"),
     [
