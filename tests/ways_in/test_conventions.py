@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,9 @@ def dataset(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def find_bids_errors(dataset: Path) -> list[str]:
     validator = Path(sys.executable).with_name("bids-validator-deno")
-    told = subprocess.run([validator, dataset, "--json"], capture_output=True, check=False, timeout=120)
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as disk:  # the validator reads nothing below /dev
+        place = shutil.copytree(dataset, Path(disk) / "dataset")
+        told = subprocess.run([validator, place, "--json"], capture_output=True, check=False, timeout=120)
     report: dict[str, Any] = json.loads(told.stdout)
     assert report["summary"]["modalities"] == ["motion"]
     return [issue["code"] for issue in report["issues"]["issues"] if issue["severity"] == "error"]

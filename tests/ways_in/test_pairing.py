@@ -56,9 +56,9 @@ def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
     paired: Path, tmp_path: Path, command: str, folder: str
 ) -> None:
     sides = [next((paired / side).iterdir()) for side in ("left", "right")]
-    asked = (command, *sides, "-o", tmp_path, "--report", "pdf", "--paper", "letter")
+    asked = ("-o", tmp_path, "--report", "pdf", "--paper", "letter")
 
-    refused, said = run(*asked), run(*asked, "--same-subject")
+    refused, said = (run(command, *sides, *asked, *more) for more in ((), ("--same-subject",)))
 
     assert (refused.exit_code, "say --same-subject" in refused.stderr, said.exit_code) == (3, True, 0)
     page = PdfReader(tmp_path / folder / "report.pdf").pages[0].mediabox

@@ -54,6 +54,6 @@ def test_a_certificate_without_its_key_and_a_file_that_is_none_are_refused(
     wrong = tmp_path / "cert.pem"
     wrong.write_text("none")
 
-    for words in (["--tls-cert", certificate[0]], ["--tls-cert", wrong, "--tls-key", certificate[1]]):
-        result = run("serve", "--data", tmp_path / "data", *words)
+    for cert, more in ((certificate[0], ()), (wrong, ("--tls-key", str(certificate[1])))):
+        result = run("serve", "--data", tmp_path / "data", "--tls-cert", cert, *more)
         assert (result.exit_code, "E-PARAMETER" in result.output) == (2, True)

@@ -190,8 +190,8 @@ def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Languag
     assert f'<html lang="{language}">' in render_html(report).decode()
     assert render_pdf(report, {"comparison.json": b"{}\n"}).startswith(b"%PDF-")
     assert "[U+" not in spell_uncovered(str(report))
-    hostile = [kept_with(subject="<script>alert(1)</script>", day=day) for day in (0, 1)]
-    assert "<script" not in render_html(build_comparison(*hostile, language)).decode()
+    before, after = (kept_with(subject="<script>alert(1)</script>", day=day) for day in (0, 1))
+    assert "<script" not in render_html(build_comparison(before, after, language)).decode()
 
 
 def test_the_french_plural_begins_at_two() -> None:

@@ -77,10 +77,13 @@ Changes = tuple[dict[str, Any], ...]
 
 
 def keep_arms(folder: Path, changes: Changes = ({}, {})) -> tuple[Path, ...]:
-    places = zip("lrt", ("left", "right", "unknown"), (40.0, 70.0, 15.0), changes, strict=False)
+    sides: tuple[dict[str, Any], ...] = (
+        {"side": "left", "angle_deg": 40.0},
+        {"side": "right", "angle_deg": 70.0},
+        {"side": "unknown", "angle_deg": 15.0},
+    )
     return tuple(
-        keep(folder / name, **({"side": side, "angle_deg": angle} | more))
-        for name, side, angle, more in places
+        keep(folder / name, **(side | more)) for name, side, more in zip("lrt", sides, changes, strict=False)
     )
 
 

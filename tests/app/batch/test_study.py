@@ -103,7 +103,8 @@ def test_means_are_over_people_and_one_person_has_no_standard_deviation() -> Non
 
     both, one = (summarise_agreement_study(some)[0] for some in (entries, entries[:1]))
 
-    assert (both.people, both.rmse_deg.mean) == (2, pytest.approx(4.0))
+    assert both.people == 2
+    assert both.rmse_deg.mean == pytest.approx(4.0)
     assert one.rmse_deg.sd != one.rmse_deg.sd
 
 
