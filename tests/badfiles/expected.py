@@ -5,6 +5,7 @@ Times are those of the file of one minute: recorded = analysed + missing + exclu
 
 import gzip
 import zipfile
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 
@@ -19,6 +20,12 @@ from tests.badfiles.outcomes import read, read_gt3x, refused, refused_gt3x
 from tests.badfiles.signal_rows import SIGNALS
 from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, record, schema
 from tests.fusion.readers.tables.table_builder import HEADER
+
+
+def _end_with(word: str) -> Callable[[str], str]:
+    """Return a change of a line that puts ``word`` into its last field."""
+    return lambda line: line.rsplit(",", 1)[0] + "," + word
+
 
 ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ASSUMED", "W-WHICH-POSE", "W-POSE-UNSTEADY"})
 """What any recording of an hour without sway is told whose pose nobody stated."""
@@ -215,7 +222,7 @@ TABLES = (
     *(
         read(
             f"72 {word or 'empty'}",
-            t.line_changed(2000, lambda x, word=word: x.rsplit(",", 1)[0] + "," + word),
+            t.line_changed(2000, _end_with(word)),
             "W-NAN W-GAP W-SHORT",
             ROW_LOST,
         )

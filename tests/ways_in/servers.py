@@ -23,18 +23,7 @@ class RunningServer:
     def __init__(
         self, data: Path, log: Path, workers: int = 1, *, python: str = sys.executable, **settings: str
     ) -> None:
-        command = [
-            python,
-            "-m",
-            "app",
-            "serve",
-            "--port",
-            "0",
-            "--data",
-            str(data),
-            "-j",
-            str(workers),
-        ]
+        command = [python, "-m", "app", "serve", "--port", "0", "--data", str(data), "-j", str(workers)]
         environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"} | settings
         self.data, self._log = data, log
         with log.open("ab") as file:

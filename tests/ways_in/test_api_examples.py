@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,18 +14,21 @@ import pytest
 from app.main import create_app
 from app.settings import Settings
 from tests import ROOT
-from tests.ways_in.conftest import StartServer
+from tests.ways_in.servers import RunningServer
 
 PAGE = (ROOT / "docs" / "api.md").read_text("utf-8")
 EXAMPLES = dict(re.findall(r"```(sh|python|r)\n(.*?)```", PAGE, re.DOTALL))
 
 
-@pytest.fixture
-def example_folder(start_server: StartServer, recording: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def example_folder(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder with a recording, and in a file the address of a server that asks who comes."""
-    (tmp_path / "shift.gt3x").write_bytes(recording.read_bytes())
-    (tmp_path / "address").write_text(start_server(ACROMION_NO_SECRET="0").address.rstrip("/"))
-    return tmp_path
+    folder = tmp_path_factory.mktemp("examples")
+    (folder / "shift.gt3x").write_bytes(recording.read_bytes())
+    server = RunningServer(folder / "data", folder / "server.log", ACROMION_NO_SECRET="0")
+    (folder / "address").write_text(server.address.rstrip("/"))
+    yield folder
+    server.stop()
 
 
 def run(command: list[str], folder: Path) -> str:

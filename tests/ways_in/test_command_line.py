@@ -19,64 +19,53 @@ def done(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_one_file_and_no_other_option_gives_every_product(done: Path, shift_gt3x: Path) -> None:
+def test_one_file_and_no_other_option_gives_every_product_and_the_tables_beside_it(
+    done: Path, shift_gt3x: Path
+) -> None:
     made = {path.name for path in (done / shift_gt3x.stem).iterdir()}
+    tables = {path.name for path in done.iterdir() if path.is_file()}
 
     assert made >= {"results.json", "elevation.parquet", "report.html", "report.pdf"}
-
-
-def test_the_tables_stand_beside_the_recordings(done: Path) -> None:
-    made = {path.name for path in done.iterdir() if path.is_file()}
-
-    assert made == {
-        "summary.csv",
-        "summary_fr.csv",
-        "summary.xlsx",
-        "periods.csv",
-        "problems.csv",
-        "dictionary.csv",
-        "run.json",
-        "settings.yaml",
-        "methods.md",
-        "index.html",
-        "datapackage.json",
-        "ro-crate-metadata.json",
+    assert tables == {
+        *("summary.csv", "summary_fr.csv", "summary.xlsx", "periods.csv", "problems.csv", "dictionary.csv"),
+        *("run.json", "settings.yaml", "methods.md", "index.html"),
+        *("datapackage.json", "ro-crate-metadata.json"),
     }
+    made_at = json.loads((done / "run.json").read_text("utf-8"))["made_at"]
+    assert datetime.fromisoformat(made_at).tzinfo is not None
 
 
-def test_a_finished_recording_is_not_done_again(done: Path, shift_gt3x: Path) -> None:
+def test_a_finished_recording_is_not_done_again_and_each_kind_of_run_says_so(
+    done: Path, shift_gt3x: Path
+) -> None:
     marker = done / shift_gt3x.stem / "done.json"
     before = marker.stat().st_mtime_ns
 
-    result = run("run", shift_gt3x, "-o", done)
+    said = {
+        option: run("run", shift_gt3x, "-o", done, *option.split())
+        for option in ("", "--dry-run", "--quiet", "--json-log")
+    }
 
-    assert "already done" in result.output
+    assert "already done" in said[""].output
+    assert said["--dry-run"].output.startswith("done already: ")
+    assert said["--quiet"].output == ""
+    line = json.loads(said["--json-log"].stdout)
+    assert (line["file"], line["code"], line["repeated"]) == (str(shift_gt3x), None, True)
     assert marker.stat().st_mtime_ns == before
 
 
-def test_a_refusal_names_code_and_cure(tmp_path: Path) -> None:
-    empty = tmp_path / "empty.gt3x"
-    empty.touch()
+@pytest.mark.parametrize(
+    ("name", "code"), [("empty.gt3x", "E-EMPTY"), ("none.gt3x", "E-FILE"), ("folder", "E-NO-RECORDING")]
+)
+def test_what_is_no_recording_is_refused_by_its_code(tmp_path: Path, name: str, code: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "empty.gt3x").touch()
 
-    result = run("run", empty, "-o", tmp_path / "out")
+    result = run("run", tmp_path / name, "-o", tmp_path / "out")
 
-    assert result.exit_code == 3
-    assert "E-EMPTY" in result.stderr
-    assert read_table(tmp_path / "out" / "problems.csv")[0]["code"] == "E-EMPTY"
-
-
-def test_a_path_that_is_not_there_is_a_problem_not_a_crash(tmp_path: Path) -> None:
-    result = run("run", tmp_path / "none.gt3x", "-o", tmp_path / "out")
-
-    assert result.exit_code == 3
-    assert "E-FILE" in result.stderr
-
-
-def test_a_folder_without_recordings_is_told(tmp_path: Path) -> None:
-    result = run("run", tmp_path, "-o", tmp_path / "out")
-
-    assert result.exit_code == 3
-    assert "E-NO-RECORDING" in result.stderr
+    assert (result.exit_code, code in result.stderr) == (3, True)
+    problems = tmp_path / "out" / "problems.csv"
+    assert code == "E-NO-RECORDING" or [row["code"] for row in read_table(problems)] == [code]
 
 
 @pytest.mark.parametrize("name", ["...gt3x", "..gt3x", "summary.csv.gt3x", " .gt3x", "a:b.gt3x"])
@@ -100,17 +89,6 @@ def test_results_where_a_file_stands_is_a_problem_not_a_crash(shift_gt3x: Path, 
     assert blocked.read_text() == "mine"
 
 
-@pytest.mark.parametrize("subject", ["a\nb", "\x1b[31m", "x" * 101])
-def test_a_subject_code_is_one_short_printable_line(subject: str, tmp_path: Path) -> None:
-    assert run("run", "x.gt3x", "-o", tmp_path, "--subject", subject).exit_code == 2
-
-
-def test_the_run_says_when_it_was_made(done: Path) -> None:
-    made_at = json.loads((done / "run.json").read_text("utf-8"))["made_at"]
-
-    assert datetime.fromisoformat(made_at).tzinfo is not None
-
-
 def test_a_folder_that_is_not_ours_is_left_alone(shift_gt3x: Path, tmp_path: Path) -> None:
     theirs = tmp_path / shift_gt3x.stem / "notes.txt"
     theirs.parent.mkdir()
@@ -125,6 +103,7 @@ def test_a_folder_that_is_not_ours_is_left_alone(shift_gt3x: Path, tmp_path: Pat
 @pytest.mark.parametrize(
     "wrong",
     [
+        *(["--subject", code] for code in ("a\nb", "\x1b[31m", "x" * 101)),
         ["--calibration=9,3"],
         ["--axis=up"],
         ["--axis=y", "--calibration=5,15"],
@@ -132,6 +111,7 @@ def test_a_folder_that_is_not_ours_is_left_alone(shift_gt3x: Path, tmp_path: Pat
         ["--no-slip-at=noon"],
         ["--pose-held=end"],
         ["--pose=two-point"],
+        ["--report=docx"],
     ],
 )
 def test_a_setting_that_cannot_be_is_a_usage_error(wrong: list[str], tmp_path: Path) -> None:
@@ -140,10 +120,6 @@ def test_a_setting_that_cannot_be_is_a_usage_error(wrong: list[str], tmp_path: P
 
 def test_a_statement_about_watched_files_needs_a_folder_to_watch(tmp_path: Path) -> None:
     assert run("serve", "--data", tmp_path, "--pose-held", "start").exit_code == 2
-
-
-def test_an_unknown_kind_of_report_is_a_usage_error(tmp_path: Path) -> None:
-    assert run("run", "x.gt3x", "-o", tmp_path, "--report", "docx").exit_code == 2
 
 
 def write_log(path: Path, start: str, seconds: int) -> Path:
@@ -204,34 +180,19 @@ def test_the_demo_ends_with_a_report(tmp_path: Path) -> None:
     assert results["calibration"]["state"] == "held_at_start"
 
 
-# ------------------------------------------------------------------ a study
-
-
-def test_a_dry_run_knows_what_is_done_already(done: Path, shift_gt3x: Path) -> None:
-    assert run("run", shift_gt3x, "-o", done, "--dry-run").output.startswith("done already: ")
-
-
-def test_a_quiet_run_says_only_what_went_wrong(done: Path, shift_gt3x: Path) -> None:
-    assert run("run", shift_gt3x, "-o", done, "--quiet").output == ""
-
-
-def test_a_program_reads_one_line_for_each_recording(done: Path, shift_gt3x: Path) -> None:
-    line = json.loads(run("run", shift_gt3x, "-o", done, "--json-log").stdout)
-
-    assert (line["file"], line["code"], line["repeated"]) == (str(shift_gt3x), None, True)
-
-
 @pytest.mark.parametrize(
     ("name", "damage"),
     [("results.json", b'{"schema'), ("elevation.parquet", b""), ("done.json", b"{"), ("report.html", b"")],
 )
-def test_what_is_damaged_is_made_again(shift_gt3x: Path, tmp_path: Path, name: str, damage: bytes) -> None:
-    run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+def test_what_is_damaged_is_made_again(
+    done: Path, shift_gt3x: Path, tmp_path: Path, name: str, damage: bytes
+) -> None:
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
     file = tmp_path / shift_gt3x.stem / name
     whole = file.read_bytes()
     file.write_bytes(damage)
 
-    result = run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+    result = run("run", shift_gt3x, "-o", tmp_path)
 
     assert result.exit_code == 0
     assert file.read_bytes() == whole

@@ -1,6 +1,7 @@
 """The test signals for other software: what is expected of them, and that ours gives it."""
 
 import csv
+from collections.abc import Sequence
 from math import acos, pi
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def read_expected(folder: Path) -> list[Row]:
         return [(row["signal"], row["figure"], float(row["value"])) for row in csv.DictReader(file)]
 
 
-def write_results(folder: Path, rows: list[Row]) -> None:
+def write_results(folder: Path, rows: Sequence[tuple[str, str, float | str]]) -> None:
     with (folder / "results.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([("signal", "figure", "value"), *rows])
 
@@ -45,66 +46,62 @@ def measure(path: Path) -> dict[str, float | None]:
     }
 
 
-def test_our_own_figures_lie_within_every_tolerance(tmp_path: Path) -> None:
-    conform(tmp_path)
-    rows = read_expected(tmp_path)
-    measured = {signal: measure(tmp_path / f"{signal}.csv") for signal in {row[0] for row in rows}}
-    write_results(tmp_path, [(signal, figure, measured[signal][figure] or 0.0) for signal, figure, _ in rows])
+@pytest.fixture(scope="module")
+def signals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the signals and of what is expected; results of any test lie in it for a while."""
+    folder = tmp_path_factory.mktemp("signals")
+    told = conform(folder)
+    assert told.exit_code == 0
+    assert "signal,figure,value" in told.output  # what to put beside the signals
+    return folder
 
-    told = conform(tmp_path)
+
+def test_the_signals_lie_beside_what_is_expected_and_a_hole_has_no_value(signals: Path) -> None:
+    names = {path.name for path in signals.iterdir()} - {"results.csv"}
+    lines = (signals / "hole.csv").read_text().splitlines()
+
+    assert names == {"day.csv", "expected.csv", "hold.csv", "hole.csv", "ripple.csv", "swing.csv"}
+    assert (lines[1], lines[1 + 30_000]) == ("0.025,35.000000", "1500.025,")
+
+
+def test_the_swing_is_above_60_deg_for_the_share_that_its_arc_says(signals: Path) -> None:
+    expected = {(signal, figure): value for signal, figure, value in read_expected(signals)}
+
+    assert expected["swing", "time_above_60_percent"] == pytest.approx(100 * acos(15 / 40) / pi, abs=1e-4)
+
+
+def test_our_own_figures_lie_within_every_tolerance(signals: Path) -> None:
+    rows = read_expected(signals)
+    measured = {signal: measure(signals / f"{signal}.csv") for signal in {row[0] for row in rows}}
+    write_results(signals, [(signal, figure, measured[signal][figure] or 0.0) for signal, figure, _ in rows])
+
+    told = conform(signals)
 
     assert [line for line in told.output.splitlines() if line.startswith(("OUTSIDE", "MISSING"))] == []
     assert f"{len(rows)} of {len(rows)} figures" in told.output
     assert told.exit_code == 0
 
 
-def test_without_results_it_says_what_to_lay_beside_the_signals(tmp_path: Path) -> None:
-    told = conform(tmp_path)
+def test_a_figure_beyond_its_tolerance_that_is_missing_or_no_number_is_named(signals: Path) -> None:
+    given: dict[tuple[str, str], float | str] = {
+        ("hold", "time_above_60_percent"): 33.7,
+        ("day", "worst_15_min_start_s"): "noon",
+    }
+    rows = [(*row[:2], given.get(row[:2], row[2])) for row in read_expected(signals)]
+    write_results(signals, [row for row in rows if row[:2] != ("hole", "analysed_s")])
 
-    assert told.exit_code == 0
-    assert "signal,figure,value" in told.output
-    names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == ["day.csv", "expected.csv", "hold.csv", "hole.csv", "ripple.csv", "swing.csv"]
+    told = conform(signals)
 
-
-@pytest.mark.parametrize(
-    ("given", "line"),
-    [(33.7, "OUTSIDE hold time_above_60_percent: expected 33.3333 ± 0.3 %, given 33.7"), (33.6, "ok hold ")],
-)
-def test_a_figure_beyond_its_tolerance_is_named(tmp_path: Path, given: float, line: str) -> None:
-    write_results(tmp_path, [("hold", "time_above_60_percent", given)])
-
-    told = conform(tmp_path)
-
-    assert line in told.output
-    assert told.exit_code == 1  # the others are missing
-
-
-def test_a_figure_that_is_not_given_is_missing(tmp_path: Path) -> None:
-    conform(tmp_path)
-    write_results(tmp_path, [row for row in read_expected(tmp_path) if row[:2] != ("hole", "analysed_s")])
-
-    told = conform(tmp_path)
-
-    assert "MISSING hole analysed_s" in told.output
     assert told.exit_code == 1
+    for line in (
+        "OUTSIDE hold time_above_60_percent: expected 33.3333 ± 0.3 %, given 33.7",
+        "MISSING day worst_15_min_start_s",
+        "MISSING hole analysed_s",
+    ):
+        assert line in told.output
 
 
-def test_a_word_for_a_number_is_missing(tmp_path: Path) -> None:
-    (tmp_path / "results.csv").write_text("signal,figure,value\nday,worst_15_min_start_s,noon\n")
+def test_a_figure_at_the_edge_of_its_tolerance_is_within(signals: Path) -> None:
+    write_results(signals, [("hold", "time_above_60_percent", 33.6)])
 
-    assert "MISSING day worst_15_min_start_s" in conform(tmp_path).output
-
-
-def test_the_swing_is_above_60_deg_for_the_share_that_its_arc_says(tmp_path: Path) -> None:
-    conform(tmp_path)
-
-    expected = {(signal, figure): value for signal, figure, value in read_expected(tmp_path)}
-    assert expected["swing", "time_above_60_percent"] == pytest.approx(100 * acos(15 / 40) / pi, abs=1e-4)
-
-
-def test_a_hole_has_no_value_in_its_file(tmp_path: Path) -> None:
-    conform(tmp_path)
-
-    lines = (tmp_path / "hole.csv").read_text().splitlines()
-    assert (lines[1], lines[1 + 30_000]) == ("0.025,35.000000", "1500.025,")
+    assert "ok hold " in conform(signals).output

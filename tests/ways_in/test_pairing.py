@@ -22,20 +22,12 @@ def paired(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_recordings_are_analysed_first_each_as_its_arm(paired: Path) -> None:
+def test_recordings_are_analysed_first_each_as_its_arm_and_as_was_said_of_both(paired: Path) -> None:
     document = json.loads((paired / "both-arms" / "pair.json").read_text("utf-8"))
+    read = [json.loads(path.read_text("utf-8")) for path in paired.glob("[lr]*/*/results.json")]
 
     assert (document["left"]["side"], document["right"]["side"]) == ("left", "right")
-
-
-def test_that_the_pose_was_held_at_the_start_is_said_of_both(paired: Path) -> None:
-    read = [
-        json.loads(path.read_text("utf-8"))
-        for side in ("left", "right")
-        for path in (paired / side).glob("*/results.json")
-    ]
-
-    assert [results["calibration"]["state"] for results in read] == ["held_at_start", "held_at_start"]
+    assert [results["calibration"]["state"] for results in read] == ["held_at_start"] * 2
 
 
 def test_finished_folders_are_compared_without_a_new_analysis(paired: Path) -> None:
@@ -60,27 +52,17 @@ def test_another_pair_in_the_same_place_keeps_the_earlier_one(paired: Path) -> N
 
 
 @pytest.mark.parametrize(("command", "folder"), [("pair", "both-arms"), ("compare", "before-after")])
-def test_a_report_of_two_is_for_the_paper_asked(
+def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
     paired: Path, tmp_path: Path, command: str, folder: str
 ) -> None:
     sides = [next((paired / side).iterdir()) for side in ("left", "right")]
+    asked = ("-o", tmp_path, "--report", "pdf", "--paper", "letter")
 
-    run(command, *sides, "-o", tmp_path, "--report", "pdf", "--paper", "letter", "--same-subject")
+    refused, said = (run(command, *sides, *asked, *more) for more in ((), ("--same-subject",)))
 
+    assert (refused.exit_code, "say --same-subject" in refused.stderr, said.exit_code) == (3, True, 0)
     page = PdfReader(tmp_path / folder / "report.pdf").pages[0].mediabox
     assert (round(page.width), round(page.height)) == (612, 792)
-
-
-@pytest.mark.parametrize("command", ["pair", "compare"])
-@pytest.mark.parametrize(("more", "exit_code"), [((), 3), (("--same-subject",), 0)])
-def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
-    paired: Path, tmp_path: Path, command: str, more: tuple[str, ...], exit_code: int
-) -> None:
-    sides = [next((paired / side).iterdir()) for side in ("left", "right")]
-
-    result = run(command, *sides, "-o", tmp_path, "--report", "html", *more)
-
-    assert (result.exit_code, "say --same-subject" in result.stderr) == (exit_code, exit_code == 3)
 
 
 @pytest.mark.parametrize("command", ["pair", "compare"])

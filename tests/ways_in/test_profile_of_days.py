@@ -6,9 +6,13 @@ from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
+from typer.testing import Result
 
 from tests.app.analysis.days_factory import change_recording, finish_day, make_day
+from tests.app.report.report_reading import plain
 from tests.ways_in.typed import read_table, run
+
+Profiled = tuple[Result, Path]
 
 
 def finish(folder: Path, day: int, above_60_percent: float, *, subject: str = "S012") -> Path:
@@ -28,45 +32,69 @@ def week(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_folder_of_days_becomes_one_report(week: Path, tmp_path: Path) -> None:
-    result = run("profile", week, "-o", tmp_path)
+@pytest.fixture(scope="module")
+def profiled(week: Path, tmp_path_factory: pytest.TempPathFactory) -> Profiled:
+    """What was said of the week in French, and the folder of its report."""
+    out = tmp_path_factory.mktemp("profiled")
+    return run("profile", week, "-o", out, "--lang", "fr", "--paper", "letter"), out / "days"
+
+
+def test_a_folder_of_days_becomes_one_report_whose_answer_is_printed(profiled: Profiled) -> None:
+    result, folder = profiled
 
     assert result.exit_code == 0, result.output
-    made = {path.name for path in (tmp_path / "days").iterdir()}
+    made = {path.name for path in folder.iterdir()}
     assert made >= {"profile.json", "profile.csv", "overlay.csv", "report.html", "report.pdf", "answer.txt"}
+    assert "Bras droit, 5 jours" in plain(result.output)
 
 
-def test_its_figures_are_those_of_the_days(week: Path, tmp_path: Path) -> None:
-    run("profile", week, "-o", tmp_path, "--report", "html")
+def test_its_figures_are_those_of_the_days_and_are_attached_to_the_pdf(profiled: Profiled) -> None:
+    figures = (profiled[1] / "profile.json").read_bytes()
+    (arm,) = json.loads(figures)["arms"]
+    rows, pdf = read_table(profiled[1] / "overlay.csv"), PdfReader(profiled[1] / "report.pdf")
 
-    (arm,) = json.loads((tmp_path / "days" / "profile.json").read_bytes())["arms"]
     assert arm["figures"]["time_above_60_percent"]["mean"] == 6.0
-    rows = read_table(tmp_path / "days" / "overlay.csv")
     assert [(row["clock"], row["days"]) for row in rows] == [(f"08:{m:02d}", "5") for m in (0, 15, 30, 45)]
     assert float(rows[0]["p50_deg"]) == pytest.approx(20.05)
-
-
-def test_the_answer_is_printed(week: Path, tmp_path: Path) -> None:
-    result = run("profile", week, "-o", tmp_path, "--report", "html", "--lang", "fr")
-
-    assert "Bras droit, 5 jours" in result.output.replace("\u202f", " ").replace("\u00a0", " ")
-
-
-def test_the_pdf_holds_the_figures(week: Path, tmp_path: Path) -> None:
-    run("profile", week, "-o", tmp_path, "--paper", "letter")
-
-    pdf = PdfReader(tmp_path / "days" / "report.pdf")
     assert [round(side) for side in pdf.pages[0].mediabox[2:]] == [612, 792]
-    assert pdf.attachments["profile.json"] == [(tmp_path / "days" / "profile.json").read_bytes()]
+    assert pdf.attachments["profile.json"] == [figures]
 
 
-def test_results_may_be_named_one_by_one(week: Path, tmp_path: Path) -> None:
+def test_results_may_be_named_one_by_one_and_more_days_make_a_new_version(week: Path, tmp_path: Path) -> None:
     named = [week / f"day{day}" / "results.json" for day in (0, 1)]
+    asked = ("-o", tmp_path, "--report", "html")
 
-    result = run("profile", *named, "-o", tmp_path, "--report", "html")
+    first = run("profile", *named, *asked)
+    days = [len(read_table(tmp_path / "days" / "profile.csv"))]
+    again = run("profile", week, week / "day0", *asked)  # one of them twice
+    days.append(len(read_table(tmp_path / "days" / "profile.csv")))
 
-    assert result.exit_code == 0, result.output
-    assert len(read_table(tmp_path / "days" / "profile.csv")) == 2
+    assert first.exit_code == 0, first.output
+    assert days == [2, 5]
+    assert "(version 2)" in again.output
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("day0",), "E-DAYS"),
+        (("empty",), "E-DAYS"),
+        (("day0", "day1", "old"), "E-DAYS"),
+        (("day0", "absent"), "E-FILE"),
+        (("day0", "day0"), "they are the same recording"),
+    ],
+)
+def test_what_is_no_profile_is_refused(week: Path, tmp_path: Path, names: tuple[str, ...], told: str) -> None:
+    shutil.copytree(week, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "results.json").write_text("{}")
+
+    result = run("profile", *(tmp_path / name for name in names), "-o", tmp_path / "out")
+
+    assert result.exit_code == 3
+    assert told in result.output
+    assert "absent" not in names or "absent" in result.output
 
 
 def test_an_earlier_version_inside_a_folder_is_left_aside(week: Path, tmp_path: Path) -> None:
@@ -86,25 +114,6 @@ def test_days_after_a_change_are_named_by_themselves(week: Path, tmp_path: Path)
     (change,) = json.loads((tmp_path / "out" / "days" / "profile.json").read_bytes())["change"]
     above = change["figures"]["time_above_60_percent"]
     assert (above["before"], above["after"], above["verdict"]) == (6.0, 16.0, "larger"), result.output
-
-
-def test_the_same_day_named_twice_is_one_day(week: Path, tmp_path: Path) -> None:
-    run("profile", week, week / "day0", "-o", tmp_path, "--report", "html")
-
-    assert len(read_table(tmp_path / "days" / "profile.csv")) == 5
-
-
-def test_one_recording_is_refused(week: Path, tmp_path: Path) -> None:
-    result = run("profile", week / "day0", "-o", tmp_path)
-
-    assert result.exit_code != 0
-    assert "E-DAYS" in result.output
-
-
-def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
-    result = run("profile", tmp_path, "-o", tmp_path / "out")
-
-    assert "E-DAYS" in result.output
 
 
 def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
@@ -128,31 +137,3 @@ def test_a_day_without_a_clock_is_in_the_means_and_not_in_the_overlay(week: Path
     assert result.exit_code == 0, result.output
     (arm,) = json.loads((tmp_path / "out" / "days" / "profile.json").read_bytes())["arms"]
     assert (arm["figures"]["time_above_60_percent"]["days"], arm["overlay"][0]["days"]) == (6, 5)
-
-
-def test_other_results_are_refused(week: Path, tmp_path: Path) -> None:
-    (tmp_path / "old").mkdir()
-    (tmp_path / "old" / "results.json").write_text("{}")
-
-    assert "E-DAYS" in run("profile", week, tmp_path / "old", "-o", tmp_path / "out").output
-
-
-def test_more_days_make_a_new_version(week: Path, tmp_path: Path) -> None:
-    run("profile", week / "day0", week / "day1", "-o", tmp_path, "--report", "html")
-
-    assert "(version 2)" in run("profile", week, "-o", tmp_path, "--report", "html").output
-
-
-def test_a_folder_that_is_not_there_is_named_as_such(week: Path, tmp_path: Path) -> None:
-    result = run("profile", week, tmp_path / "absent", "-o", tmp_path / "out")
-
-    assert result.exit_code == 3
-    assert "E-FILE" in result.output
-    assert "absent" in result.output
-
-
-def test_one_folder_given_twice_is_refused_as_the_same(week: Path, tmp_path: Path) -> None:
-    result = run("profile", week / "day0", week / "day0", "-o", tmp_path / "out")
-
-    assert result.exit_code == 3
-    assert "they are the same recording" in result.output

@@ -38,8 +38,7 @@ REPORTS: dict[str, Callable[[Language], Report]] = {
 }
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("light", 1000), ("dark", 360)])
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(("scheme", "width", "language"), [("light", 1000, "en"), ("dark", 360, "fr")])
 @pytest.mark.parametrize("kind", REPORTS)
 def test_axe_finds_nothing(
     kind: str, language: Language, scheme: Literal["light", "dark"], width: int, browser: Browser

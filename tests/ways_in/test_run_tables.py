@@ -1,6 +1,5 @@
 """The tables of a run: every row says which recording it is about, also after a run that was cut."""
 
-import csv
 import os
 import shutil
 import signal
@@ -16,6 +15,7 @@ from app.batch.folder import open_staging, plan_tasks
 from app.batch.run import do_task
 from app.cli import app
 from app.request import ReportRequest
+from tests.ways_in.typed import read_table
 
 # a shell that starts tests in the background lets them ignore Ctrl-C, and so what they start
 START = """
@@ -23,12 +23,9 @@ import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from app.cli import main
 main()"""
-Rows = list[dict[str, str]]
 
 
-def read_table(path: Path) -> Rows:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+Cut = tuple[int, Path]
 
 
 @pytest.fixture(scope="module")
@@ -57,35 +54,23 @@ def test_recordings_of_one_name_are_told_apart_in_the_summary(twins: Path) -> No
     ]
 
 
-def test_a_failed_recording_keeps_the_person_and_the_arm(twins: Path) -> None:
+def test_a_failed_recording_keeps_the_person_and_the_arm_in_summary_and_problems(twins: Path) -> None:
     failed = read_table(twins / "summary.csv")[3]
-
-    assert (failed["subject"], failed["side"], failed["error_code"]) == ("S04", "left", "E-EMPTY")
-
-
-def test_the_problems_say_which_recording_and_whose(twins: Path) -> None:
     (row,) = read_table(twins / "problems.csv")
 
+    assert (failed["subject"], failed["side"], failed["error_code"]) == ("S04", "left", "E-EMPTY")
     assert (row["path"], row["subject"], row["side"]) == ("p4/arm.gt3x", "S04", "left")
 
 
-def test_the_periods_say_which_recording(twins: Path) -> None:
-    rows = read_table(twins / "periods.csv")
+def test_periods_workbook_and_page_say_which_recording(twins: Path) -> None:
+    periods = read_table(twins / "periods.csv")
+    book = openpyxl.load_workbook(twins / "summary.xlsx")
 
-    assert {row["path"] for row in rows} == {"p1/arm.gt3x", "p2/arm.gt3x", "p3/week 2/arm.gt3x"}
-
-
-@pytest.mark.parametrize("sheet", ["summary", "bins", "periods", "warnings"])
-def test_the_workbook_says_which_recording(twins: Path, sheet: str) -> None:
-    head, *rows = openpyxl.load_workbook(twins / "summary.xlsx")[sheet].values
-
-    assert "p2/arm.gt3x" in [row[head.index("path")] for row in rows]
-
-
-def test_the_page_lists_the_recordings_by_where_they_lie(twins: Path) -> None:
-    page = (twins / "index.html").read_text("utf-8")
-
-    assert '<a href="arm-2/report.html">p2/arm.gt3x</a>' in page
+    assert {row["path"] for row in periods} == {"p1/arm.gt3x", "p2/arm.gt3x", "p3/week 2/arm.gt3x"}
+    for sheet in ("summary", "bins", "periods", "warnings"):
+        head, *rows = book[sheet].values
+        assert "p2/arm.gt3x" in [row[head.index("path")] for row in rows], sheet
+    assert '<a href="arm-2/report.html">p2/arm.gt3x</a>' in (twins / "index.html").read_text("utf-8")
 
 
 def cut_run(folder: Path, *options: str, by: signal.Signals = signal.SIGINT) -> int:
@@ -101,7 +86,7 @@ def cut_run(folder: Path, *options: str, by: signal.Signals = signal.SIGINT) -> 
 
 
 @pytest.fixture(scope="module")
-def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
+def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Cut:
     """A run of ten that got Ctrl-C after the first: its exit code and its results.
 
     How many more it finishes before the signal reaches it depends on the machine.
@@ -112,31 +97,25 @@ def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int
     return cut_run(folder), folder / "out"
 
 
-def test_a_run_that_was_cut_says_so_by_its_exit_code(cut: tuple[int, Path]) -> None:
-    assert cut[0] == 130
-
-
-def test_a_run_that_was_cut_leaves_the_summary_so_far(cut: tuple[int, Path]) -> None:
-    codes = [row["error_code"] for row in read_table(cut[1] / "summary.csv")]
-
+def test_a_run_that_was_cut_leaves_the_summary_so_far_and_nothing_half_made(cut: Cut) -> None:
+    rows = read_table(cut[1] / "summary.csv")
+    codes = [row["error_code"] for row in rows]
     done = codes.count("")
+
+    assert cut[0] == 130
     assert done > 0
     assert codes == [""] * done + ["E-INTERRUPTED"] * (10 - done)
+    folders = sorted(path.name for path in cut[1].iterdir() if path.is_dir())
+    assert folders == [row["file_name"][0] for row in rows[:done]]
 
 
-def test_a_run_that_was_cut_leaves_nothing_half_made(cut: tuple[int, Path]) -> None:
-    done = [row["file_name"] for row in read_table(cut[1] / "summary.csv") if not row["error_code"]]
+def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: Cut) -> None:
+    (fix,) = {row["fix"] for row in read_table(cut[1] / "problems.csv")}
 
-    assert sorted(path.name for path in cut[1].iterdir() if path.is_dir()) == [name[0] for name in done]
-
-
-def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: tuple[int, Path]) -> None:
-    fixes = {row["fix"] for row in read_table(cut[1] / "problems.csv")}
-
-    again = (
-        "After acromion run, give the same command again: it goes on from here, and what is done is not done"
+    assert fix == (
+        "Ask for the analysis again. After acromion run, give the same command again: it goes on from here, "
+        "and what is done is not done twice."
     )
-    assert fixes == {f"Ask for the analysis again. {again} twice."}
 
 
 def test_what_an_earlier_run_has_done_stays_in_the_tables_of_one_that_was_cut(

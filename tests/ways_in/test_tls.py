@@ -5,15 +5,13 @@ import ssl
 from pathlib import Path
 
 import httpx2
-import pytest
 from fastapi import FastAPI
-from typer.testing import CliRunner
 from websockets.sync.client import connect
 
-from app.cli import app
 from app.main import configure_server
 from app.settings import Settings
 from tests.ways_in.servers import RunningServer
+from tests.ways_in.typed import run
 
 
 def test_pages_and_sockets_are_served_over_tls(certificate: tuple[Path, Path], tmp_path: Path) -> None:
@@ -34,42 +32,28 @@ def test_pages_and_sockets_are_served_over_tls(certificate: tuple[Path, Path], t
     assert heard["code"] == "E-NOT-FOUND"
 
 
-@pytest.fixture
-def offered(certificate: tuple[Path, Path], tmp_path: Path) -> ssl.SSLContext:
-    """What the server offers to those who come by TLS."""
-    cert, key = certificate
-    settings = Settings(data_dir=tmp_path / "data", tls_cert=cert, tls_key=key)
+def test_nothing_older_than_tls_1_2_and_only_ciphers_with_forward_secrecy_are_offered(
+    certificate: tuple[Path, Path], tmp_path: Path
+) -> None:
+    settings = Settings(data_dir=tmp_path / "data", tls_cert=certificate[0], tls_key=certificate[1])
     config = configure_server(FastAPI(), settings)
     config.load()
     assert config.ssl is not None
-    return config.ssl
-
-
-def test_nothing_older_than_tls_1_2_is_spoken(offered: ssl.SSLContext) -> None:
-    assert offered.minimum_version >= ssl.TLSVersion.TLSv1_2
-
-
-def test_every_cipher_keeps_what_was_said_secret_and_whole(offered: ssl.SSLContext) -> None:
-    names = {cipher["name"] for cipher in offered.get_ciphers()}
-
+    names = {cipher["name"] for cipher in config.ssl.get_ciphers()}
     old = {name for name in names if not name.startswith("TLS_")}
+
+    assert config.ssl.minimum_version >= ssl.TLSVersion.TLSv1_2
     assert names > old > set()
     assert all(name.startswith("ECDHE-") for name in old)
     assert all("GCM" in name or "CHACHA20" in name for name in names)
 
 
-def test_a_certificate_without_its_key_is_refused(certificate: tuple[Path, Path], tmp_path: Path) -> None:
-    result = CliRunner().invoke(
-        app, ["serve", "--data", str(tmp_path / "data"), "--tls-cert", str(certificate[0])]
-    )
-
-    assert result.exit_code == 2
-    assert "E-PARAMETER" in result.output
-
-
-def test_a_file_that_is_no_certificate_is_refused(certificate: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_certificate_without_its_key_and_a_file_that_is_none_are_refused(
+    certificate: tuple[Path, Path], tmp_path: Path
+) -> None:
     wrong = tmp_path / "cert.pem"
     wrong.write_text("none")
-    words = ["--tls-cert", str(wrong), "--tls-key", str(certificate[1])]
 
-    assert CliRunner().invoke(app, ["serve", "--data", str(tmp_path / "data"), *words]).exit_code == 2
+    for cert, more in ((certificate[0], ()), (wrong, ("--tls-key", str(certificate[1])))):
+        result = run("serve", "--data", tmp_path / "data", "--tls-cert", cert, *more)
+        assert (result.exit_code, "E-PARAMETER" in result.output) == (2, True)

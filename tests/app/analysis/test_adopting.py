@@ -1,5 +1,6 @@
 """What a correction says of its recording counts once it has a report."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -41,28 +42,32 @@ def tell(row: StoredRow) -> tuple[object, ...]:
     return row.about.subject, row.about.side, row.diary
 
 
+@pytest.mark.parametrize(
+    ("way_in", "end", "told"),
+    [
+        ("web", finish_next, ("S2", "left", BREAK)),
+        ("web", fail_next, ("S1", None, ())),
+        ("api", finish_next, ("S1", None, ())),  # settings of a script are for its analysis alone
+    ],
+    ids=["finished", "failed", "script"],
+)
 def test_a_correction_describes_its_recording_once_it_has_a_report(
-    store: JobStore, recordings: RecordingStore, first: Job
+    store: JobStore,
+    recordings: RecordingStore,
+    first: Job,
+    *,
+    way_in: WayIn,
+    end: Callable[[JobStore], object],
+    told: tuple[object, ...],
 ) -> None:
-    correct(store, first)
+    correct(store, first, way_in)
     before = recordings.get(first.recording_id)
 
-    finish_next(store)
+    end(store)
 
-    assert tell(before) == ("S1", None, ())
     after = recordings.get(first.recording_id)
-    assert tell(after) == ("S2", "left", BREAK)
-    assert after.version == before.version + 1
-
-
-def test_a_correction_that_failed_leaves_the_recording_as_it_was(
-    store: JobStore, recordings: RecordingStore, first: Job
-) -> None:
-    correct(store, first)
-
-    fail_next(store)
-
-    assert tell(recordings.get(first.recording_id)) == ("S1", None, ())
+    assert (tell(before), tell(after)) == (("S1", None, ()), told)
+    assert after.version == before.version + (told[0] == "S2")
 
 
 def test_what_was_said_of_the_recording_meanwhile_stays(
@@ -75,16 +80,6 @@ def test_what_was_said_of_the_recording_meanwhile_stays(
     finish_next(store)
 
     assert tell(recordings.get(first.recording_id)) == ("S3", "left", BREAK)
-
-
-def test_settings_of_a_script_are_for_its_analysis_alone(
-    store: JobStore, recordings: RecordingStore, first: Job
-) -> None:
-    correct(store, first, "api")
-
-    finish_next(store)
-
-    assert tell(recordings.get(first.recording_id)) == ("S1", None, ())
 
 
 def test_an_attempt_that_failed_is_withdrawn_and_needs_no_attention_any_more(

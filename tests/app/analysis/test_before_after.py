@@ -1,9 +1,9 @@
 """One day beside another: the change, whether days differ as much anyway, and what else is different."""
 
 import json
-import re
 from dataclasses import replace
 from datetime import timedelta
+from typing import Any, Literal
 
 import pytest
 
@@ -15,36 +15,32 @@ from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
 from fusion.conventions import CalibrationState
-from fusion.exposure.types import TimeAbove
-from tests.app.analysis_factory import ANALYSED_S, make_analysis, make_exposure, make_quality, make_subject
+from tests.app.analysis.days_factory import MONDAY, make_day
+from tests.app.report.report_reading import plain
 
 
-def kept_with(above_60_percent: float = 7.6, side: str = "right", subject: str = "S012") -> Kept:
-    exposure = make_exposure()
-    above = tuple(
-        TimeAbove(60, ANALYSED_S * above_60_percent / 100, above_60_percent) if t.threshold_deg == 60 else t
-        for t in exposure.time_above
-    )
-    findings = make_analysis(exposure=replace(exposure, time_above=above), quality=make_quality("good"))
-    return Kept(findings, make_subject(subject, side=side))
+def kept_with(
+    above_60_percent: float = 7.6, side: str = "right", subject: str = "S012", day: int = 1
+) -> Kept:
+    return make_day(day, above_60_percent, subject=subject, side=side).kept
 
 
-def the_day_before(kept: Kept) -> Kept:
-    start = kept.findings.recording.start
-    assert start is not None
-    recording = replace(kept.findings.recording, sha256="0" * 64, start=start - timedelta(days=1))
-    return replace(kept, findings=replace(kept.findings, recording=recording))
+BEFORE = kept_with(day=0)
 
 
-BEFORE = the_day_before(kept_with())
+def analysed_otherwise(
+    kept: Kept, part: Literal["method", "calibration", "recording"], **changes: Any
+) -> Kept:
+    changed: Any = replace(getattr(kept.findings, part), **changes)
+    return replace(kept, findings=replace(kept.findings, **{part: changed}))
+
+
+def held(kept: Kept, state: CalibrationState) -> Kept:
+    return analysed_otherwise(kept, "calibration", state=state)
 
 
 def report_of(after: Kept, language: Language = "en") -> Report:
     return build_comparison(BEFORE, after, language)
-
-
-def plain(text: str) -> str:
-    return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
 
 
 def test_a_change_above_the_least_detectable_one_is_called_larger() -> None:
@@ -67,52 +63,32 @@ def test_a_change_below_it_is_not() -> None:
     )
 
 
-def test_like_is_compared_with_like() -> None:
-    assert report_of(kept_with()).verdict.level == "good"
+def test_like_is_compared_with_like_and_the_error_of_the_pose_stands_there_once() -> None:
+    report = report_of(kept_with())
+
+    assert report.verdict.level == "good"
+    assert report.pose_caution.count("15° low") == 1
 
 
-def test_what_differs_besides_the_work_is_named() -> None:
-    day = kept_with()
-    assert day.findings.method is not None
-    method = replace(day.findings.method, name="published")
+@pytest.mark.parametrize(
+    ("part", "changes", "told"),
+    [
+        ("method", {"name": "published"}, "the method or its version"),
+        ("calibration", {"pose": "side-lean"}, "the calibration pose"),
+    ],
+)
+def test_what_differs_besides_the_work_is_named(part: Any, changes: dict[str, str], told: str) -> None:
+    verdict = report_of(analysed_otherwise(kept_with(), part, **changes)).verdict
 
-    verdict = report_of(replace(day, findings=replace(day.findings, method=method))).verdict
-    told = "The two differ in more than the work: the method or its version."
-    assert (verdict.level, verdict.reason) == ("caution", told)
-
-
-def test_another_pose_is_named() -> None:
-    after = kept_with()
-    calibration = replace(after.findings.calibration, pose="side-lean")  # type: ignore[type-var]
-
-    report = report_of(replace(after, findings=replace(after.findings, calibration=calibration)))
-
-    assert "the calibration pose" in report.verdict.reason
-
-
-def held(kept: Kept, state: CalibrationState) -> Kept:
-    assert kept.findings.calibration is not None
-    calibration = replace(kept.findings.calibration, state=state)
-    return replace(kept, findings=replace(kept.findings, calibration=calibration))
+    assert verdict.level == "caution"
+    assert verdict.reason == f"The two differ in more than the work: {told}."
 
 
 @pytest.mark.parametrize(
     ("language", "first"),
     [
-        (
-            "en",
-            (
-                "After: calibration pose assumed, not confirmed. "
-                "A change cannot be told from an error of the pose."
-            ),
-        ),
-        (
-            "fr",
-            (
-                "Après : pose d'étalonnage supposée, non confirmée. "
-                "Un changement ne peut pas être distingué d'une erreur de la pose."
-            ),
-        ),
+        ("en", "A change cannot be told from an error of the pose."),
+        ("fr", "Un changement ne peut pas être distingué d'une erreur de la pose."),
     ],
 )
 def test_a_pose_that_nobody_confirmed_comes_first_and_no_change_is_judged(
@@ -122,8 +98,12 @@ def test_a_pose_that_nobody_confirmed_comes_first_and_no_change_is_judged(
     report = report_of(after, language)
     answer, page = plain(format_brief(report).decode()), plain(render_html(report).decode())
 
-    assert answer.splitlines()[0] == first
-    assert first in page.replace("&#39;", "'")
+    pose = {
+        "en": "After: calibration pose assumed, not confirmed.",
+        "fr": "Après : pose d'étalonnage supposée, non confirmée.",
+    }[language]
+    assert answer.splitlines()[0] == f"{pose} {first}"
+    assert f"{pose} {first}" in page.replace("&#39;", "'")
     for told in ("larger than the usual day-to-day", "Like with like", "dépasse la", "conditions égales"):
         assert told not in answer
     document = describe_comparison(BEFORE, after)
@@ -144,16 +124,15 @@ def test_a_figure_without_published_variation_has_no_verdict() -> None:
     assert rows["P90 of elevation"][4:] == ("–", "not known")
 
 
-def test_the_known_error_of_the_pose_stands_beside_the_change_once() -> None:
-    assert report_of(kept_with()).pose_caution.count("15° low") == 1
-
-
 def test_the_document_holds_the_same_change_as_the_page() -> None:
     document = describe_comparison(BEFORE, kept_with(13.2))
 
     figure = next(f for f in document["figures"] if f["name"] == "time_above_60_percent")
     assert (figure["before"], figure["after"], figure["change"]) == (7.6, 13.2, 5.6)
     assert (figure["detectable"], figure["verdict"]) == (5.543717, "larger")
+    other_arm = json.loads(encode_document(describe_comparison(BEFORE, kept_with(side="left"))))
+    assert (other_arm["before"]["side"], other_arm["after"]["side"]) == ("right", "left")
+    assert other_arm["differences"] == ["side"]
 
 
 @pytest.mark.parametrize(
@@ -174,19 +153,33 @@ def test_a_missing_code_is_said_beside_the_change() -> None:
     assert plain(report.pose_caution).startswith("A subject code is missing; the person who asked")
 
 
-@pytest.mark.parametrize("subject", ["", "NA", "?"])
-def test_a_day_without_a_code_is_not_taken_for_one_of_the_same_person(subject: str) -> None:
-    with pytest.raises(CannotCompare) as refused:
-        refuse_no_comparison(BEFORE, kept_with(subject=subject))
+def why_refused(after: Kept, before: Kept = BEFORE, *, mixed_methods: bool = False) -> object:
+    try:
+        refuse_no_comparison(before, after, mixed_methods=mixed_methods)
+    except CannotCompare as refusal:
+        return refusal.facts["why"]
+    return None
 
-    assert refused.value.facts == {"why": "person"}
+
+@pytest.mark.parametrize(
+    ("after", "why"),
+    [
+        (kept_with(30.0), None),
+        (kept_with(subject="S999"), "subjects"),
+        *((kept_with(subject=nobody), "person") for nobody in ("", "NA", "?")),
+        (analysed_otherwise(kept_with(), "recording", start=MONDAY), "same hours"),
+        (analysed_otherwise(kept_with(side="left"), "recording", start=MONDAY), None),
+        (BEFORE, "same"),
+        (kept_with(13.0, day=0), None),  # another analysis of the same recording
+        (analysed_otherwise(kept_with(), "method", version="999"), "methods"),
+    ],
+)
+def test_only_different_days_of_one_person_by_one_method_are_compared(after: Kept, why: str | None) -> None:
+    assert why_refused(after) == why
 
 
-def test_the_document_names_both_analyses_and_what_differs() -> None:
-    document = json.loads(encode_document(describe_comparison(BEFORE, kept_with(side="left"))))
-
-    assert (document["before"]["side"], document["after"]["side"]) == ("right", "left")
-    assert document["differences"] == ["side"]
+def test_two_methods_are_compared_if_that_is_asked_for() -> None:
+    assert why_refused(analysed_otherwise(kept_with(), "method", version="999"), mixed_methods=True) is None
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -196,49 +189,8 @@ def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Languag
     assert f'<html lang="{language}">' in render_html(report).decode()
     assert render_pdf(report, {"comparison.json": b"{}\n"}).startswith(b"%PDF-")
     assert "[U+" not in spell_uncovered(str(report))
-
-
-def why_refused(after: Kept, *, before: Kept = BEFORE, mixed_methods: bool = False) -> object:
-    try:
-        refuse_no_comparison(before, after, mixed_methods=mixed_methods)
-    except CannotCompare as refusal:
-        return refusal.facts["why"]
-    return None
-
-
-def analysed_by(kept: Kept, version: str) -> Kept:
-    assert kept.findings.method is not None
-    method = replace(kept.findings.method, version=version)
-    return replace(kept, findings=replace(kept.findings, method=method))
-
-
-def test_two_days_of_one_arm_are_compared() -> None:
-    assert why_refused(kept_with(30.0)) is None
-
-
-def test_two_people_are_refused() -> None:
-    assert why_refused(kept_with(30.0, subject="S999")) == "subjects"
-
-
-def test_the_same_hours_of_one_arm_are_refused() -> None:
-    at_once = replace(BEFORE.findings.recording, start=kept_with().findings.recording.start)
-    before = replace(BEFORE, findings=replace(BEFORE.findings, recording=at_once))
-
-    assert why_refused(kept_with(), before=before) == "same hours"
-    assert why_refused(kept_with(side="left"), before=before) is None
-
-
-def test_one_analysis_beside_itself_is_refused_and_another_of_the_recording_is_not() -> None:
-    other = replace(kept_with(13.0).findings, recording=BEFORE.findings.recording)
-
-    assert why_refused(BEFORE) == "same"
-    assert why_refused(replace(BEFORE, findings=other)) is None
-
-
-def test_two_methods_are_refused_unless_asked_for() -> None:
-    after = analysed_by(kept_with(), "999")
-
-    assert [why_refused(after, mixed_methods=asked) for asked in (False, True)] == ["methods", None]
+    before, after = (kept_with(subject="<script>alert(1)</script>", day=day) for day in (0, 1))
+    assert "<script" not in render_html(build_comparison(before, after, language)).decode()
 
 
 def test_the_french_plural_begins_at_two() -> None:
@@ -256,13 +208,6 @@ def test_its_date_is_the_end_of_the_later_recording() -> None:
     later = replace(recording, start=recording.start + timedelta(days=1))
     report = report_of(replace(after, findings=replace(after.findings, recording=later)))
     assert report.made_of == recording.start + timedelta(days=1, microseconds=recording.duration_us)
-
-
-def test_a_hostile_subject_code_stays_text() -> None:
-    after = kept_with(subject="<script>alert(1)</script>")
-    page = render_html(build_comparison(the_day_before(after), after, "en")).decode()
-
-    assert "<script" not in page
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval
 from fusion.recording import Span
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_subject
+from tests.app.report.report_reading import plain
 
 NO_TRUNK = TrunkRelative("no trunk sensor")
 SHARED = PairedArms(
@@ -54,31 +56,46 @@ def report_of(pair: ArmPair, language: Language = "en") -> Report:
     return build_pair(pair, language)
 
 
-def plain(text: str) -> str:
-    return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
-
-
 def keep(
-    folder: Path,
-    side: str,
-    angle_deg: float,
-    sha256: str = "",
-    *,
-    start: datetime | None = START,
-    subject: str = "S012",
-    method: MethodName = "smoothed",
+    folder: Path, side: str, angle_deg: float = 40.0, *, method: MethodName = "smoothed", **known: Any
 ) -> Path:
     """Leave a finished analysis of 60 s at one angle."""
     folder.mkdir()
-    kept = kept_of(side, start, sha256, subject)
+    kept = kept_of(side, **known)
     assert kept.findings.method is not None
-    named = replace(kept.findings.method, name=method)
-    findings = replace(kept.findings, exclusions=(), method=named)
+    findings = replace(kept.findings, exclusions=(), method=replace(kept.findings.method, name=method))
     (folder / "results.json").write_bytes(encode_results(findings, kept.subject))
     angles = np.full(6000, angle_deg, np.float32)
     segment = ElevationSegment(0, 100.0, angles, np.ones(6000, bool))
     write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
     return folder
+
+
+Changes = tuple[dict[str, Any], ...]
+"""What is known otherwise of the left arm, the right arm and, if there is a third, the trunk."""
+
+
+def keep_arms(folder: Path, changes: Changes = ({}, {})) -> tuple[Path, ...]:
+    sides: tuple[dict[str, Any], ...] = (
+        {"side": "left", "angle_deg": 40.0},
+        {"side": "right", "angle_deg": 70.0},
+        {"side": "unknown", "angle_deg": 15.0},
+    )
+    return tuple(
+        keep(folder / name, **(side | more)) for name, side, more in zip("lrt", sides, changes, strict=False)
+    )
+
+
+def code(*codes: str) -> Changes:
+    return tuple({"subject": each} for each in codes)
+
+
+def pair(folder: Path, folders: tuple[Path, ...], *asked: Any, **more: Any) -> dict[str, Any]:
+    """Return the document of the report of two."""
+    request = PairRequest("pair", *asked, **({"languages": ("en",), "kinds": ()} | more))
+    make_report_of_two(folders, request, folder)
+    document: dict[str, Any] = json.loads((folder / "pair.json").read_bytes())
+    return document
 
 
 RANGED = replace(
@@ -99,11 +116,13 @@ def test_the_ranges_stand_behind_the_figures() -> None:
     assert sentences[1] == "Both arms were above 60° at the same time for 2.5 % (1.0–4.5 %) of that time."
 
 
-def test_the_ranges_stand_under_the_figures_of_the_table() -> None:
+def test_the_ranges_stand_under_the_figures_of_the_table_and_in_the_document() -> None:
     rows = report_of(replace(make_pair(), shared=RANGED)).sections[0].tables[0].rows
 
     assert [plain(cell) for cell in rows[2]] == ["95 % range", "2.5–6.0 %", "", "1.20–4.12"]
     assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
+    document = describe_pair(replace(make_pair(), shared=RANGED))
+    assert document["intervals"]["left_time_above_60_percent"] == [2.5, 6.0]
 
 
 def test_an_arm_whose_pose_nobody_confirmed_is_as_uncertain_as_in_its_own_report() -> None:
@@ -126,19 +145,6 @@ def test_an_arm_whose_pose_nobody_confirmed_is_as_uncertain_as_in_its_own_report
     first = format_brief(report).decode().splitlines()[0]
     assert first.startswith("Left arm: calibration pose assumed, not confirmed.")
     assert report.range_note.endswith("Figures of both arms together have no range.")
-
-
-def test_the_quality_of_each_arm_is_named_once() -> None:
-    table = report_of(make_pair()).sections[-1].tables[0]
-
-    row = next(row for row in table.rows if row[0] == "Data quality")
-    assert set(row[1:]) <= {"good", "use with care", "poor"}
-
-
-def test_the_ranges_stand_in_the_document() -> None:
-    document = describe_pair(replace(make_pair(), shared=RANGED))
-
-    assert document["intervals"]["left_time_above_60_percent"] == [2.5, 6.0]
 
 
 @pytest.mark.parametrize(
@@ -176,24 +182,21 @@ def test_the_bars_show_the_figures_of_the_answer_and_not_those_of_each_own_day()
     assert chart.note == "Each bar covers the time in which both arms were analysed."
 
 
-def test_the_offset_of_the_clocks_is_seen_at_the_head_of_the_page() -> None:
-    header = {pair.name: plain(pair.value) for pair in report_of(make_pair(80.0)).header}
+def test_that_only_the_clocks_give_the_offset_is_said() -> None:
+    later, earlier = (report_of(make_pair(offset_s)) for offset_s in (80.0, -80.0))
 
-    assert header["Right began after left"] == "+1 min 20 s"
-
-
-def test_only_the_clocks_give_the_offset_and_that_is_said() -> None:
-    told = plain(report_of(make_pair(-80.0)).pose_caution)
-
-    assert told.startswith(
+    assert plain({row.name: row.value for row in later.header}["Right began after left"]) == "+1 min 20 s"
+    assert plain(earlier.pose_caution).startswith(
         "The right recording began 1 min 20 s before the left. The clocks of the two devices"
     )
 
 
-def test_no_ratio_is_told_where_the_left_arm_was_never_up() -> None:
-    pair = replace(make_pair(), shared=replace(SHARED, ratio_above_60=None))
+def test_the_quality_of_each_arm_is_named_and_no_ratio_if_the_left_arm_was_never_up() -> None:
+    report = report_of(replace(make_pair(), shared=replace(SHARED, ratio_above_60=None)))
 
-    assert "right to left" not in report_of(pair).sentences[0]
+    row = next(row for row in report.sections[-1].tables[0].rows if row[0] == "Data quality")
+    assert set(row[1:]) <= {"good", "use with care", "poor"}
+    assert "right to left" not in report.sentences[0]
 
 
 def test_both_days_lie_on_the_clock_of_the_one_that_began_first() -> None:
@@ -238,61 +241,45 @@ def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Languag
     assert "[U+" not in spell_uncovered(str(report))
 
 
-def test_the_clocks_of_the_devices_give_the_offset() -> None:
-    assert find_offset_s(kept_of("left"), kept_of("right", START + timedelta(seconds=80))) == 80.0
-
-
-def test_a_clock_without_a_zone_is_taken_for_one_of_the_same_place() -> None:
-    later = START.replace(tzinfo=None) + timedelta(seconds=5)
-
-    assert find_offset_s(kept_of("left"), kept_of("right", later)) == 5.0
-
-
-def test_without_a_clock_somebody_must_tell_the_offset(tmp_path: Path) -> None:
-    left = keep(tmp_path / "l", "left", 10.0)
-    right = keep(tmp_path / "r", "right", 70.0, start=None)
-
-    with pytest.raises(CannotPair) as refused:
-        make_report_of_two((left, right), PairRequest("pair", languages=("en",), kinds=("html",)), tmp_path)
-
-    assert refused.value.facts == {"why": "offset"}
+@pytest.mark.parametrize(
+    ("start", "offset_s"),
+    [(START + timedelta(seconds=80), 80.0), (START.replace(tzinfo=None) + timedelta(seconds=5), 5.0)],
+    ids=["zones", "one without a zone"],
+)
+def test_the_clocks_of_the_devices_give_the_offset(start: datetime, offset_s: float) -> None:
+    assert find_offset_s(kept_of("left"), kept_of("right", start)) == offset_s
 
 
 @pytest.mark.parametrize(
-    ("sides", "hashes", "offset_s", "why"),
+    ("changes", "asked", "why"),
     [
-        (("left", "right"), ("same", "same"), 0.0, "same"),
-        (("right", "left"), ("a", "b"), 0.0, "side"),
-        (("left", "right"), ("a", "b"), 7200.0, "apart"),
+        (({}, {"start": None}), {}, "offset"),
+        (({"sha256": "a"}, {"sha256": "a"}), {}, "same"),
+        (({"side": "right", "sha256": "a"}, {"side": "left"}), {}, "side"),
+        (({}, {}), {"offset_s": 7200.0}, "apart"),
+        (code("P7", "S012", "S012"), {}, "subjects"),
+        (code("S012", "P7", ""), {}, "subjects"),
+        (code("", "S012", "P7"), {"same_subject": True}, "subjects"),
+        *((code(*nobody), {}, "person") for nobody in (("S012", ""), ("", ""), ("NA", "NA"))),
+        (code("S012", "S012", ""), {}, "person"),
+        (({}, {"method": "published"}), {}, "methods"),
+        (({}, {"sha256": "a"}, {"sha256": "a"}), {}, "same"),  # an arm taken for the trunk
     ],
 )
 def test_what_is_no_pair_is_refused(
-    sides: tuple[str, str], hashes: tuple[str, str], offset_s: float, why: str, tmp_path: Path
+    changes: Changes, asked: dict[str, Any], why: str, tmp_path: Path
 ) -> None:
-    left, right = (
-        keep(tmp_path / name, side, 70.0, sha256)
-        for name, side, sha256 in zip("lr", sides, hashes, strict=True)
-    )
-
     with pytest.raises(CannotPair) as refused:
-        make_report_of_two((left, right), PairRequest("pair", offset_s), tmp_path)
+        pair(tmp_path, keep_arms(tmp_path, changes), **asked)
 
     assert refused.value.facts == {"why": why}
 
 
-@pytest.mark.parametrize("codes", [("P7", "S012", "S012"), ("S012", "P7", ""), ("", "S012", "P7")])
-def test_codes_of_two_people_are_no_pair_and_no_arm_with_a_trunk(
-    codes: tuple[str, str, str], tmp_path: Path
-) -> None:
-    folders = tuple(
-        keep(tmp_path / name, side, 40.0, name, subject=code)
-        for name, side, code in zip("lrt", ("left", "right", "unknown"), codes, strict=True)
-    )
-
+def test_a_folder_without_a_finished_analysis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CannotPair) as refused:
-        make_report_of_two(folders, PairRequest("pair"), tmp_path)
+        pair(tmp_path, (tmp_path, tmp_path))
 
-    assert refused.value.facts == {"why": "subjects"}
+    assert refused.value.facts == {"why": "kept"}
 
 
 @pytest.mark.parametrize(
@@ -301,35 +288,15 @@ def test_codes_of_two_people_are_no_pair_and_no_arm_with_a_trunk(
         (("S012", "S012"), False, "codes"),
         (("S012", "S012"), True, "codes"),
         (("S012", ""), True, "person"),
-        (("", ""), True, "person"),
         (("S012", "S012", ""), True, "person"),
     ],
 )
 def test_who_says_that_all_are_of_one_person_stands_in_the_document(
     codes: tuple[str, ...], stated: bool, one_person: str, tmp_path: Path
 ) -> None:
-    folders = tuple(
-        keep(tmp_path / name, side, 40.0, name, subject=code)
-        for name, side, code in zip("lrt", ("left", "right", "unknown"), codes, strict=False)
-    )
-    request = PairRequest("pair", languages=("en",), kinds=(), same_subject=stated)
+    document = pair(tmp_path, keep_arms(tmp_path, code(*codes)), same_subject=stated)
 
-    make_report_of_two(folders, request, tmp_path)
-
-    assert json.loads((tmp_path / "pair.json").read_bytes())["one_person"] == one_person
-
-
-@pytest.mark.parametrize("codes", [("S012", ""), ("", ""), ("NA", "NA"), ("S012", "S012", "")])
-def test_arms_without_a_code_are_not_taken_for_one_person(codes: tuple[str, ...], tmp_path: Path) -> None:
-    folders = tuple(
-        keep(tmp_path / name, side, 40.0, name, subject=code)
-        for name, side, code in zip("lrt", ("left", "right", "unknown"), codes, strict=False)
-    )
-
-    with pytest.raises(CannotPair) as refused:
-        make_report_of_two(folders, PairRequest("pair", languages=("en",), kinds=()), tmp_path)
-
-    assert refused.value.facts["why"] == "person"
+    assert document["one_person"] == one_person
 
 
 @pytest.mark.parametrize(
@@ -343,43 +310,19 @@ def test_a_missing_code_is_said_beside_the_answer(one_person: OnePerson, told: s
     assert plain(report_of(replace(make_pair(), one_person=one_person)).pose_caution).startswith(told)
 
 
-def test_two_methods_are_refused_unless_asked_for(tmp_path: Path) -> None:
-    folders = (keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 10.0, method="published"))
+def test_two_finished_analyses_of_two_methods_make_every_product_if_that_is_asked_for(tmp_path: Path) -> None:
+    folders = keep_arms(tmp_path, ({}, {"method": "published"}))
     out = tmp_path / "out"
     out.mkdir()
 
-    with pytest.raises(CannotPair) as refused:
-        make_report_of_two(folders, PairRequest("pair", languages=("en",)), out)
-    make_report_of_two(folders, PairRequest("pair", languages=("en",), mixed_methods=True), out)
-
-    assert refused.value.facts == {"why": "methods"}
-    assert (out / "pair.json").exists()
-
-
-def test_a_folder_without_a_finished_analysis_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(CannotPair) as refused:
-        make_report_of_two((tmp_path, tmp_path), PairRequest("pair"), tmp_path)
-
-    assert refused.value.facts == {"why": "kept"}
-
-
-def test_two_finished_analyses_make_every_product(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 70.0)
-    out = tmp_path / "out"
-    out.mkdir()
-
-    make_report_of_two((left, right), PairRequest("pair", languages=("fr",)), out)
+    make_report_of_two(folders, PairRequest("pair", languages=("fr",), mixed_methods=True), out)
 
     made = {path.name for path in out.iterdir()}
     assert made == {"pair.json", "answer.fr.txt", "report.fr.html", "report.fr.pdf"}
 
 
 def test_the_trunk_is_taken_off_each_arm(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
-    trunk = keep(tmp_path / "t", "unknown", 15.0)
-
-    request = PairRequest("pair", languages=("en",), kinds=("html",))
-    make_report_of_two((left, right, trunk), request, tmp_path)
+    pair(tmp_path, keep_arms(tmp_path, ({}, {}, {})), kinds=("html",))
 
     page = (tmp_path / "report.en.html").read_text("utf-8")
     assert "25.0°" in page
@@ -387,35 +330,17 @@ def test_the_trunk_is_taken_off_each_arm(tmp_path: Path) -> None:
 
 
 def test_the_clock_of_the_trunk_is_set_by_the_devices_or_by_a_person(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
-    trunk = keep(tmp_path / "t", "unknown", 15.0, start=START + timedelta(seconds=20))
-    clocks = []
+    folders = keep_arms(tmp_path, ({}, {}, {"start": START + timedelta(seconds=20)}))
 
-    for trunk_offset_s in (None, 5.0):
-        request = PairRequest("pair", None, trunk_offset_s, ("en",), ())
-        make_report_of_two((left, right, trunk), request, tmp_path)
-        clocks.append(json.loads((tmp_path / "pair.json").read_bytes())["trunk_clock"])
+    clocks = [pair(tmp_path, folders, None, offset_s)["trunk_clock"] for offset_s in (None, 5.0)]
 
     assert clocks == [{"offset_s": 20.0, "from": "clocks"}, {"offset_s": 5.0, "from": "person"}]
 
 
 def test_a_corrected_offset_of_the_right_arm_moves_it_against_the_trunk_too(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
-    trunk = keep(tmp_path / "t", "unknown", 15.0)
+    relative = pair(tmp_path, keep_arms(tmp_path, ({}, {}, {})), 20.0)["trunk_relative"]
 
-    make_report_of_two((left, right, trunk), PairRequest("pair", 20.0, None, ("en",), ()), tmp_path)
-
-    relative = json.loads((tmp_path / "pair.json").read_bytes())["trunk_relative"]
     assert relative["left"]["shared_s"] - relative["right"]["shared_s"] == pytest.approx(20.0)
-
-
-def test_an_arm_is_not_taken_for_the_trunk(tmp_path: Path) -> None:
-    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
-
-    with pytest.raises(CannotPair) as refused:
-        make_report_of_two((left, right, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
-
-    assert refused.value.facts == {"why": "same"}
 
 
 def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from tests.badfiles import signal_files as s
-from tests.badfiles.arm import Matrix
 from tests.badfiles.table_files import changed, misnamed, resaved
 from tests.badfiles.table_files import stamped as write_stamped
 from tests.factories import START
@@ -26,27 +25,23 @@ def inspect(folder: Path, content: bytes | str, language: str = "en", *options: 
     return {row[0]: row[1] for row in rows}
 
 
-FOUND = [
-    (s.negate_gyro, "left-handed axes: x turned round (from the motion itself)"),
-    (s.multiply_gyro(1000.0), "unit of the angular rate, × 0.001 (from the motion itself)"),
-]
-
-
-@pytest.mark.parametrize(("change", "told"), FOUND, ids=["left-handed", "unit"])
-def test_the_axis_or_scale_that_was_wrong_is_named(
-    change: Callable[[Matrix], None], told: str, tmp_path: Path
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (s.tumbled(s.negate_gyro), "left-handed axes: x turned round (from the motion itself)"),
+        (s.tumbled(s.multiply_gyro(1000.0)), "unit of the angular rate, × 0.001 (from the motion itself)"),
+        (s.tumbled(s.leave), "none"),
+        (
+            lambda: misnamed("us", 1000),
+            "unit of the time, us read as ms (from the rate at which the rows come)",
+        ),
+    ],
+    ids=["left-handed", "unit", "right", "time"],
+)
+def test_what_was_wrong_in_the_file_is_named(
+    make: Callable[[], bytes | str], told: str, tmp_path: Path
 ) -> None:
-    assert inspect(tmp_path, s.tumbled(change)())["Found wrong or not stated"].replace("’", "'") == told
-
-
-def test_a_right_file_has_nothing_found(tmp_path: Path) -> None:
-    assert inspect(tmp_path, s.tumbled(s.leave)())["Found wrong or not stated"] == "none"
-
-
-def test_the_unit_of_time_that_was_set_aside_is_named(tmp_path: Path) -> None:
-    told = inspect(tmp_path, misnamed("us", 1000))["Found wrong or not stated"]
-
-    assert told == "unit of the time, us read as ms (from the rate at which the rows come)"
+    assert inspect(tmp_path, make())["Found wrong or not stated"].replace("’", "'") == told
 
 
 def test_french_has_no_english_names_and_values(tmp_path: Path) -> None:

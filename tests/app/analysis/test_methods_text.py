@@ -18,17 +18,18 @@ def name_device(device: str, language: Language) -> str:
 
 
 @pytest.mark.parametrize(
-    ("language", "named"), [("en", "inertial sensors"), ("fr", "des capteurs inertiels")]
+    ("device", "language", "named"),
+    [
+        ("other", "en", "inertial sensors"),
+        ("other", "fr", "des capteurs inertiels"),
+        ("Acme armband", "en", "Acme armband sensors"),  # as its plug-in calls it
+        ("Acme armband", "fr", "des capteurs Acme armband"),
+    ],
 )
-def test_a_table_of_no_known_device_comes_from_inertial_sensors(language: Language, named: str) -> None:
-    assert named in name_device("other", language)
-
-
-@pytest.mark.parametrize(
-    ("language", "named"), [("en", "Acme armband sensors"), ("fr", "des capteurs Acme armband")]
-)
-def test_a_device_of_a_plug_in_is_called_by_the_name_it_gives(language: Language, named: str) -> None:
-    assert named in name_device("Acme armband", language)
+def test_a_device_is_called_by_its_name_or_as_inertial_sensors(
+    device: str, language: Language, named: str
+) -> None:
+    assert named in name_device(device, language)
 
 
 def test_a_recording_without_a_pose_is_told_by_the_axis_that_was_given() -> None:

@@ -14,37 +14,29 @@ def find_loaded(module: str, heavy: set[str]) -> str:
     ).stdout.strip()
 
 
-@pytest.mark.parametrize("module", ["app.main", "app.cli", "app.jobs.worker"])
-def test_taking_requests_loads_no_compiler(module: str) -> None:
-    assert find_loaded(module, {"numba", "scipy", "pyarrow", "typst"}) == ""
+COMPILED = {"numba", "scipy", "pyarrow", "typst"}
+OF_THE_COMMAND = {"numpy", "pydantic", "yaml", "jinja2", "xlsxwriter", "psutil", "sqlalchemy", "asyncio"}
+SLOW = {
+    *("pandas", "scipy.linalg", "scipy.special", "scipy.signal", "scipy.ndimage", "scipy.stats"),
+    *("pyarrow.compute", "pyarrow.dataset", "http.client", "unittest", "numpy.testing"),
+    *("pydantic", "sqlalchemy"),
+}
 
 
-def test_the_command_line_loads_no_numpy_before_the_child_runs() -> None:
-    heavy = {"numpy", "pydantic", "yaml", "jinja2", "xlsxwriter", "psutil", "sqlalchemy", "asyncio"}
-
-    assert find_loaded("app.cli", heavy) == ""
-
-
-def test_writing_the_tables_of_a_run_loads_no_numpy() -> None:
-    assert find_loaded("app.cli, app.batch.tables", {"numpy", "pydantic"}) == ""
-
-
-def test_starting_the_fork_server_loads_nothing_of_the_command_line() -> None:
-    assert find_loaded("app.start", {"typer", "app.cli", "app.settings", "numpy"}) == ""
-
-
-@pytest.mark.parametrize("module", ["app.report.render.write", "app.report.pairs"])
-def test_writing_a_report_loads_no_compiler(module: str) -> None:
-    assert find_loaded(module, {"numba", "scipy", "pandas", "pyarrow"}) == ""
-
-
-@pytest.mark.parametrize("module", ["app.roads.analyse", "app.jobs.children.preloaded"])
-def test_the_road_leaves_out_packages_that_take_long_to_load(module: str) -> None:
-    heavy = {"pandas", "scipy.linalg", "scipy.special", "scipy.signal", "scipy.ndimage", "scipy.stats"}
-    heavy |= {"pyarrow.compute", "pyarrow.dataset", "http.client", "unittest", "numpy.testing"}
-    heavy |= {"pydantic", "sqlalchemy"}
-
-    assert find_loaded(module, heavy) == ""
+@pytest.mark.parametrize(
+    ("modules", "heavy"),
+    [
+        ("app.main, app.jobs.worker", COMPILED),
+        ("app.cli", COMPILED | OF_THE_COMMAND),
+        ("app.cli, app.batch.tables", {"numpy", "pydantic"}),
+        ("app.start", {"typer", "app.cli", "app.settings", "numpy"}),
+        ("app.report.render.write, app.report.pairs", {"numba", "scipy", "pandas", "pyarrow"}),
+        ("app.roads.analyse", SLOW),
+        ("app.jobs.children.preloaded", SLOW),
+    ],
+)
+def test_a_process_loads_only_what_it_needs(modules: str, heavy: set[str]) -> None:
+    assert find_loaded(modules, heavy) == ""
 
 
 def test_writing_the_tables_does_not_load_pandas() -> None:

@@ -10,17 +10,23 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from app.cli import app
 from app.report.agreement.tables import tell_drift
-from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
 from app.roads.validate import make_validation
 from fusion.task_windows import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 
 STATISTICS = {"r", "rmse_deg", "mean_absolute_error_deg", "bias_deg", "loa_low_deg", "loa_high_deg"}
+
+
+TASKS = (
+    TaskWindow("first", 30.0, 90.0, 1),
+    TaskWindow("first", 100.0, 130.0, 1),
+    TaskWindow("next", 140.0, 200.0),
+)
 
 
 @pytest.fixture(scope="session")
@@ -37,12 +43,7 @@ def shift_mvnx(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def compared(shift_gt3x: Path, shift_mvnx: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one comparison with two tasks."""
     out = tmp_path_factory.mktemp("compared")
-    tasks = (
-        TaskWindow("first", 30.0, 90.0, 1),
-        TaskWindow("first", 100.0, 130.0, 1),
-        TaskWindow("next", 140.0, 200.0),
-    )
-    given = Reference(str(shift_mvnx), shift_mvnx.name, tasks=tasks)
+    given = Reference(str(shift_mvnx), shift_mvnx.name, tasks=TASKS)
     make_validation(shift_gt3x, ReportRequest("shift.gt3x", reference=given, side="right"), out)
     return out
 
@@ -67,29 +68,15 @@ def test_a_drift_is_told_to_what_its_margin_bears(
     assert tell_drift(drift_ppm, margin_ppm, "en") == told
 
 
-def test_a_drift_that_was_not_told_has_no_reason_that_may_be_wrong() -> None:
-    sentence = load_wording("en", "agreement")["sentence"]["clocks_no_drift"]
+def test_overall_and_every_task_have_the_statistics_over_the_time_of_the_tasks(
+    validation: dict[str, Any],
+) -> None:
+    overall, tasks = validation["overall"], validation["tasks"]
 
-    assert "short" not in sentence
-
-
-def test_overall_and_every_task_hold_the_names_of_the_contract(validation: dict[str, Any]) -> None:
-    assert set(validation["overall"]) >= STATISTICS
-    assert all(set(task) >= {"name", *STATISTICS} for task in validation["tasks"])
-
-
-def test_repetitions_of_a_name_are_one_task(validation: dict[str, Any]) -> None:
-    told = [(task["name"], task["repetitions"]) for task in validation["tasks"]]
-
-    assert told == [("first", 2), ("next", 1)]
-
-
-def test_a_comparison_over_tasks_is_over_their_time_alone(validation: dict[str, Any]) -> None:
-    assert validation["overall"]["duration_s"] == pytest.approx(60 + 30 + 60, abs=0.1)
-
-
-def test_a_simulated_arm_is_measured_within_a_degree_of_the_truth(validation: dict[str, Any]) -> None:
-    assert validation["overall"]["rmse_deg"] < 1.0
+    assert all(set(part) >= STATISTICS for part in (overall, *tasks))
+    assert [(task["name"], task["repetitions"]) for task in tasks] == [("first", 2), ("next", 1)]
+    assert overall["duration_s"] == pytest.approx(60 + 30 + 60, abs=0.1)
+    assert overall["rmse_deg"] < 1.0
 
 
 def test_bias_is_the_difference_of_the_mean_percentile_figures_sign(validation: dict[str, Any]) -> None:
@@ -99,21 +86,15 @@ def test_bias_is_the_difference_of_the_mean_percentile_figures_sign(validation: 
     assert p50["difference"] == pytest.approx(p50["ours"] - p50["reference"], abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    "name", ["validation.en.html", "validation.fr.html", "validation.en.pdf", "validation.fr.pdf"]
-)
-def test_both_languages_are_written(compared: Path, name: str) -> None:
-    assert (compared / name).stat().st_size > 10_000
-
-
-def test_the_table_holds_the_numbers_of_the_json(compared: Path, validation: dict[str, Any]) -> None:
+def test_page_pdf_and_table_are_written_with_the_figures_and_the_paper(
+    compared: Path, validation: dict[str, Any]
+) -> None:
     with (compared / "validation.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
 
+    for ending in ("en.html", "fr.html", "en.pdf", "fr.pdf"):
+        assert (compared / f"validation.{ending}").stat().st_size > 10_000
     assert float(rows[0]["rmse_deg"]) == validation["overall"]["rmse_deg"]
-
-
-def test_the_page_shows_the_paper_beside_its_task(compared: Path) -> None:
     # Table 1, flexion at 1 Hz, GT9X: RMSE 4.47 deg.
     assert "4.47°" in (compared / "validation.en.html").read_text()
 
@@ -121,12 +102,7 @@ def test_the_page_shows_the_paper_beside_its_task(compared: Path) -> None:
 def test_the_same_comparison_gives_the_same_bytes(
     compared: Path, shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path
 ) -> None:
-    tasks = (
-        TaskWindow("first", 30.0, 90.0, 1),
-        TaskWindow("first", 100.0, 130.0, 1),
-        TaskWindow("next", 140.0, 200.0),
-    )
-    given = Reference(str(shift_mvnx), shift_mvnx.name, tasks=tasks)
+    given = Reference(str(shift_mvnx), shift_mvnx.name, tasks=TASKS)
 
     make_validation(shift_gt3x, ReportRequest("shift.gt3x", reference=given, side="right"), tmp_path)
 
@@ -134,53 +110,43 @@ def test_the_same_comparison_gives_the_same_bytes(
         assert (tmp_path / name).read_bytes() == (compared / name).read_bytes()
 
 
-def test_a_clock_set_by_hand_is_kept(shift_gt3x: Path, tmp_path: Path) -> None:
-    truth = shift_gt3x.with_name("truth.parquet")
-    command = ["validate", str(shift_gt3x), "--reference", str(truth), "-o", str(tmp_path)]
-
-    CliRunner().invoke(app, [*command, "--offset-s", "0.25", "--drift-ppm", "-3"])
-
-    alignment = json.loads((tmp_path / "validation.json").read_text())["alignment"]
-    assert (alignment["offset_s"], alignment["drift_ppm"]) == (0.25, -3.0)
-
-
-def test_an_angle_file_may_be_judged_too(shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path) -> None:
-    truth = shift_gt3x.with_name("truth.parquet")
-
-    done = CliRunner().invoke(
-        app, ["validate", str(shift_mvnx), "--reference", str(truth), "-o", str(tmp_path)]
+def validate(log: Path, reference: Path, out: Path, *more: str) -> Result:
+    return CliRunner().invoke(
+        app, ["validate", str(log), "--reference", str(reference), "-o", str(out), *more]
     )
+
+
+def test_a_clock_set_by_hand_is_kept_and_an_angle_file_may_be_judged_too(
+    shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path
+) -> None:
+    truth = shift_gt3x.with_name("truth.parquet")
+
+    validate(shift_gt3x, truth, tmp_path / "by hand", "--offset-s", "0.25", "--drift-ppm", "-3")
+    done = validate(shift_mvnx, truth, tmp_path / "angles")
 
     assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "validation.json").read_text())
+    by_hand, found = (
+        json.loads((tmp_path / name / "validation.json").read_text())["alignment"]
+        for name in ("by hand", "angles")
+    )
+    assert (by_hand["offset_s"], by_hand["drift_ppm"]) == (0.25, -3.0)
     # Here the truth's clock stands 20 s behind MVN's.
-    assert found["alignment"]["offset_s"] == pytest.approx(-20.0, abs=0.005)
+    assert found["offset_s"] == pytest.approx(-20.0, abs=0.005)
 
 
-def test_a_reference_of_something_else_is_refused_with_its_code(shift_gt3x: Path, tmp_path: Path) -> None:
+def test_a_reference_of_something_else_and_tasks_that_cannot_be_read_are_refused_with_their_codes(
+    shift_gt3x: Path, tmp_path: Path
+) -> None:
     angles = np.random.default_rng(0).uniform(0, 90, 6000)
-    other = tmp_path / "other.csv"
-    other.write_text(
-        "time_s,elevation_deg\n" + "".join(f"{k / 60:.4f},{a:.2f}\n" for k, a in enumerate(angles))
-    )
+    rows = "".join(f"{k / 60:.4f},{a:.2f}\n" for k, a in enumerate(angles))
+    (tmp_path / "other.csv").write_text(f"time_s,elevation_deg\n{rows}")
+    (tmp_path / "tasks.csv").write_text("name,start_s,end_s\nlift,20,10\n")
 
-    done = CliRunner().invoke(
-        app, ["validate", str(shift_gt3x), "--reference", str(other), "-o", str(tmp_path)]
-    )
+    other = validate(shift_gt3x, tmp_path / "other.csv", tmp_path)
+    reversed_ = validate(shift_gt3x, shift_gt3x, tmp_path, "--tasks", str(tmp_path / "tasks.csv"))
 
-    assert done.exit_code == 3
-    assert "E-ALIGN" in done.output
-
-
-def test_a_list_of_tasks_that_cannot_be_read_is_a_slip_of_usage(shift_gt3x: Path, tmp_path: Path) -> None:
-    tasks = tmp_path / "tasks.csv"
-    tasks.write_text("name,start_s,end_s\nlift,20,10\n")
-    command = ["validate", str(shift_gt3x), "--reference", str(shift_gt3x), "--tasks", str(tasks)]
-
-    done = CliRunner().invoke(app, command)
-
-    assert done.exit_code == 2
-    assert "E-TASKS" in done.output
+    assert (other.exit_code, "E-ALIGN" in other.output) == (3, True)
+    assert (reversed_.exit_code, "E-TASKS" in reversed_.output) == (2, True)
 
 
 def test_a_motion_capture_is_told_for_what_it_is(shift_mvnx: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from app import intake
 from app.intake import FolderWatch, Intake
+from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
@@ -68,36 +69,34 @@ def test_the_same_file_sent_five_times_at_once_is_analysed_once(
     assert len(storage.find_recordings()) == 1
 
 
-def test_a_file_that_was_taken_lies_among_the_taken(watch: FolderWatch) -> None:
-    path = put(watch, "shift.gt3x")
-    watch.scan()
-
-    (job,) = watch.scan()
-
-    assert not path.exists()
-    assert (watch.folder / "taken" / f"{job.id}_shift.gt3x").read_bytes() == b"recording"
+def take(watch: FolderWatch) -> list[Job]:
+    """Scan twice, as a file is taken that has not grown since the scan before."""
+    assert watch.scan() == []
+    return watch.scan()
 
 
-def test_the_folder_of_a_file_is_its_subject(watch: FolderWatch) -> None:
-    put(watch, "S012/shift.gt3x")
-    watch.scan()
-
-    (job,) = watch.scan()
-
-    assert job.request.subject == "S012"
-
-
-def test_what_is_taken_has_the_server_s_paper_and_its_statement_of_the_pose(
+def test_a_file_is_taken_with_its_folder_as_subject_and_what_the_server_says_and_moved_aside(
     store: JobStore, storage: Storage, settings: Settings, tmp_path: Path
 ) -> None:
     letter = settings.model_copy(update={"paper": "letter", "watch_pose_held": "start"})
     watch = FolderWatch(Intake(store, storage, letter), tmp_path)
+    path = put(watch, "S012/shift.gt3x")
+
+    (job,) = take(watch)
+
+    request = job.request
+    assert (request.subject, request.paper, request.pose_held) == ("S012", "letter", "start")
+    assert not path.exists()
+    (moved,) = (watch.folder / "taken").rglob(f"{job.id}_shift.gt3x")
+    assert moved.read_bytes() == b"recording"
+
+
+def test_the_same_bytes_are_analysed_once(watch: FolderWatch) -> None:
     put(watch, "shift.gt3x")
-    watch.scan()
+    (first,) = take(watch)
+    put(watch, "shift.gt3x")
 
-    (job,) = watch.scan()
-
-    assert (job.request.paper, job.request.pose_held) == ("letter", "start")
+    assert [job.id for job in take(watch)] == [first.id]
 
 
 def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:
@@ -121,18 +120,6 @@ def test_a_file_that_is_too_large_stays_and_stops_nobody(watch: FolderWatch) -> 
     assert large.exists()
 
 
-def test_the_same_bytes_are_analysed_once(watch: FolderWatch) -> None:
-    jobs = []
-
-    for _ in range(2):
-        put(watch, "shift.gt3x")
-        watch.scan()
-        jobs += watch.scan()
-
-    assert len(jobs) == 2
-    assert jobs[0].id == jobs[1].id
-
-
 def test_no_line_of_the_log_names_the_subject_or_the_file(
     watch: FolderWatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -150,26 +137,6 @@ def test_no_line_of_the_log_names_the_subject_or_the_file(
     assert not any(word in caplog.text for word in ("S012", "S013", "Marie", "too long"))
 
 
-def test_a_link_to_a_file_is_left_alone(watch: FolderWatch, tmp_path: Path) -> None:
-    outside = tmp_path / "secret.csv"
-    outside.write_bytes(b"not for the world")
-    (watch.folder / "shift.csv").symlink_to(outside)
-    watch.scan()
-
-    assert watch.scan() == []
-    assert (watch.folder / "shift.csv").is_symlink()
-
-
-def test_a_link_to_a_folder_is_left_alone(watch: FolderWatch, tmp_path: Path) -> None:
-    (tmp_path / "outside").mkdir()
-    (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
-    (watch.folder / "S012").symlink_to(tmp_path / "outside")
-    watch.scan()
-
-    assert watch.scan() == []
-    assert (tmp_path / "outside" / "shift.csv").exists()
-
-
 def test_links_are_logged_once(watch: FolderWatch, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (watch.folder / "shift.csv").symlink_to(tmp_path / "secret.csv")
 
@@ -181,53 +148,6 @@ def test_links_are_logged_once(watch: FolderWatch, tmp_path: Path, caplog: pytes
     ]
 
 
-def test_a_file_that_becomes_a_link_is_not_followed(
-    watch: FolderWatch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = put(watch, "shift.csv")
-    (tmp_path / "secret.csv").write_bytes(b"not for the world")
-    watch.scan()
-    held = intake._enter_folder
-
-    def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
-        path.unlink()
-        path.symlink_to(tmp_path / "secret.csv")
-        return held(folder, is_watched=is_watched)
-
-    monkeypatch.setattr(intake, "_enter_folder", swap)
-
-    assert watch.scan() == []
-    assert (tmp_path / "secret.csv").exists()
-
-
-def test_a_folder_that_becomes_a_link_is_not_followed(
-    watch: FolderWatch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = put(watch, "S012/shift.csv")
-    (tmp_path / "outside").mkdir()
-    (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
-    watch.scan()
-    held = intake._enter_folder
-
-    def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
-        path.unlink()
-        path.parent.rmdir()
-        path.parent.symlink_to(tmp_path / "outside")
-        return held(folder, is_watched=is_watched)
-
-    monkeypatch.setattr(intake, "_enter_folder", swap)
-
-    assert watch.scan() == []
-    assert (tmp_path / "outside" / "shift.csv").exists()
-
-
-def test_a_pipe_is_left_alone(watch: FolderWatch) -> None:
-    os.mkfifo(watch.folder / "shift.csv")
-    watch.scan()
-
-    assert watch.scan() == []
-
-
 def test_nothing_is_moved_through_a_link(watch: FolderWatch, tmp_path: Path) -> None:
     (tmp_path / "outside").mkdir()
     (watch.folder / "taken").symlink_to(tmp_path / "outside")
@@ -236,3 +156,44 @@ def test_nothing_is_moved_through_a_link(watch: FolderWatch, tmp_path: Path) -> 
     watch.scan()
 
     assert list((tmp_path / "outside").iterdir()) == []
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    """A file outside the watched folder."""
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
+    return tmp_path / "outside" / "shift.csv"
+
+
+def test_links_and_pipes_are_left_alone(watch: FolderWatch, secret: Path) -> None:
+    (watch.folder / "shift.csv").symlink_to(secret)
+    (watch.folder / "S012").symlink_to(secret.parent)
+    os.mkfifo(watch.folder / "pipe.csv")
+
+    assert take(watch) == []
+    assert (watch.folder / "shift.csv").is_symlink()
+    assert secret.exists()
+
+
+@pytest.mark.parametrize("name", ["shift.csv", "S012/shift.csv"], ids=["file", "folder"])
+def test_what_becomes_a_link_between_two_looks_is_not_followed(
+    watch: FolderWatch, secret: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = put(watch, name)
+    watch.scan()
+    held = intake._enter_folder
+
+    def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
+        path.unlink()
+        if path.parent == watch.folder:
+            path.symlink_to(secret)
+        else:
+            path.parent.rmdir()
+            path.parent.symlink_to(secret.parent)
+        return held(folder, is_watched=is_watched)
+
+    monkeypatch.setattr(intake, "_enter_folder", swap)
+
+    assert watch.scan() == []
+    assert secret.exists()

@@ -35,58 +35,35 @@ def make_task(path: str) -> Task:
     return Task(Path(path), ReportRequest(Path(path).name, subject="default"), Path("out"))
 
 
-def test_a_row_fills_subject_side_pose_and_window() -> None:
-    said = read_one("file,subject,side,pose,calibration\na.gt3x,S01,left,side-lean,5-15\n")
-
-    assert said == {
-        "subject": "S01",
-        "side": "left",
-        "pose": "side-lean",
-        "calibration_windows_s": ((5.0, 15.0),),
-    }
-
-
-def test_two_windows_are_read_in_their_order() -> None:
-    assert read_one("file,calibration\na,5-15 20.5-30\n") == {
-        "calibration_windows_s": ((5.0, 15.0), (20.5, 30.0))
-    }
-
-
-def test_an_axis_and_the_moments_of_slips_are_read() -> None:
-    assert read_one("file,axis,slip_at,no_slip_at\na,-y,3600 7200.5,60\n") == {
-        "arm_axis": "-y",
-        "slip_times_s": (3600.0, 7200.5),
-        "no_slip_times_s": (60.0,),
-    }
-
-
 @pytest.mark.parametrize(
-    ("text", "held"),
+    ("text", "said"),
     [
-        ("file,pose_held\na,start\n", "start"),
-        ("fichier;pose tenue\na;début\n", "start"),
-        ("file,pose_held\na,no\n", "no"),
-        ("fichier;pose tenue\na;non\n", "no"),
+        (
+            "file,subject,side,pose,calibration\na.gt3x,S01,left,side-lean,5-15\n",
+            {"subject": "S01", "side": "left", "pose": "side-lean", "calibration_windows_s": ((5.0, 15.0),)},
+        ),
+        ("file,calibration\na,5-15 20.5-30\n", {"calibration_windows_s": ((5.0, 15.0), (20.5, 30.0))}),
+        (
+            "file,axis,slip_at,no_slip_at\na,-y,3600 7200.5,60\n",
+            {"arm_axis": "-y", "slip_times_s": (3600.0, 7200.5), "no_slip_times_s": (60.0,)},
+        ),
+        ("file,pose_held\na,start\n", {"pose_held": "start"}),
+        ("fichier;pose tenue\na;début\n", {"pose_held": "start"}),
+        ("file,pose_held\na,no\n", {"pose_held": "no"}),
+        ("fichier;pose tenue\na;non\n", {"pose_held": "no"}),
+        ("file,subject,side\na.gt3x,,\n", {}),
+        *(  # words for a missing value are no codes
+            (f"file,subject\na.gt3x,{nobody}\n", {"subject": ""})
+            for nobody in ("NA", "N/A", "NaN", "null", "None", "unknown", "Inconnu", "-", "?", "\u200b")
+        ),
+        *(
+            (f"file,subject\na.gt3x,{code}\n", {"subject": code})
+            for code in ("na", "N1", "0", "unknown-3", "É")
+        ),
     ],
 )
-def test_a_row_says_whether_the_pose_was_held_at_the_start(text: str, held: str) -> None:
-    assert read_one(text) == {"pose_held": held}
-
-
-def test_an_empty_cell_says_nothing() -> None:
-    assert read_one("file,subject,side\na.gt3x,,\n") == {}
-
-
-@pytest.mark.parametrize(
-    "nobody", ["NA", "N/A", "NaN", "null", "None", "unknown", "Inconnu", "-", "?", "\u200b"]
-)
-def test_a_word_for_a_missing_value_is_no_code(nobody: str) -> None:
-    assert read_one(f"file,subject\na.gt3x,{nobody}\n") == {"subject": ""}
-
-
-@pytest.mark.parametrize("code", ["na", "N1", "0", "unknown-3", "É"])
-def test_a_code_that_only_resembles_such_a_word_is_one(code: str) -> None:
-    assert read_one(f"file,subject\na.gt3x,{code}\n") == {"subject": code}
+def test_a_row_is_read_into_the_settings_of_its_recording(text: str, said: dict[str, object]) -> None:
+    assert read_one(text) == said
 
 
 def test_french_headers_semicolons_and_a_spreadsheet_encoding_are_read() -> None:
@@ -131,14 +108,21 @@ def test_a_slip_is_named_with_its_line(text: str, line: int, why: str) -> None:
     assert (facts["line"], facts["why"]) == (line, why)
 
 
-def test_a_row_goes_before_the_settings_of_the_run() -> None:
-    assert assign("file,subject\nA.gt3x,S01\n", "in/a.gt3x", "in/b.gt3x") == ["S01", "default"]
-
-
-def test_a_path_tells_files_of_one_name_apart() -> None:
-    list_ = "file,subject\np1/arm.csv,S01\np2\\arm.csv,S02\n"
-
-    assert assign(list_, "in/p2/arm.csv", "in/p1/arm.csv") == ["S02", "S01"]
+@pytest.mark.parametrize(
+    ("rows", "paths", "subjects"),
+    [
+        ("A.gt3x,S01\n", ("in/a.gt3x", "in/b.gt3x"), ["S01", "default"]),
+        ("p1/arm.csv,S01\np2\\arm.csv,S02\n", ("in/p2/arm.csv", "in/p1/arm.csv"), ["S02", "S01"]),
+        ("a.csv,S01\nA.csv,S02\n", ("in/A.csv", "in/a.csv"), ["S02", "S01"]),
+        ("a.csv,S01\n", ("in/a.csv", "in/p1/../a.csv"), ["S01", "S01"]),
+        ("Zoé.gt3x,S01\n", ("in/Zoe\u0301.gt3x",), ["S01"]),
+    ],
+    ids=["before the settings", "path", "case", "named twice", "accents in one sign or two"],
+)
+def test_a_row_is_for_the_recording_that_it_names(
+    rows: str, paths: tuple[str, ...], subjects: list[str]
+) -> None:
+    assert assign(f"file,subject\n{rows}", *paths) == subjects
 
 
 def test_a_row_that_fits_two_files_is_refused_with_both_as_they_can_be_written() -> None:
@@ -160,14 +144,6 @@ def test_every_name_that_a_refusal_shows_fits_one_file_alone() -> None:
     shown = [str(facts["first"]), str(facts["second"])]
 
     assert [assign(f"file,subject\n{name},S01\n", *paths).count("S01") for name in shown] == [1, 1]
-
-
-def test_a_name_in_its_own_case_goes_before_one_that_differs_in_case() -> None:
-    assert assign("file,subject\na.csv,S01\nA.csv,S02\n", "in/A.csv", "in/a.csv") == ["S02", "S01"]
-
-
-def test_one_recording_that_was_named_twice_is_one() -> None:
-    assert assign("file,subject\na.csv,S01\n", "in/a.csv", "in/p1/../a.csv") == ["S01", "S01"]
 
 
 def test_two_rows_that_fit_one_file_are_refused() -> None:
@@ -222,10 +198,6 @@ def test_a_row_for_no_recording_is_given_back() -> None:
     _, unmatched = assign_participants([make_task("a.gt3x")], b"file,subject\nlost.gt3x,S01\n", Path())
 
     assert [row.line for row in unmatched] == [2]
-
-
-def test_accents_may_be_written_in_one_sign_or_in_two() -> None:
-    assert assign("file,subject\nZoé.gt3x,S01\n", "in/Zoe\u0301.gt3x") == ["S01"]
 
 
 def test_a_link_is_known_by_where_it_was_named(tmp_path: Path) -> None:

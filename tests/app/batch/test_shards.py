@@ -22,10 +22,7 @@ def test_the_slices_hold_every_recording_once_and_differ_by_one_at_most(tmp_path
     slices = [[task.name for task in Shard(k, 2).select(tasks)] for k in (1, 2)]
 
     assert slices == [["a.csv", "c.csv", "e.csv"], ["b.csv", "d.csv"]]
-
-
-def test_more_slices_than_recordings_leave_some_empty(tmp_path: Path) -> None:
-    assert Shard(3, 3).select(plan(tmp_path, "a.csv", "b.csv")) == []
+    assert Shard(3, 3).select(tasks[:2]) == []
 
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/2/3", "-1/2"])
@@ -46,46 +43,37 @@ def test_a_recording_without_report_or_failure_is_not_done(tmp_path: Path) -> No
     assert collected.request == ASKED
 
 
-def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
-    tasks = plan(tmp_path, "a.csv")
-    record = ShardRecord(tmp_path / "out", Shard(1, 1), tasks, ASKED)
+def report_failure(tmp_path: Path, shard: Shard, tasks: list) -> None:  # type: ignore[type-arg]
+    """Leave what a slice writes whose first recording failed."""
+    record = ShardRecord(tmp_path / "out", shard, tasks, ASKED)
     record.begin()
     record.write([Outcome(tasks[0], code="E-SHORT", facts={"seconds": 4})])
+
+
+def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
+    report_failure(tmp_path, Shard(1, 1), plan(tmp_path, "a.csv"))
 
     (outcome,) = collect_outcomes(tmp_path / "out").outcomes
 
     assert (outcome.code, outcome.facts) == ("E-SHORT", {"seconds": 4})
 
 
-def test_a_slice_of_another_plan_is_named_also_where_nothing_is_left_to_do(tmp_path: Path) -> None:
+def test_a_slice_of_another_plan_is_named_even_if_nothing_is_left_to_do(tmp_path: Path) -> None:
     ShardRecord(tmp_path / "out", Shard(2, 2), plan(tmp_path, "a.csv"), ASKED).begin()
-    tasks = plan(tmp_path, "b.csv")
-    last = ShardRecord(tmp_path / "out", Shard(1, 2), tasks, ASKED)
-    last.begin()
-    last.write([Outcome(tasks[0], code="E-SHORT")])
+    report_failure(tmp_path, Shard(1, 2), plan(tmp_path, "b.csv"))
 
     collected = collect_outcomes(tmp_path / "out")
 
     assert (collected.undone, collected.differing) == ((), ("2/2",))
 
 
-def test_what_slices_of_another_number_reported_counts_no_more(tmp_path: Path) -> None:
-    tasks = plan(tmp_path, "a.csv")
-    before = ShardRecord(tmp_path / "out", Shard(1, 1), tasks, ASKED)
-    before.begin()
-    before.write([Outcome(tasks[0], code="E-SHORT")])
-
-    ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
-
-    assert collect_outcomes(tmp_path / "out").outcomes[0].code == "E-INTERRUPTED"
-
-
-def test_what_was_reported_of_another_plan_counts_no_more(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("before", "planned"), [(Shard(1, 1), 2), (Shard(1, 2), 1)], ids=["number", "plan"])
+def test_reports_of_slices_of_another_number_or_plan_do_not_count(
+    tmp_path: Path, before: Shard, planned: int
+) -> None:
     tasks = plan(tmp_path, "a.csv", "b.csv")
-    before = ShardRecord(tmp_path / "out", Shard(1, 2), tasks[:1], ASKED)
-    before.begin()
-    before.write([Outcome(tasks[0], code="E-SHORT")])
+    report_failure(tmp_path, before, tasks[:planned])
 
     ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
 
-    assert [o.code for o in collect_outcomes(tmp_path / "out").outcomes] == ["E-INTERRUPTED", "E-INTERRUPTED"]
+    assert [o.code for o in collect_outcomes(tmp_path / "out").outcomes] == ["E-INTERRUPTED"] * 2

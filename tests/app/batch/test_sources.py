@@ -22,28 +22,42 @@ def test_a_folder_gives_the_recordings_in_and_below_it_but_not_the_results(folde
     found = find_recordings([folder], folder / "out", [folder / "diary.csv"])
 
     assert [path.name for path in found.logs] == ["a.csv", "b.gt3x", "c.csv.gz"]
+    assert found.others == 1
 
 
-def test_other_files_of_a_folder_are_counted(folder: Path) -> None:
-    assert find_recordings([folder], folder / "out", [folder / "diary.csv"]).others == 1
+@pytest.mark.parametrize(
+    ("named", "logs"),
+    [
+        (["notes.docx"], ["notes.docx"]),
+        (["b.gt3x", "b.gt3x"], ["b.gt3x"]),
+        (["*.gt3x"], ["b.gt3x"]),
+        (["*.cwa"], ["*.cwa"]),  # fits nothing and is reported
+        (["run[1].csv"], ["run[1].csv"]),  # a file whose name looks like a pattern
+    ],
+)
+def test_what_is_named_is_taken_once_whatever_its_name_and_a_pattern_is_expanded(
+    folder: Path, named: list[str], logs: list[str]
+) -> None:
+    (folder / "run[1].csv").touch()
+
+    found = find_recordings([folder / name for name in named], folder / "out")
+
+    assert found.logs == tuple(folder / name for name in logs)
 
 
-def test_a_file_named_by_hand_is_taken_whatever_its_name(folder: Path) -> None:
-    assert find_recordings([folder / "notes.docx"], folder / "out").logs == (folder / "notes.docx",)
+@pytest.mark.parametrize(
+    ("named", "places"),
+    [
+        ([""], ["a.csv", "b.gt3x", "deep/c.csv.gz", "diary.csv"]),
+        (["b.gt3x", "deep"], ["b.gt3x", "deep/c.csv.gz"]),
+    ],
+)
+def test_a_recording_is_told_from_the_folder_that_holds_all_that_was_named(
+    folder: Path, named: list[str], places: list[str]
+) -> None:
+    found = find_recordings([folder / name for name in named], folder / "out")
 
-
-def test_a_recording_named_twice_is_done_once(folder: Path) -> None:
-    assert len(find_recordings([folder / "b.gt3x", folder / "b.gt3x"], folder / "out").logs) == 1
-
-
-def test_a_pattern_that_the_shell_left_is_expanded(folder: Path) -> None:
-    found = find_recordings([folder / "*.gt3x"], folder / "out")
-
-    assert found.logs == (folder / "b.gt3x",)
-
-
-def test_a_pattern_that_fits_nothing_is_kept_to_be_told(folder: Path) -> None:
-    assert find_recordings([folder / "*.cwa"], folder / "out").logs == (folder / "*.cwa",)
+    assert sorted(found.format_place(log) for log in found.logs) == places
 
 
 def test_what_is_known_of_a_simulated_recording_is_no_recording(tmp_path: Path) -> None:
@@ -51,25 +65,6 @@ def test_what_is_known_of_a_simulated_recording_is_no_recording(tmp_path: Path) 
         (tmp_path / name).write_bytes(b"x")
 
     assert find_recordings([tmp_path], tmp_path / "out").logs == (tmp_path / "shift.gt3x",)
-
-
-def test_a_file_whose_name_looks_like_a_pattern_is_that_file(folder: Path) -> None:
-    odd = folder / "run[1].csv"
-    odd.touch()
-
-    assert find_recordings([odd], folder / "out").logs == (odd,)
-
-
-def test_a_recording_is_told_from_the_folder_that_was_named(folder: Path) -> None:
-    found = find_recordings([folder], folder / "out")
-
-    assert found.format_place(folder / "deep" / "c.csv.gz") == "deep/c.csv.gz"
-
-
-def test_recordings_of_two_folders_are_told_apart_by_them(folder: Path) -> None:
-    found = find_recordings([folder / "b.gt3x", folder / "deep"], folder / "out")
-
-    assert [found.format_place(log) for log in found.logs] == ["b.gt3x", "deep/c.csv.gz"]
 
 
 def test_a_link_is_told_by_where_it_was_named(folder: Path) -> None:

@@ -32,17 +32,38 @@ def save(path: Path, **changes: object) -> str:
     return str(path)
 
 
-def test_a_table_that_does_not_tell_its_columns_is_reported_through_a_profile(
+@pytest.mark.parametrize(
+    ("profile", "told"), [({"acceleration_unit": "stone"}, "E-PROFILE"), ("nobody", "nobody")]
+)
+def test_a_slip_in_the_profile_or_its_name_is_a_slip_in_the_command(
+    log: Path, tmp_path: Path, profile: dict[str, str] | str, told: str
+) -> None:
+    named = profile if isinstance(profile, str) else save(tmp_path / "p.json", **profile)
+
+    ended = CliRunner().invoke(app, ["run", str(log), "-o", str(tmp_path / "out"), "--profile", named])
+
+    assert (ended.exit_code, told in ended.stderr) == (2, True)
+
+
+def test_a_table_that_does_not_tell_its_columns_is_reported_through_a_profile_found_again_by_name(
     log: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    options = ["-o", str(out), "--report", "html", "--profile", save(tmp_path / "p.json")]
+    run = ["run", str(log), "-o", str(tmp_path / "out"), "--report", "html"]
+    profile = save(tmp_path / "our logger.json", name="our logger", rate_hz=None)
 
-    refused = CliRunner().invoke(app, ["run", str(log), *options[:4]])
-    ended = CliRunner().invoke(app, ["run", str(log), *options])
+    refused, ended, again = (
+        CliRunner().invoke(app, [*run, *more])
+        for more in ([], ["--profile", profile], ["--profile", "our logger"])
+    )
 
-    assert (refused.exit_code, ended.exit_code) == (3, 0)
-    assert json.loads((out / "shift" / "results.json").read_text())["time"]["analysed_s"] == 60.0
+    assert (refused.exit_code, ended.exit_code, again.exit_code) == (3, 0, 0)
+    assert "already done" in again.stdout
+    folder = tmp_path / "out" / "shift"
+    results = json.loads((folder / "results.json").read_text())
+    assert results["time"]["analysed_s"] == 60.0
+    assert results["recording"]["columns"] == PROFILE
+    columns = "Acceleration: 2, 3, 4 (g) · Angular rate (gyroscope): 5, 6, 7 · Time: 1 (ms)"
+    assert columns in (folder / "report.html").read_text()
 
 
 def test_inspect_takes_the_same_profile(log: Path, tmp_path: Path) -> None:
@@ -50,43 +71,6 @@ def test_inspect_takes_the_same_profile(log: Path, tmp_path: Path) -> None:
 
     seen = json.loads(ended.stdout)
     assert (seen["recorded_s"], seen["sanity"]["rest_g"]) == (60.0, pytest.approx(1.0, abs=0.01))
-
-
-def test_a_slip_in_the_profile_is_a_slip_in_the_command(log: Path, tmp_path: Path) -> None:
-    wrong = save(tmp_path / "p.json", acceleration_unit="stone")
-
-    ended = CliRunner().invoke(app, ["run", str(log), "-o", str(tmp_path / "out"), "--profile", wrong])
-
-    assert ended.exit_code == 2
-    assert "E-PROFILE" in ended.stderr
-
-
-def test_a_profile_that_was_used_is_found_again_by_its_name(log: Path, tmp_path: Path) -> None:
-    run = ["run", str(log), "-o", str(tmp_path / "out"), "--report", "html", "--profile"]
-
-    first = CliRunner().invoke(app, [*run, save(tmp_path / "our logger.json")])
-    again = CliRunner().invoke(app, [*run, "our logger"])
-
-    assert (first.exit_code, again.exit_code) == (0, 0)
-    assert "already done" in again.stdout
-
-
-def test_a_name_that_no_profile_of_the_folder_has_is_a_slip_in_the_command(log: Path, tmp_path: Path) -> None:
-    ended = CliRunner().invoke(app, ["run", str(log), "-o", str(tmp_path / "out"), "--profile", "nobody"])
-
-    assert ended.exit_code == 2
-    assert "nobody" in ended.stderr
-
-
-def test_the_columns_are_a_setting_that_the_results_and_the_report_state(log: Path, tmp_path: Path) -> None:
-    profile = save(tmp_path / "p.json", name="our logger", rate_hz=None)
-
-    CliRunner().invoke(app, ["run", str(log), "-o", str(tmp_path), "--report", "html", "--profile", profile])
-
-    results = json.loads((tmp_path / "shift" / "results.json").read_text())
-    report = (tmp_path / "shift" / "report.html").read_text()
-    assert results["recording"]["columns"] == PROFILE
-    assert "Acceleration: 2, 3, 4 (g) · Angular rate (gyroscope): 5, 6, 7 · Time: 1 (ms)" in report
 
 
 def test_a_recording_never_takes_the_folder_of_the_profiles(tmp_path: Path) -> None:

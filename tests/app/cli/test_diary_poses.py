@@ -20,14 +20,11 @@ def find(rows: str) -> tuple[tuple[float, float], ...]:
     return find_diary_poses(read_diary(f"start,end,kind\n{rows}".encode()), START, HOUR_US)
 
 
-def test_a_row_of_the_clock_is_a_window_in_seconds() -> None:
+def test_a_row_of_the_clock_is_a_window_in_seconds_that_lasts_until_the_next_row() -> None:
     assert find("07:00:05,07:00:15,pose\n07:10,07:20,break\n07:30,07:30:10,étalonnage\n") == (
         (5.0, 15.0),
         (1800.0, 1810.0),
     )
-
-
-def test_a_pose_without_an_end_lasts_until_the_next_row() -> None:
     assert find("07:00:05,,pose\n07:00:20,,task\n") == ((5.0, 20.0),)
 
 
@@ -38,21 +35,13 @@ def test_a_pose_outside_the_recording_is_refused() -> None:
     assert (refusal.value.facts["line"], refusal.value.facts["why"]) == (3, "outside recording")
 
 
-@pytest.fixture(scope="module")
-def results(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
+def test_the_pose_of_a_diary_is_given_and_takes_no_time_out(shift_gt3x: Path, tmp_path: Path) -> None:
     diary = (DiaryEntry(2.0, 12.0, "pose", line=2), DiaryEntry(60.0, 120.0, "task", "Boxes", line=3))
-    out = tmp_path_factory.mktemp("out")
-    make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",), diary=diary), out)
-    read: dict[str, dict[str, object]] = json.loads((out / "results.json").read_text("utf-8"))
-    return read
 
+    make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",), diary=diary), tmp_path)
 
-def test_the_pose_is_given(results: dict[str, dict[str, object]]) -> None:
-    calibration = results["calibration"]
-
-    assert (calibration["state"], calibration["start_s"], calibration["duration_s"]) == ("given", 2.0, 10.0)
-
-
-def test_the_pose_takes_no_time_out(results: dict[str, dict[str, object]]) -> None:
+    results = json.loads((tmp_path / "results.json").read_text("utf-8"))
+    pose = results["calibration"]
+    assert (pose["state"], pose["start_s"], pose["duration_s"]) == ("given", 2.0, 10.0)
     assert results["time"]["excluded_s"] == 0.0
-    assert {part["kind"] for part in results["exposure"]["by_period"]} == {"task", "work"}  # type: ignore[attr-defined]
+    assert {part["kind"] for part in results["exposure"]["by_period"]} == {"task", "work"}

@@ -70,13 +70,7 @@ def test_what_came_is_kept_as_it_came_with_its_moment_and_what_was_asked(files: 
 
     assert read_about(content) == ASKED
     assert list(read_pieces(content)) == [(b"a", 1_770_000_000.0), (b"bc", 1_770_000_001.0)]
-
-
-def test_only_its_user_reads_it(files: SessionFiles) -> None:
-    write_early(files, BOARD + write_rows(0, 300))
-
-    assert files.early.stat().st_mode & 0o777 == 0o600
-    assert files.folder.stat().st_mode & 0o777 == 0o700
+    assert [place.stat().st_mode & 0o777 for place in (files.early, files.folder)] == [0o600, 0o700]
 
 
 def test_a_port_is_read_while_nobody_takes_anything_from_it(files: SessionFiles) -> None:
@@ -130,12 +124,17 @@ def test_of_early_rows_a_raw_file_is_made(files: SessionFiles) -> None:
     assert np.allclose(recording.segments[0].acc_g[:, 0], np.arange(300) / 1000)
 
 
-def test_fewer_rows_than_tell_a_rate_otherwise_are_kept_too(files: SessionFiles) -> None:
-    write_early(files, BOARD + write_rows(0, 60))
+@pytest.mark.parametrize(("rows", "begun"), [(60, None), (300, b"begun")], ids=["few rows", "begun before"])
+def test_few_rows_are_kept_too_and_a_raw_file_that_was_begun_is_written_again(
+    files: SessionFiles, rows: int, begun: bytes | None
+) -> None:
+    write_early(files, BOARD + write_rows(0, rows))
+    if begun:
+        files.raw.write_bytes(begun)
 
     assert write_early_rows(files.early, files.raw)
 
-    assert sum(map(len, open_raw(files).segments)) == 60
+    assert sum(map(len, open_raw(files).segments)) == rows
 
 
 @pytest.mark.parametrize("said", ["", "x", write_rows(0, 300)])
@@ -145,15 +144,6 @@ def test_what_holds_no_row_that_can_be_read_leaves_nothing(files: SessionFiles, 
     assert not write_early_rows(files.early, files.raw)
 
     assert list(files.folder.iterdir()) == []
-
-
-def test_a_raw_file_that_was_begun_meanwhile_is_written_anew(files: SessionFiles) -> None:
-    write_early(files, BOARD + write_rows(0, 300))
-    files.raw.write_bytes(b"begun")
-
-    write_early_rows(files.early, files.raw)
-
-    assert sum(map(len, open_raw(files).segments)) == 300
 
 
 class Loading:

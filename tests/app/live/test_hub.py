@@ -92,21 +92,17 @@ def run(source: BreakingSource, shelf: Shelf, files: SessionFiles | None = None)
     return messages
 
 
-def test_a_source_that_breaks_leaves_all_that_came(tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize("error", [OSError("gone"), ZeroDivisionError()], ids=["source", "bug"])
+def test_a_source_that_breaks_leaves_all_that_came_in_the_library_and_no_file(
+    tmp_path: Path, error: Exception
+) -> None:
     shelf = Shelf(tmp_path)
 
-    messages = run(BreakingSource(OSError("gone")), shelf)
+    messages = run(BreakingSource(error), shelf)
 
     assert (messages[-1]["state"], messages[-1]["analysis"]) == ("failed", "an_1")
     assert len(shelf.kept) == 1
-
-
-def test_of_a_session_that_was_taken_in_no_file_is_left(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path)
-    files = shelf.begin()
-
-    run(BreakingSource(OSError("gone")), shelf, files)
-
     assert list((tmp_path / "live").iterdir()) == []
 
 
@@ -132,36 +128,19 @@ def make_session(folder: Path) -> RunningSession:
     return RunningSession(files, source, recorder, SessionRequest())
 
 
-def test_a_session_to_which_somebody_comes_back_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", -1.0)
-    session = make_session(tmp_path)
-    session.leave(session.watch(lambda _: None))
-
-    session.watch(lambda _: None)
-
-    assert not session._is_over()
-    session.recorder.stop()
-
-
-def test_a_link_that_was_lost_ends_no_session_as_soon_as_a_page_that_was_closed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("comes_back", [True, False], ids=["back", "link lost"])
+def test_a_session_to_which_somebody_comes_back_or_whose_link_was_lost_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, comes_back: bool
 ) -> None:
     monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", -1.0)
     session = make_session(tmp_path)
 
-    session.leave(session.watch(lambda _: None), was_closed=False)
+    session.leave(session.watch(lambda _: None), was_closed=comes_back)
+    if comes_back:
+        session.watch(lambda _: None)
 
     assert not session._is_over()
     session.recorder.stop()
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_bug_ends_its_own_session_and_loses_nothing(tmp_path: Path) -> None:
-    messages = run(BreakingSource(ZeroDivisionError()), Shelf(tmp_path))
-
-    assert messages[-1]["state"] == "failed"
 
 
 def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:

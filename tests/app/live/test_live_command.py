@@ -30,6 +30,9 @@ from tests.ways_in.servers import wait_for
 BOARD = PREAMBLE + COLUMNS
 
 
+Replayed = tuple[int, str, Path]
+
+
 def write_log(path: Path, recording: Recording, *, stopped: bool = True) -> Path:
     raw = RawFile(path, HEADER)
     for frames in replay_frames(recording, 1e6):
@@ -41,9 +44,10 @@ def write_log(path: Path, recording: Recording, *, stopped: bool = True) -> Path
     return path
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    return write_log(tmp_path / "worn.csv", make_worn(FIRST_POSE, (95.0, 10.0), (0.0, 10.0)))
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "worn.csv"
+    return write_log(path, make_worn(FIRST_POSE, (95.0, 10.0), (0.0, 10.0)))
 
 
 def run(*words: str) -> tuple[int, str]:
@@ -51,15 +55,40 @@ def run(*words: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_a_replay_ends_with_an_ordinary_report(log: Path, tmp_path: Path) -> None:
-    code, output = run(str(log), "-o", str(tmp_path / "out"), "--speed", "20")
+@pytest.fixture(scope="module")
+def replayed(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
+    """A replay with cues beside a session that was cut: exit code, output, folder."""
+    out = tmp_path_factory.mktemp("replayed")
+    write_log(out / "live-20260302-070000.csv", make_worn((0.0, 90.0)), stopped=False)
+    code, output = run(str(log), "-o", str(out), "--speed", "20", "--cue", "hold:60:4")
+    (out / "live-20260302-070000.csv").unlink()
+    return code, output, out
 
-    (raw,) = (tmp_path / "out").glob("live-*.csv")
+
+def test_a_replay_ends_with_an_ordinary_report(replayed: Replayed, log: Path) -> None:
+    code, output, out = replayed
+    (raw,) = (path for path in out.glob("live-*.csv") if "cues" not in path.name)
+
     assert code == 0
     assert "rises: 1" in output
     assert re.search(r"Live against the report, over 29\ss: 0\.\d° \(RMSE\)", output)
-    assert json.loads((tmp_path / "out" / raw.stem / "results.json").read_text())["exposure"]
+    assert json.loads((out / raw.stem / "results.json").read_text())["exposure"]
     assert np.array_equal(read_recording(raw).segments[0].acc_g, read_recording(log).segments[0].acc_g)
+
+
+def test_a_session_that_was_cut_is_named_with_what_it_holds(replayed: Replayed) -> None:
+    assert "live-20260302-070000.csv was cut off" in replayed[1]
+    assert "It holds 0:01:30" in replayed[1]
+
+
+def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(replayed: Replayed) -> None:
+    # Above 60 deg from about 12 s to about 22 s: cues after 4 s and after 8 s.
+    (written,) = replayed[2].glob("live-*.cues.csv")
+
+    head, *rows = written.read_text().splitlines()
+    assert head == "time_s,kind,angle_deg,limit"
+    assert [row.split(",")[1:] for row in rows] == [["hold", "60", "4"]] * 2
+    assert len(re.findall(r"Above 60° for 4\ss\.", replayed[1])) == 2
 
 
 def test_in_french_it_is_french(log: Path, tmp_path: Path) -> None:
@@ -75,17 +104,6 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     assert code == 3
     assert "E-FILE" in output
     assert not (tmp_path / "out").exists()
-
-
-def test_a_session_that_was_cut_is_named_with_what_it_holds(log: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    write_log(out / "live-20260302-070000.csv", make_worn((0.0, 90.0)), stopped=False)
-
-    _, output = run(str(log), "-o", str(out), "--speed", "20")
-
-    assert "live-20260302-070000.csv was cut off" in output
-    assert "It holds 0:01:30" in output
 
 
 class MadeSource:
@@ -178,19 +196,6 @@ def test_a_disk_that_takes_no_more_is_said(tmp_path: Path, log: Path) -> None:
     assert ended.returncode == 3
     assert "File too large" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(log: Path, tmp_path: Path) -> None:
-    # Above 60 deg from about 12 s to about 22 s: cues after 4 s and after 8 s.
-    out = tmp_path / "out"
-
-    _, output = run(str(log), "-o", str(out), "--speed", "20", "--cue", "hold:60:4")
-
-    (written,) = out.glob("live-*.cues.csv")
-    head, *rows = written.read_text().splitlines()
-    assert head == "time_s,kind,angle_deg,limit"
-    assert [row.split(",")[1:] for row in rows] == [["hold", "60", "4"]] * 2
-    assert len(re.findall(r"Above 60° for 4\ss\.", output)) == 2
 
 
 @pytest.mark.parametrize(

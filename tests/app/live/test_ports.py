@@ -109,11 +109,15 @@ def test_a_board_that_is_unplugged_comes_back_into_the_same_session(
     assert session.status().holes == 1
 
 
-def test_a_port_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(LiveSourceFailed) as refusal:
-        open_lines(str(tmp_path / "none"), 115_200, tmp_path / "live-a.early", {})
+def test_a_port_that_is_not_there_or_serves_another_session_is_said(board: Board, tmp_path: Path) -> None:
+    port = SerialPort(str(board.path))
 
-    assert refusal.value.facts["why"] == "port"
+    for name in (tmp_path / "none", board.path):
+        with pytest.raises(LiveSourceFailed) as refusal:
+            open_lines(str(name), 115_200, tmp_path / "live-a.early", {})
+        assert refusal.value.facts["why"] == "port"
+
+    port.close()
 
 
 class Clock:
@@ -187,16 +191,6 @@ def test_a_line_that_brings_nothing_is_called_again() -> None:
         port.close()
 
 
-def test_a_serial_port_serves_one_session_at_a_time(board: Board) -> None:
-    port = SerialPort(str(board.path))
-
-    with pytest.raises(LiveSourceFailed) as refusal:
-        SerialPort(str(board.path))
-
-    port.close()
-    assert refusal.value.facts["why"] == "port"
-
-
 def test_bytes_that_a_full_port_cannot_take_are_not_lost() -> None:
     port = PushedPort()
     taken = sum(port.push(b"x") for _ in range(MOST_PIECES + 1))
@@ -230,15 +224,11 @@ def answer_again(server: socket.socket) -> None:
         again.sendall((HEADER + write_rows(300, 400)).encode())
 
 
-@pytest.mark.parametrize("source", ["/dev/ttyACM0", "COM3", "udp://:5005", "tcp://board:5005"])
-def test_ports_are_told_from_files(source: str) -> None:
-    assert names_port(source)
-
-
-def test_a_recording_is_no_port(tmp_path: Path) -> None:
+def test_ports_are_told_from_files(tmp_path: Path) -> None:
     (tmp_path / "shift.gt3x").touch()
 
-    assert not names_port(str(tmp_path / "shift.gt3x"))
+    sources = ("/dev/ttyACM0", "COM3", "udp://:5005", "tcp://board:5005", str(tmp_path / "shift.gt3x"))
+    assert [names_port(source) for source in sources] == [True] * 4 + [False]
 
 
 @pytest.mark.parametrize("source", ["udp://", "tcp://:5005", "udp://:99999"])

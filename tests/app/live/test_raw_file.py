@@ -31,28 +31,37 @@ def write(path: Path, frames: Frames, pose_s: tuple[float, float] | None = None)
     return read_recording(path)
 
 
-def test_what_was_written_is_read_to_the_bit(tmp_path: Path) -> None:
-    frames = make_frames(FIRST_POSE, (95.0, 10.0))
+FRAMES = make_frames(FIRST_POSE, (95.0, 10.0))
 
-    read = write(tmp_path / "live-a.csv", frames).segments[0]
 
-    assert np.array_equal(read.acc_g, frames.acc_g)
-    assert np.array_equal(read.gyr_dps, frames.gyr_dps)
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The raw file of a session without a pose, which was stopped."""
+    path = tmp_path_factory.mktemp("raw") / "live-a.csv"
+    write(path, FRAMES)
+    return path
+
+
+def test_samples_are_read_to_the_bit_with_device_clock_and_ranges_and_no_pose(written: Path) -> None:
+    read = read_recording(written)
+
+    assert np.array_equal(read.segments[0].acc_g, FRAMES.acc_g)
+    assert np.array_equal(read.segments[0].gyr_dps, FRAMES.gyr_dps)
     assert read.rate_hz == pytest.approx(100.0)
-
-
-def test_device_clock_and_ranges_are_read(tmp_path: Path) -> None:
-    read = write(tmp_path / "live-a.csv", make_frames(FIRST_POSE))
-
     assert (read.device, read.start) == ("lsm9ds1", START)
     assert (read.acc_range_g, read.gyr_range_dps) == (16.0, 2000.0)
+    assert read.pose_windows_s == ()
+
+
+def test_a_session_that_is_stopped_is_not_cut(written: Path) -> None:
+    assert was_stopped(written)
+    assert list(find_cut(written.parent)) == []
 
 
 def test_a_hole_is_a_hole(tmp_path: Path) -> None:
-    frames = make_frames(FIRST_POSE, (95.0, 10.0))
     with RawFile(tmp_path / "live-a.csv", HEADER) as raw:
-        raw.write(frames.cut(0, 1000))
-        raw.write(frames.cut(1500, 2200))
+        raw.write(FRAMES.cut(0, 1000))
+        raw.write(FRAMES.cut(1500, 2200))
 
     first, second = read_recording(tmp_path / "live-a.csv").segments
 
@@ -79,10 +88,6 @@ def test_a_later_pose_takes_the_place_of_the_first(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "live-a.csv").pose_windows_s == ((12_345.678, 12_350.678),)
 
 
-def test_without_a_pose_none_is_stated(tmp_path: Path) -> None:
-    assert write(tmp_path / "live-a.csv", make_frames(FIRST_POSE)).pose_windows_s == ()
-
-
 def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
     facts = SourceFacts("other", "port", 100.0, START)
     with RawFile(tmp_path / "live-a.csv", facts, Wearer(arm_axis="+z")) as raw:
@@ -100,13 +105,6 @@ def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:
         raw.write(make_frames(FIRST_POSE))
 
     assert read_recording(tmp_path / "live-a.csv").arm_axis is None
-
-
-def test_a_session_that_is_stopped_is_not_cut(tmp_path: Path) -> None:
-    write(tmp_path / "live-a.csv", make_frames(FIRST_POSE))
-
-    assert was_stopped(tmp_path / "live-a.csv")
-    assert list(find_cut(tmp_path)) == []
 
 
 def test_what_was_written_survives_a_kill_before_any_sync(tmp_path: Path) -> None:

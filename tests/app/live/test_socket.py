@@ -4,6 +4,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,13 @@ from starlette.websockets import WebSocketDisconnect
 from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
 from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
-from app.live.ports import SerialPort, SessionFiles, begin_files
+from app.live.ports import SerialPort, begin_files
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
 from app.main import create_app
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret
-from app.storage.store import Storage
 from fusion.live import LiveElevation, replay_frames
 from fusion.live.cues import CueRule
 from fusion.recording import Recording
@@ -44,13 +44,33 @@ def write_raw(path: Path, recording: Recording, wearer: Wearer) -> None:
             raw.write(frames)
 
 
-@pytest.fixture
-def recording_id(client: TestClient, tmp_path: Path) -> str:
-    write_raw(tmp_path / "worn.csv", make_worn(*DAY), Wearer())
-    answer = client.post(
-        "/api/v1/recordings?file_name=worn.csv", content=(tmp_path / "worn.csv").read_bytes()
-    )
-    return str(answer.json()["id"])
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """Settings of one server for all tests, which no test stops."""
+    return Settings(data_dir=tmp_path_factory.mktemp("live") / "data", min_free_bytes=0)
+
+
+@pytest.fixture(scope="module")
+def client(settings: Settings) -> Iterator[TestClient]:
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
+        yield caller
+
+
+@pytest.fixture(scope="module")
+def store(client: TestClient) -> JobStore:
+    found: JobStore = client.app.state.services.store  # type: ignore[attr-defined]
+    return found
+
+
+def upload_worn(client: TestClient, folder: Path) -> str:
+    write_raw(folder / "worn.csv", make_worn(*DAY), Wearer())
+    content = (folder / "worn.csv").read_bytes()
+    return str(client.post("/api/v1/recordings?file_name=worn.csv", content=content).json()["id"])
+
+
+@pytest.fixture(scope="module")
+def recording_id(client: TestClient, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return upload_worn(client, tmp_path_factory.mktemp("worn"))
 
 
 @contextmanager
@@ -60,10 +80,8 @@ def connect(client: TestClient, **first: Any) -> Iterator[WebSocketTestSession]:
         yield socket
 
 
-def play(client: TestClient, recording_id: str, **asked: Any) -> list[dict[str, Any]]:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 20, **asked}
-    with connect(client, **first) as socket:
-        return read_to_end(socket)
+def ask_for(recording_id: str, speed: int = 1, **asked: Any) -> dict[str, Any]:
+    return {"type": "start", "source": "recording", "recording": recording_id, "speed": speed, **asked}
 
 
 def read_to_end(socket: WebSocketTestSession) -> list[dict[str, Any]]:
@@ -79,24 +97,73 @@ def read_until(socket: WebSocketTestSession, kind: str) -> dict[str, Any]:
     return dict(message)
 
 
-def test_a_replay_sends_its_description_its_angles_and_its_end(client: TestClient, recording_id: str) -> None:
-    first, history, *updates, last = play(client, recording_id)
+def read_frames(socket: WebSocketTestSession, frames: int) -> dict[str, Any]:
+    """Return the first message after so many frames; the one before may be the history."""
+    while (message := socket.receive_json())["status"]["frames"] < frames:
+        pass
+    return dict(message)
+
+
+def stop(socket: WebSocketTestSession) -> dict[str, Any]:
+    socket.send_json({"type": "stop"})
+    return read_until(socket, "ended")
+
+
+def list_recordings(client: TestClient) -> list[dict[str, Any]]:
+    items: list[dict[str, Any]] = client.get("/api/v1/recordings").json()["items"]
+    return items
+
+
+def read_trail(store: JobStore, session: str) -> list[Row[Any]]:
+    """Return the lines of the audit log about a session."""
+    about = audit_log.c.other == json.dumps({"session": session})
+    with store.engine.connect() as connection:
+        return list(connection.execute(select(audit_log).where(about).order_by(audit_log.c.seq)))
+
+
+@dataclass
+class Played:
+    """A session from its start to its end, and what was stored when it ended."""
+
+    messages: list[dict[str, Any]]
+    added: list[dict[str, Any]]
+
+    @property
+    def updates(self) -> list[dict[str, Any]]:
+        return [message for message in self.messages if message["type"] == "update"]
+
+
+def play(client: TestClient, recording_id: str, **asked: Any) -> Played:
+    before = list_recordings(client)
+    with connect(client, **ask_for(recording_id, 20, **asked)) as socket:
+        messages = read_to_end(socket)
+    return Played(messages, [one for one in list_recordings(client) if one not in before])
+
+
+# --- a replay of which nothing is kept ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def replayed(client: TestClient, recording_id: str) -> Played:
+    return play(client, recording_id)
+
+
+def test_a_replay_sends_its_description_its_angles_and_its_end(replayed: Played) -> None:
+    first, history, *updates, last = replayed.messages
 
     assert (first["type"], first["source"], first["rate_hz"]) == ("session", "worn.csv", 100.0)
     assert (history["type"], history["points"]) == ("history", [])
-    assert {update["type"] for update in updates} == {"update"}
+    assert {update["type"] for update in updates} == {"update"}  # no cues without rules
+    assert [update["sequence"] for update in updates] == list(range(1, len(updates) + 1))
     assert (last["type"], last["state"]) == ("ended", "stopped")
     assert updates[-1]["status"]["rises"] == 1
     assert updates[-1]["status"]["above_s"][1] == pytest.approx(10.0, abs=0.5)
     assert updates[-1]["status"]["lost"] == 0
 
 
-def test_the_angles_sent_are_those_of_live_elevation_fifty_times_a_second(
-    client: TestClient, recording_id: str
-) -> None:
-    updates = [message for message in play(client, recording_id) if message["type"] == "update"]
+def test_the_angles_sent_are_those_of_live_elevation_fifty_times_a_second(replayed: Played) -> None:
+    points = [point for update in replayed.updates for point in update["points"]]
 
-    points = [point for update in updates for point in update["points"]]
     segment = make_worn(*DAY).segments[0]
     axis = segment.acc_g[500:1000].mean(axis=0, dtype=np.float64)
     expected = LiveElevation(100.0, axis / np.linalg.norm(axis)).update(segment.acc_g, segment.gyr_dps)
@@ -105,82 +172,122 @@ def test_the_angles_sent_are_those_of_live_elevation_fifty_times_a_second(
     assert [angle for _, angle in points[150:]] == pytest.approx(expected[300::2], abs=0.5)
 
 
-def test_the_messages_are_numbered(client: TestClient, recording_id: str) -> None:
-    updates = [message for message in play(client, recording_id) if message["type"] == "update"]
+def test_a_replay_adds_no_recording_no_file_and_only_its_start_to_the_trail(
+    replayed: Played, settings: Settings, store: JobStore
+) -> None:
+    session = replayed.messages[0]["session"]
 
-    assert [update["sequence"] for update in updates] == list(range(1, len(updates) + 1))
-
-
-def test_a_replay_adds_no_recording(client: TestClient, recording_id: str, settings: Settings) -> None:
-    play(client, recording_id)
-
-    assert len(client.get("/api/v1/recordings").json()["items"]) == 1
-    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
+    assert replayed.added == []
+    assert list((settings.data_dir / LIVE_FOLDER).glob(f"*{session}*")) == []
+    assert [line.act for line in read_trail(store, session)] == ["live.started"]
 
 
-def test_what_is_kept_becomes_an_ordinary_recording(client: TestClient, recording_id: str) -> None:
-    *_, last = play(client, recording_id, keeps=True, subject="S012", side="right")
+def test_the_end_of_a_session_is_still_told_after_a_lost_link(client: TestClient, replayed: Played) -> None:
+    with connect(client, type="resume", session=replayed.messages[0]["session"]) as socket:
+        assert read_until(socket, "ended")["state"] == "stopped"
 
-    analysis = client.get(f"/api/v1/analyses/{last['analysis']}").json()
-    recordings = client.get("/api/v1/recordings").json()["items"]
+
+# --- a replay that is kept, with cues -------------------------------------------------------------------
+
+
+HOLD = {"kind": "hold", "angle_deg": 60, "limit": 4}
+
+
+@pytest.fixture(scope="module")
+def webhook_id(client: TestClient, settings: Settings) -> str:
+    """The webhook that asks for cues, beside one that does not."""
+    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
+    server = ServerSecret(settings.data_dir)
+    hooks.add("https://hooks.example/ends", ("analysis.finished",), server)
+    return str(hooks.add("https://hooks.example/cues", ("live.cue",), server).id)
+
+
+@pytest.fixture(scope="module")
+def kept(client: TestClient, recording_id: str, webhook_id: str) -> Played:
+    return play(client, recording_id, keeps=True, subject="S012", side="right", cues=[HOLD])
+
+
+def test_what_is_kept_becomes_an_ordinary_recording_with_an_analysis(
+    client: TestClient, kept: Played
+) -> None:
+    (recording,) = kept.added
+
+    assert (recording["subject"], recording["side"]) == ("S012", "right")
+    analysis = client.get(f"/api/v1/analyses/{kept.messages[-1]['analysis']}").json()
     assert analysis["state"] == "queued"
-    assert {one["subject"] for one in recordings} == {"", "S012"}
+
+
+def test_cues_are_sent_counted_and_noted(kept: Played) -> None:
+    # The arm is above 60 deg from about 12 s to about 22 s: cues after 4 s and after 8 s.
+    cues = [message for message in kept.messages if message["type"] == "cue"]
+
+    assert [round(cue["time_s"]) for cue in cues] == [16, 20]
+    assert (cues[0]["kind"], cues[0]["limit"]) == ("hold", 4)
+    assert kept.messages[-1]["cues"] == 2
+    assert kept.added[0]["note"] == "cues hold:60:4: 2; s: 16 20"
+
+
+def test_cues_are_announced_to_the_webhooks_that_ask_for_them(
+    kept: Played, store: JobStore, webhook_id: str
+) -> None:
+    with store.engine.connect() as connection:
+        rows = connection.execute(select(deliveries.c.event, deliveries.c.webhook_id)).all()
+
+    assert [tuple(row) for row in rows] == [("live.cue", webhook_id)] * kept.messages[-1]["cues"]
+
+
+def test_a_webhook_that_names_no_events_is_told_of_no_cues(client: TestClient, kept: Played) -> None:
+    made = client.post("/api/v1/webhooks", json={"url": "https://1.1.1.1/all"}).json()
+
+    assert made["events"] == ["analysis.finished", "batch.finished"]
+
+
+def test_the_trail_tells_who_started_a_session_and_what_became_of_it(
+    kept: Played, recording_id: str, store: JobStore
+) -> None:
+    started, ended = read_trail(store, kept.messages[0]["session"])
+
+    assert (started.act, started.recording_id) == ("live.started", recording_id)
+    analysis = kept.messages[-1]["analysis"]
+    told = (ended.act, ended.recording_id, ended.analysis_id, ended.who)
+    assert told == ("live.ended", kept.added[0]["id"], analysis, started.who)
+
+
+# --- while a session runs -------------------------------------------------------------------------------
 
 
 def test_a_session_goes_on_after_a_lost_link(client: TestClient, recording_id: str) -> None:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
-    with connect(client, **first) as socket:
+    with connect(client, **ask_for(recording_id)) as socket:
         session = socket.receive_json()["session"]
         read_until(socket, "update")
     with connect(client, type="resume", session=session) as socket:
         again, history = socket.receive_json(), socket.receive_json()
-        socket.send_json({"type": "stop"})
-        ended = read_until(socket, "ended")
+        ended = stop(socket)
 
     assert again["session"] == session
     assert history["points"][0][0] == 0.0
     assert ended["state"] == "stopped"
 
 
-def test_the_end_of_a_session_is_still_told_after_a_lost_link(client: TestClient, recording_id: str) -> None:
-    first, *_ = play(client, recording_id)
-
-    with connect(client, type="resume", session=first["session"]) as socket:
-        assert read_until(socket, "ended")["state"] == "stopped"
-
-
-def test_a_pose_is_asked_for_again(client: TestClient, recording_id: str) -> None:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
-    with connect(client, **first) as socket:
-        read_until(socket, "update")
+def test_a_pose_is_asked_for_again_and_the_clock_is_told(client: TestClient, recording_id: str) -> None:
+    with connect(client, **ask_for(recording_id)) as socket:
+        socket.send_json({"type": "ping", "sent_ms": 12.5})
+        pong = read_until(socket, "pong")
         socket.send_json({"type": "pose", "countdown_s": 30})
         while (update := read_until(socket, "update"))["status"]["pose"] != "countdown":
             pass
-        socket.send_json({"type": "stop"})
-        read_until(socket, "ended")
+        stop(socket)
 
     assert 28 < update["status"]["pose_left_s"] <= 30
-
-
-def test_the_clock_is_told(client: TestClient, recording_id: str) -> None:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
-    with connect(client, **first) as socket:
-        socket.send_json({"type": "ping", "sent_ms": 12.5})
-        pong = read_until(socket, "pong")
-        socket.send_json({"type": "stop"})
-        read_until(socket, "ended")
-
     assert pong["sent_ms"] == 12.5
     assert pong["server_s"] > 0
 
 
 def test_two_sessions_do_not_touch_each_other(client: TestClient, recording_id: str) -> None:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
-    with connect(client, **first) as one:
+    with connect(client, **ask_for(recording_id)) as one:
         one_id = one.receive_json()["session"]
-        *_, last, _end = play(client, recording_id)
-        one.send_json({"type": "stop"})
-        read_until(one, "ended")
+        *_, last, _end = play(client, recording_id).messages
+        stop(one)
 
     assert last["status"]["frames"] == 3200
     assert one_id not in {last.get("session")}
@@ -192,6 +299,7 @@ def test_two_sessions_do_not_touch_each_other(client: TestClient, recording_id: 
         ({"type": "start", "source": "moon"}, "E-PARAMETER"),
         ({"type": "start", "source": "demo", "speed": 21}, "E-PARAMETER"),
         ({"type": "start", "source": "recording", "recording": "rec_none"}, "E-NOT-FOUND"),
+        ({"type": "start", "source": "port", "port": "/dev/zero", "keeps": True}, "E-LIVE-SOURCE"),
         ({"type": "resume", "session": "none"}, "E-NOT-FOUND"),
     ],
 )
@@ -201,6 +309,7 @@ def test_what_cannot_be_is_refused_in_words(client: TestClient, first: dict[str,
 
         assert (problem["type"], problem["code"]) == ("problem", code)
         assert problem["fix"]
+        assert "speed" not in first or problem["detail"].startswith("start.speed cannot be 21")
         with pytest.raises(WebSocketDisconnect):
             socket.receive_json()
 
@@ -208,16 +317,22 @@ def test_what_cannot_be_is_refused_in_words(client: TestClient, first: dict[str,
 def test_a_message_that_is_no_message_ends_the_connection_not_the_session(
     client: TestClient, recording_id: str
 ) -> None:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
-    with connect(client, **first) as socket:
+    with connect(client, **ask_for(recording_id)) as socket:
         session = socket.receive_json()["session"]
         socket.send_text("{")
         read_until(socket, "problem")
 
     with connect(client, type="resume", session=session) as socket:
         assert socket.receive_json()["state"] == "running"
-        socket.send_json({"type": "stop"})
-        read_until(socket, "ended")
+        stop(socket)
+
+
+def test_a_message_that_is_too_long_in_coming_ends_the_connection(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.api.live.FIRST_LIMIT_S", 0.05)
+    with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
+        assert socket.receive_json()["code"] == "E-PARAMETER"
 
 
 @pytest.mark.parametrize(
@@ -232,132 +347,60 @@ def test_another_site_gets_no_socket(client: TestClient, headers: dict[str, str]
         pass
 
 
-def test_a_session_with_cues_that_a_kill_cut_off_still_bears_the_tag(
-    settings: Settings, store: JobStore
-) -> None:
-    leave_cut(settings, Wearer(), CueRule("hold", 60.0, 10.0))
+def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -> None:
+    with connect(client, **ask_for(recording_id, 20, cues=[HOLD])) as socket:
+        socket.send_json({"type": "cues", "paused": True})
+        assert read_until(socket, "cues")["paused"]
+        messages = read_to_end(socket)
 
-    with TestClient(create_app(settings)), store.engine.connect() as connection:
-        assert connection.execute(select(recordings.c.tags)).scalars().all() == ['["cues"]']
+    assert messages[-1]["cues"] == 0
 
 
-def leave_cut(settings: Settings, wearer: Wearer, *rules: CueRule) -> SessionFiles:
-    """Leave the files of a session as a kill does."""
-    files = begin_files(settings.data_dir / LIVE_FOLDER, keeps=True)
+# --- a stop of the server, and a kill -------------------------------------------------------------------
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Settings:
+    """Settings of a server that a test starts and stops."""
+    return Settings(data_dir=tmp_path / "data", min_free_bytes=0)
+
+
+def test_what_a_kill_left_of_a_session_becomes_a_recording_whose_end_is_in_the_trail(fresh: Settings) -> None:
+    files = begin_files(fresh.data_dir / LIVE_FOLDER, keeps=True)
+    rules, wearer = (CueRule("hold", 60.0, 10.0),), Wearer("S007", "left")
     recorder = Recorder(files.raw, SourceFacts("other", "made", 100.0), wearer, rules)
     for frames in replay_frames(make_worn(*DAY), 1.0):
         recorder.take(frames)
     recorder.break_off()
-    return files
 
+    with TestClient(create_app(fresh), base_url="http://localhost:8080") as caller:
+        (recording,) = list_recordings(caller)
+        store: JobStore = caller.app.state.services.store  # type: ignore[attr-defined]
+        (line,) = read_trail(store, files.session_id)
+        of_analysis = store.find_recording(line.analysis_id)
+        with store.engine.connect() as connection:
+            tags = connection.execute(select(recordings.c.tags)).scalars().all()
 
-def test_what_a_kill_left_of_a_session_becomes_a_recording_and_is_gone(
-    settings: Settings, store: JobStore, storage: Storage
-) -> None:
-    files = leave_cut(settings, Wearer("S007", "left"))
-
-    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
-        (recording,) = caller.get("/api/v1/recordings").json()["items"]
-
-    assert (recording["subject"], recording["side"]) == ("S007", "left")
-    assert count_stored_rows(settings, recording["id"]) == 3200
+    assert (recording["subject"], recording["side"], tags) == ("S007", "left", ['["cues"]'])
+    assert count_stored_rows(fresh, recording["id"]) == 3200
     assert list(files.folder.iterdir()) == []
+    assert (line.act, line.who, line.recording_id) == ("live.ended", "system", recording["id"])
+    assert of_analysis == recording["id"]
 
 
-def test_the_lines_of_the_trail_tell_who_started_a_session_and_what_became_of_it(
-    client: TestClient, recording_id: str, store: JobStore
-) -> None:
-    first, *_, last = play(client, recording_id, keeps=True)
-
-    started, ended = read_trail(store, "live.started", "live.ended")
-    kept = store.find_recording(last["analysis"])
-    session = {"session": first["session"]}
-    assert (started.act, started.recording_id, json.loads(started.other)) == (
-        "live.started",
-        recording_id,
-        session,
-    )
-    assert (ended.act, ended.recording_id, ended.analysis_id) == ("live.ended", kept, last["analysis"])
-    assert json.loads(ended.other) == session
-    assert started.who == ended.who
-
-
-def test_a_replay_that_adds_nothing_has_a_start_in_the_trail_and_no_end(
-    client: TestClient, recording_id: str, store: JobStore
-) -> None:
-    play(client, recording_id)
-
-    assert [line.act for line in read_trail(store, "live.started", "live.ended")] == ["live.started"]
-
-
-def test_a_session_that_a_kill_cut_off_ends_in_the_trail_when_the_server_starts(
-    settings: Settings, store: JobStore, storage: Storage
-) -> None:
-    files = leave_cut(settings, Wearer())
-
-    with TestClient(create_app(settings)):
-        (line,) = read_trail(store, "live.ended")
-
-    assert (line.who, json.loads(line.other)) == ("system", {"session": files.session_id})
-    assert line.recording_id == store.find_recording(line.analysis_id)
-
-
-def read_trail(store: JobStore, *acts: str) -> list[Row[Any]]:
-    with store.engine.connect() as connection:
-        return list(
-            connection.execute(select(audit_log).where(audit_log.c.act.in_(acts)).order_by(audit_log.c.seq))
-        )
-
-
-def test_boards_that_are_silent_hold_up_no_other_request(
-    client: TestClient, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 3.0)
-    silent = 45  # more than the threads that answer requests
-    with ExitStack() as sockets:
-        for _ in range(silent):
-            sockets.enter_context(connect(client, type="start", source="lines", name="silent"))
-        while count_starting(client) < silent:
-            pass
-        client.get("/healthz")
-
-        assert count_starting(client) == silent
-
-
-def count_starting(client: TestClient) -> int:
-    assert client.portal is not None
-    return int(client.portal.call(lambda: _find_limiter().borrowed_tokens))
-
-
-def test_the_part_of_a_message_that_cannot_be_is_named(client: TestClient) -> None:
-    with connect(client, type="start", source="demo", speed=50) as socket:
-        problem = socket.receive_json()
-
-    assert problem["detail"].startswith("start.speed cannot be 50")
-
-
-def test_a_message_that_is_too_long_in_coming_ends_the_connection(
-    client: TestClient, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.api.live.FIRST_LIMIT_S", 0.05)
-    with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
-        assert socket.receive_json()["code"] == "E-PARAMETER"
-
-
-def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings, tmp_path: Path) -> None:
-    write_raw(tmp_path / "worn.csv", make_worn(*DAY), Wearer())
-    application = create_app(settings)
+def test_a_server_that_stops_makes_recordings_of_its_sessions(fresh: Settings, tmp_path: Path) -> None:
+    application = create_app(fresh)
     with TestClient(application, base_url="http://localhost:8080") as caller:
-        content = (tmp_path / "worn.csv").read_bytes()
-        stored = caller.post("/api/v1/recordings?file_name=worn.csv", content=content).json()["id"]
-        asked = {"type": "start", "source": "recording", "recording": stored, "keeps": True}
-        with connect(caller, **asked) as socket:
+        with connect(caller, **ask_for(upload_worn(caller, tmp_path), keeps=True)) as socket:
             read_until(socket, "update")
         hub = find_hub(application.state.services)
 
-    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
-        assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
+    with TestClient(create_app(fresh), base_url="http://localhost:8080") as caller:
+        assert len(list_recordings(caller)) == 2
     assert [session.state for session in hub._sessions.values()] == ["stopped"]
+
+
+# --- a board --------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -381,10 +424,8 @@ def test_a_board_on_a_serial_port_becomes_a_recording(client: TestClient, board:
     asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
     with connect(client, **asked) as socket:
         session = socket.receive_json()
-        while socket.receive_json()["status"]["frames"] < 1500:  # the first may be the history
-            pass
-        socket.send_json({"type": "stop"})
-        ended = read_until(socket, "ended")
+        read_frames(socket, 1500)
+        ended = stop(socket)
 
     assert (session["device"], session["keeps"]) == ("lsm9ds1", True)
     assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
@@ -397,8 +438,7 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
     asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
     with connect(client, **asked) as socket:
         session = socket.receive_json()["session"]
-        while socket.receive_json()["status"]["frames"] < 1500:
-            pass
+        read_frames(socket, 1500)
 
     hub = find_hub(client.app.state.services)  # type: ignore[attr-defined]
     analysis = wait_for(lambda: hub.get(session).analysis_id)
@@ -408,74 +448,14 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
         assert read_until(socket, "ended")["was_left"]
 
 
-def test_a_page_opens_no_other_file(client: TestClient) -> None:
-    with connect(client, type="start", source="port", port="/dev/zero", keeps=True) as socket:
-        assert socket.receive_json()["code"] == "E-LIVE-SOURCE"
-
-
-HOLD = {"kind": "hold", "angle_deg": 60, "limit": 4}
-
-
-def test_cues_are_sent_counted_and_noted(client: TestClient, recording_id: str) -> None:
-    # The arm is above 60 deg from about 12 s to about 22 s: cues after 4 s and after 8 s.
-    messages = play(client, recording_id, cues=[HOLD], keeps=True)
-
-    cues = [message for message in messages if message["type"] == "cue"]
-    assert [round(cue["time_s"]) for cue in cues] == [16, 20]
-    assert (cues[0]["kind"], cues[0]["limit"]) == ("hold", 4)
-    assert messages[-1]["cues"] == 2
-    kept = client.get("/api/v1/recordings").json()["items"]
-    assert [one["note"] for one in kept if one["note"]] == ["cues hold:60:4: 2; s: 16 20"]
-
-
-def test_without_rules_it_is_quiet(client: TestClient, recording_id: str) -> None:
-    messages = play(client, recording_id, keeps=True)
-
-    assert not any(message["type"] == "cue" for message in messages)
-    assert not any(one["note"] for one in client.get("/api/v1/recordings").json()["items"])
-
-
-def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -> None:
-    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 5, "cues": [HOLD]}
-    with connect(client, **first) as socket:
-        socket.send_json({"type": "cues", "paused": True})
-        assert read_until(socket, "cues")["paused"]
-        messages = read_to_end(socket)
-
-    assert messages[-1]["cues"] == 0
-
-
-def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
-    client: TestClient, recording_id: str, store: JobStore, settings: Settings
-) -> None:
-    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
-    server = ServerSecret(settings.data_dir)
-    told = hooks.add("https://hooks.example/cues", ("live.cue",), server)
-    hooks.add("https://hooks.example/ends", ("analysis.finished",), server)
-
-    play(client, recording_id, cues=[HOLD])
-
-    with store.engine.connect() as connection:
-        rows = connection.execute(select(deliveries.c.event, deliveries.c.webhook_id)).all()
-    assert [tuple(row) for row in rows] == [("live.cue", told.id)] * 2
-
-
-def test_a_webhook_that_names_no_events_is_told_of_no_cues(client: TestClient) -> None:
-    made = client.post("/api/v1/webhooks", json={"url": "https://1.1.1.1/all"}).json()
-
-    assert made["events"] == ["analysis.finished", "batch.finished"]
-
-
 def test_lines_that_a_page_sends_become_a_recording(client: TestClient) -> None:
     with connect(client, type="start", source="lines", name="phone", keeps=True, axis="+z") as socket:
         text = (PREAMBLE + HEADER + write_rows(0, 1500)).encode()
         for first in range(0, len(text), 5000):
             socket.send_bytes(text[first : first + 5000])
         session = socket.receive_json()
-        while socket.receive_json()["status"]["frames"] < 1500:  # the first may be the history
-            pass
-        socket.send_json({"type": "stop"})
-        ended = read_until(socket, "ended")
+        read_frames(socket, 1500)
+        ended = stop(socket)
 
     assert (session["source"], session["device"]) == ("phone", "lsm9ds1")
     assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
@@ -488,10 +468,8 @@ def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: Tes
     with connect(client, type="resume", session=session) as socket:
         assert socket.receive_json()["state"] == "running"
         socket.send_bytes(write_rows(400, 500).encode())
-        while (message := socket.receive_json())["status"]["frames"] < 400:
-            pass
-        socket.send_json({"type": "stop"})
-        read_until(socket, "ended")
+        message = read_frames(socket, 400)
+        stop(socket)
 
     assert (message["status"]["lost"], message["status"]["holes"]) == (100, 1)
 
@@ -504,3 +482,23 @@ def test_lines_without_a_header_are_refused_in_words(
         socket.send_bytes(b"1,2,3,4,5,6,7\n")
 
         assert read_until(socket, "problem")["code"] == "E-LIVE-SOURCE"
+
+
+def test_boards_that_are_silent_hold_up_no_other_request(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 3.0)
+    silent = 45  # more than the threads that answer requests
+    with ExitStack() as sockets:
+        for _ in range(silent):
+            sockets.enter_context(connect(client, type="start", source="lines", name="silent"))
+        while count_starting(client) < silent:
+            pass
+        client.get("/healthz")
+
+        assert count_starting(client) == silent
+
+
+def count_starting(client: TestClient) -> int:
+    assert client.portal is not None
+    return int(client.portal.call(lambda: _find_limiter().borrowed_tokens))

@@ -11,10 +11,8 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import text
-from typer.testing import CliRunner
 
 from app.api.housekeeping import grow_older
-from app.cli import app
 from app.jobs.recordings import RecordingFilter
 from app.jobs.store import JobStore
 from app.main import create_app
@@ -22,8 +20,12 @@ from app.settings import Settings
 from app.upkeep import copies
 from app.upkeep.copies import find_copies, keep_daily_copy, renew_copies, restore_copy
 from tests.app.conftest import AddJob
+from tests.app.ops.conftest import Acromion, lose_sqlite, read_subjects
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
+
+
+Copy = Callable[[], None]
 
 
 def make_old(path: Path, age_s: float) -> None:
@@ -31,20 +33,13 @@ def make_old(path: Path, age_s: float) -> None:
     os.utime(path, (then_s, then_s))
 
 
-def read_subjects(path: Path) -> list[str]:
-    connection = sqlite3.connect(path)
-    found = [subject for (subject,) in connection.execute("SELECT subject FROM recordings")]
-    connection.close()
-    return found
-
-
 @pytest.fixture
-def copy(store: JobStore, settings: Settings) -> Callable[[], None]:
+def copy(store: JobStore, settings: Settings) -> Copy:
     return lambda: keep_daily_copy(settings, store.engine)
 
 
 def test_a_copy_is_a_whole_database_that_only_its_user_reads(
-    settings: Settings, add_job: AddJob, copy: Callable[[], None]
+    settings: Settings, add_job: AddJob, copy: Copy
 ) -> None:
     add_job(subject="S012")
 
@@ -56,7 +51,7 @@ def test_a_copy_is_a_whole_database_that_only_its_user_reads(
     assert [path.name for path in made.parent.iterdir()] == [made.name]
 
 
-def test_there_is_one_copy_a_day_and_seven_are_kept(settings: Settings, copy: Callable[[], None]) -> None:
+def test_there_is_one_copy_a_day_and_seven_are_kept(settings: Settings, copy: Copy) -> None:
     copy()
     copy()
     assert len(find_copies(settings)) == 1
@@ -68,16 +63,21 @@ def test_there_is_one_copy_a_day_and_seven_are_kept(settings: Settings, copy: Ca
     assert [path.name for path in find_copies(settings)] == [f"rows-{n:06d}.sqlite3" for n in range(4, 11)]
 
 
-def test_a_clock_that_was_set_back_drops_no_newer_copy(settings: Settings, copy: Callable[[], None]) -> None:
+def test_a_clock_that_was_set_back_drops_no_newer_copy_and_one_that_a_crash_cut_short_is_none(
+    settings: Settings, copy: Copy
+) -> None:
+    (settings.data_dir / "copies").mkdir()
+    (settings.data_dir / "copies" / "rows-new.part").write_bytes(b"half")
     copy()
     make_old(find_copies(settings)[0], -30 * 3600)
 
     copy()
 
-    assert len(find_copies(settings)) == 2
+    names = sorted(path.name for path in (settings.data_dir / "copies").iterdir())
+    assert names == ["rows-000001.sqlite3", "rows-000002.sqlite3"]
 
 
-def test_a_copy_holds_no_session(settings: Settings, store: JobStore, copy: Callable[[], None]) -> None:
+def test_a_copy_holds_no_session(settings: Settings, store: JobStore, copy: Copy) -> None:
     with store.engine.begin() as connection:
         connection.execute(text("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY)"))
         is_ours = "person_id" in str(connection.exec_driver_sql("PRAGMA table_info(sessions)").all())
@@ -87,15 +87,6 @@ def test_a_copy_holds_no_session(settings: Settings, store: JobStore, copy: Call
     copy()
 
     assert b"of somebody" not in find_copies(settings)[0].read_bytes()
-
-
-def test_a_copy_that_a_crash_cut_short_is_no_copy(settings: Settings, copy: Callable[[], None]) -> None:
-    (settings.data_dir / "copies").mkdir()
-    (settings.data_dir / "copies" / "rows-new.part").write_bytes(b"half")
-
-    copy()
-
-    assert [path.name for path in (settings.data_dir / "copies").iterdir()] == ["rows-000001.sqlite3"]
 
 
 def damage(path: Path) -> None:
@@ -110,11 +101,7 @@ def change_revision(path: Path) -> None:
 
 @pytest.mark.parametrize("spoil", [damage, change_revision, lambda path: path.write_bytes(b"")])
 def test_a_copy_that_is_spoilt_or_of_another_version_leaves_the_turn_to_the_one_before(
-    store: JobStore,
-    settings: Settings,
-    add_job: AddJob,
-    copy: Callable[[], None],
-    spoil: Callable[[Path], None],
+    store: JobStore, settings: Settings, add_job: AddJob, copy: Copy, spoil: Callable[[Path], None]
 ) -> None:
     add_job(subject="S012")
     copy()
@@ -122,7 +109,7 @@ def test_a_copy_that_is_spoilt_or_of_another_version_leaves_the_turn_to_the_one_
     copy()
     spoil(find_copies(settings)[-1])
     store.close()
-    (settings.data_dir / "acromion.sqlite3").unlink()
+    lose_sqlite(settings)
 
     restore_copy(settings)
 
@@ -144,7 +131,7 @@ def test_postgresql_has_no_copies(settings: Settings, store: JobStore) -> None:
 
 
 def test_an_erasure_deletes_every_copy_and_writes_one_without_the_person(
-    client: TestClient, settings: Settings, copy: Callable[[], None]
+    client: TestClient, settings: Settings, copy: Copy
 ) -> None:
     gone = client.post("/api/v1/recordings", content=b"one", params={"subject": CANARY}).json()["id"]
     client.post("/api/v1/recordings", content=b"two", params={"subject": "S2"})
@@ -160,7 +147,7 @@ def test_an_erasure_deletes_every_copy_and_writes_one_without_the_person(
 
 
 def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
-    client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch, copy: Callable[[], None]
+    client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch, copy: Copy
 ) -> None:
     gone = client.post("/api/v1/recordings", content=b"one", params={"subject": CANARY}).json()["id"]
     copy()
@@ -182,20 +169,18 @@ def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
 
 
 def test_the_answer_to_an_erasure_says_until_when_backups_can_hold_the_person(
-    client: TestClient, settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    client: TestClient, acromion: Acromion, tmp_path: Path
 ) -> None:
     def erase(content: bytes) -> dict[str, str]:
         kept = client.post("/api/v1/recordings", content=content).json()["id"]
         return dict(client.delete(f"/api/v1/recordings/{kept}", params={"purge": True}).json())
 
-    for name, value in settings.as_environment().items():
-        monkeypatch.setenv(name, value)
     before, began = erase(b"1"), datetime.now(UTC)
     for number in (1, 2):
-        CliRunner().invoke(app, ["backup", str(tmp_path / f"b-{number}.zip"), "--keep", "3"])
+        acromion("backup", tmp_path / f"b-{number}.zip", "--keep", "3")
     kept = erase(b"2")
-    CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip")])
-    CliRunner().invoke(app, ["backup", str(tmp_path / "b-3.zip"), "--keep", "3"])
+    acromion("backup", tmp_path / "b.zip")
+    acromion("backup", tmp_path / "b-3.zip", "--keep", "3")
     unlimited = erase(b"3")
 
     assert (before["backups"], kept["backups"], unlimited["backups"]) == ("none", "until", "unlimited")
@@ -204,50 +189,30 @@ def test_the_answer_to_an_erasure_says_until_when_backups_can_hold_the_person(
 
 
 def test_keep_deletes_older_backups_of_the_name_and_no_other_file(
-    settings: Settings, add_job: AddJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    add_job: AddJob, acromion: Acromion, tmp_path: Path
 ) -> None:
     add_job()
-    for name, value in settings.as_environment().items():
-        monkeypatch.setenv(name, value)
     folder = tmp_path / "backups"
     folder.mkdir()
     (folder / "thesis-1.zip").touch()
     (folder / "acromion-1.zip.age").touch()
 
     for day in (1, 2, 3):
-        done = CliRunner().invoke(app, ["backup", str(folder / f"acromion-{day}.zip"), "--keep", "2"])
+        done = acromion("backup", folder / f"acromion-{day}.zip", "--keep", "2")
         assert done.exit_code == 0, done.output
 
     kept = ["acromion-2.zip", "acromion-3.zip", "thesis-1.zip"]
     assert sorted(path.name for path in folder.iterdir()) == kept
     assert "acromion-1.zip" in done.output
-
-
-def test_keep_without_a_date_in_the_name_is_refused(settings: Settings, tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip"), "--keep", "2"])
-
-    assert done.exit_code == 2
-    assert not (tmp_path / "b.zip").exists()
+    without_date = acromion("backup", tmp_path / "b.zip", "--keep", "2")
+    assert (without_date.exit_code, (tmp_path / "b.zip").exists()) == (2, False)
 
 
 # --- recover --------------------------------------------------------------------------------------------
 
 
-def lose_database(settings: Settings) -> None:
-    for path in settings.data_dir.glob("acromion.sqlite3*"):
-        path.unlink()
-
-
-def recover(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> str:
-    for name, value in settings.as_environment().items():
-        monkeypatch.setenv(name, value)
-    done = CliRunner().invoke(app, ["recover"])
-    assert done.exit_code == 0, done.output
-    return str(done.output)
-
-
 def test_recover_begins_with_the_copy_and_takes_newer_rows_from_the_side_files(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch
+    settings: Settings, acromion: Acromion
 ) -> None:
     with TestClient(create_app(settings), base_url="http://localhost") as client:
         first = client.post("/api/v1/recordings", content=b"one", params={"subject": "S1"}).json()["id"]
@@ -257,42 +222,20 @@ def test_recover_begins_with_the_copy_and_takes_newer_rows_from_the_side_files(
         keep_daily_copy(settings, services.store.engine)
         client.patch(f"/api/v1/recordings/{first}", json={"subject": "S1 corrected"})
         client.post("/api/v1/recordings", content=b"two", params={"subject": "S2"})
-    lose_database(settings)
+    lose_sqlite(settings)
+    JobStore(settings).close()  # as after a refused start
 
-    output = recover(settings, monkeypatch)
+    done = acromion("recover")
+    again = acromion("recover")
 
-    assert "daily copy" in output
+    assert (done.exit_code, "daily copy" in done.output) == (0, True)
+    assert "daily copy" not in again.output  # which never replaces a database that holds recordings
     application = create_app(settings)
     with TestClient(application):
         services = application.state.services
         rows = services.recordings.find_page(RecordingFilter(), 10)
         assert sorted(row.about.subject for row in rows) == ["S1 corrected", "S2"]
         assert [one.name for one in services.mappings.find_all()] == ["ours"]
-
-
-def test_recover_after_a_refused_start_begins_with_the_copy_too(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    application = create_app(settings)
-    with TestClient(application, base_url="http://localhost") as client:
-        client.post("/api/v1/recordings", content=b"one")
-        keep_daily_copy(settings, application.state.services.store.engine)
-    lose_database(settings)
-    JobStore(settings).close()
-
-    assert "daily copy" in recover(settings, monkeypatch)
-
-
-def test_recover_never_replaces_a_database_that_holds_recordings(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    application = create_app(settings)
-    with TestClient(application, base_url="http://localhost") as client:
-        client.post("/api/v1/recordings", content=b"one")
-        keep_daily_copy(settings, application.state.services.store.engine)
-        client.post("/api/v1/recordings", content=b"two")
-
-    assert "daily copy" not in recover(settings, monkeypatch)
 
 
 def test_a_folder_copied_while_the_server_runs_starts_elsewhere_with_no_further_file(

@@ -65,28 +65,23 @@ def test_a_server_that_takes_uploads_is_ready(settings: Settings) -> None:
     assert body["analyses"]["queued"] == 0
 
 
-def test_too_little_room_is_not_ready(settings: Settings) -> None:
-    status, body = ask(settings, min_free_bytes=1 << 60)
+@pytest.mark.parametrize(
+    ("changes", "wrong"),
+    [({"min_free_bytes": 1 << 60}, {"disk": "E-DISK"}), ({"max_queued": 0}, {"queue": "E-BUSY"})],
+)
+def test_too_little_room_and_a_full_queue_are_not_ready(
+    settings: Settings, changes: dict[str, int], wrong: dict[str, str]
+) -> None:
+    status, body = ask(settings, **changes)
 
-    assert (status, body) == (503, {"status": "unready", "checks": GOOD | {"disk": "E-DISK"}})
-
-
-def test_a_full_queue_is_not_ready(settings: Settings) -> None:
-    status, body = ask(settings, max_queued=0)
-
-    assert (status, body["checks"]) == (503, GOOD | {"queue": "E-BUSY"})
-
-
-def test_a_store_that_is_away_is_not_ready(settings: Settings) -> None:
-    status, body = ask_with_store(settings, say_away)
-
-    assert (status, body["checks"]) == (503, GOOD | {"store": "E-STORE"})
+    assert (status, body) == (503, {"status": "unready", "checks": GOOD | wrong})
 
 
-def test_a_store_that_hangs_is_not_ready_and_holds_nobody(settings: Settings) -> None:
+@pytest.mark.parametrize("hangs", [False, True], ids=["away", "hangs"])
+def test_a_store_that_is_away_or_hangs_is_not_ready_and_holds_nobody(settings: Settings, hangs: bool) -> None:
     back = threading.Event()
 
-    status, body = ask_with_store(settings, back.wait)
+    status, body = ask_with_store(settings, back.wait if hangs else say_away)
 
     back.set()
     assert (status, body["checks"]) == (503, GOOD | {"store": "E-STORE"})

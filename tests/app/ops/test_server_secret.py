@@ -8,11 +8,15 @@ from app.errors import SecretUnreadable
 from app.storage.server_secret import LENGTH_BYTES, ServerSecret
 
 
-def test_what_was_encrypted_is_read_again(tmp_path: Path) -> None:
+def test_what_was_encrypted_is_read_again_for_its_own_purpose_alone(tmp_path: Path) -> None:
     token = ServerSecret(tmp_path).encrypt("whsec_é", "webhook")
+    again = ServerSecret(tmp_path)
 
     assert "whsec" not in token
-    assert ServerSecret(tmp_path).decrypt(token, "webhook") == "whsec_é"
+    assert again.decrypt(token, "webhook") == "whsec_é"
+    with pytest.raises(SecretUnreadable):
+        again.decrypt(token, "second factor of clara")
+    assert again.derive("logins") == again.derive("logins") != again.derive("others")
 
 
 def test_only_its_user_reads_the_file(tmp_path: Path) -> None:
@@ -22,13 +26,6 @@ def test_only_its_user_reads_the_file(tmp_path: Path) -> None:
     assert (file.stat().st_mode & 0o777, file.parent.stat().st_mode & 0o777) == (0o600, 0o700)
     assert file.stat().st_size == LENGTH_BYTES
     assert list(file.parent.iterdir()) == [file]
-
-
-def test_it_is_not_read_as_something_else(tmp_path: Path) -> None:
-    token = ServerSecret(tmp_path).encrypt("a", "webhook")
-
-    with pytest.raises(SecretUnreadable):
-        ServerSecret(tmp_path).decrypt(token, "second factor of clara")
 
 
 @pytest.mark.parametrize("content", [None, b"", b"garbage", b"x" * 45])
@@ -44,10 +41,3 @@ def test_a_lost_or_damaged_file_is_named_and_made_anew_for_what_comes(
     assert refused.value.facts == {"file": str(tmp_path / "server.key")}
 
     assert secret.decrypt(secret.encrypt("b", "webhook"), "webhook") == "b"
-
-
-def test_the_keys_of_two_purposes_differ(tmp_path: Path) -> None:
-    secret = ServerSecret(tmp_path)
-
-    assert secret.derive("logins") == secret.derive("logins")
-    assert secret.derive("logins") != secret.derive("others")

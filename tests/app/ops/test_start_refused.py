@@ -74,52 +74,38 @@ def data(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("command", "damage"),
-    [
-        *((command, damage) for command in COMMANDS for damage in (overwrite_header, cut_off)),
-        *((command, overwrite_page) for command in ("serve", "worker", "verify")),
-    ],
-)
-def test_a_damaged_database_is_named_and_left_as_it_is(data: Path, damage: Damage, command: str) -> None:
+@pytest.mark.parametrize("damage", [overwrite_header, cut_off, overwrite_page])
+def test_a_damaged_database_is_named_by_every_command_and_left_as_it_is(data: Path, damage: Damage) -> None:
     file = data / "acromion.sqlite3"
     file.write_bytes(damage(file.read_bytes()))
     before = file.read_bytes()
+    commands = COMMANDS[:3] if damage is overwrite_page else COMMANDS  # a backup reads no such page
 
-    answer = call(command, data)
+    for command in commands:
+        answer = call(command, data)
+        assert is_told(command, answer, "E-DATABASE-DAMAGED"), (command, answer)
+    exit_code, said = call("doctor", data)
 
-    assert is_told(command, answer, "E-DATABASE-DAMAGED"), answer
+    assert (exit_code, "E-DATABASE-DAMAGED" in said) == (1, True)
     assert file.read_bytes() == before
 
 
-@pytest.mark.parametrize("damage", [overwrite_header, cut_off, overwrite_page])
-def test_the_doctor_names_a_damaged_database(data: Path, damage: Damage) -> None:
-    file = data / "acromion.sqlite3"
-    file.write_bytes(damage(file.read_bytes()))
-
-    exit_code, said = call("doctor", data)
-
-    assert exit_code == 1
-    assert "E-DATABASE-DAMAGED" in said
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_data_path_that_is_a_file_is_named(tmp_path: Path, command: str) -> None:
+@pytest.mark.parametrize("command", [*COMMANDS, "doctor"])
+def test_a_data_path_that_is_a_file_is_named_with_its_cure(tmp_path: Path, command: str) -> None:
     (tmp_path / "data").write_text("mine")
 
-    answer = call(command, tmp_path / "data")
+    answer = exit_code, said = call(command, tmp_path / "data")
 
-    assert is_told(command, answer, "E-FOLDER-FILE"), answer
+    assert (
+        (exit_code, "FAIL" in said) == (1, True)
+        if command == "doctor"
+        else is_told(command, answer, "E-FOLDER-FILE")
+    )
     assert (tmp_path / "data").read_text() == "mine"
-
-
-def test_the_doctor_names_a_data_path_that_is_a_file(tmp_path: Path) -> None:
-    (tmp_path / "data").write_text("mine")
-
-    exit_code, said = call("doctor", tmp_path / "data")
-
-    assert exit_code == 1
-    assert "FAIL" in said
+    if command in ("serve", "worker"):
+        first, *rest = said.splitlines()
+        assert first.startswith(f"{command}: E-FOLDER-FILE ")
+        assert rest[-1].strip() == "Choose another path with --data."
 
 
 @pytest.fixture
@@ -220,14 +206,3 @@ def test_a_lock_that_ends_while_it_is_asked_for_is_no_refusal(data: Path) -> Non
         held.close()
 
     database_module.check_writable(Settings(data_dir=data).database_url, 0)
-
-
-@pytest.mark.parametrize("command", ["serve", "worker"])
-def test_a_cure_stands_beside_the_code(tmp_path: Path, command: str) -> None:
-    (tmp_path / "data").write_text("mine")
-
-    _, said = call(command, tmp_path / "data")
-
-    first, *rest = said.splitlines()
-    assert first.startswith(f"{command}: E-FOLDER-FILE ")
-    assert rest[-1].strip() == "Choose another path with --data."

@@ -5,9 +5,8 @@ import pytest
 from benchmarks.third_party import Package, add_licences, read_lock
 
 
-@pytest.mark.parametrize("package", tuple(read_lock()), ids=lambda package: package.name)
-def test_every_locked_package_has_a_licence_that_may_be_shipped(package: Package) -> None:
-    assert package.may_be_shipped, f"{package.name} {package.version}: {package.licence}"
+def test_every_locked_package_has_a_licence_that_may_be_shipped() -> None:
+    assert [package for package in read_lock() if not package.may_be_shipped] == []
 
 
 @pytest.mark.parametrize(

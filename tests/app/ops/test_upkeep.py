@@ -16,7 +16,6 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.jobs.database.connect import connect
 from app.jobs.database.tables import REVISION
 from app.jobs.job import Job, JobState
 from app.jobs.recordings import Description, RecordingStore, UploadStore
@@ -30,22 +29,12 @@ from app.storage.store import Fetched, FolderLock, Storage
 from app.upkeep.recover import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
+from tests.app.ops.conftest import Acromion
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 
-Acromion = Callable[..., Any]
-
-
-@pytest.fixture
-def acromion(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Acromion:
-    """Call a command with the settings of the test."""
-    for name, value in settings.as_environment().items():
-        monkeypatch.setenv(name, value)
-
-    def call(*arguments: object) -> Any:
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-    return call
+Backup = Callable[[], Path]
+Restore = Callable[[Path], Any]
 
 
 @contextmanager
@@ -98,6 +87,28 @@ def finished(store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBenc
     return store.get(job.id)
 
 
+@pytest.fixture
+def backup(acromion: Acromion, tmp_path: Path) -> Backup:
+    """Make a backup; return its path."""
+
+    def make() -> Path:
+        acromion("backup", tmp_path / "b.zip")
+        return tmp_path / "b.zip"
+
+    return make
+
+
+@pytest.fixture
+def restore(acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Restore:
+    """Restore a backup into another data folder, ``new``."""
+
+    def call(path: Path) -> Any:
+        monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
+        return acromion("restore", path, "--data", tmp_path / "new")
+
+    return call
+
+
 def empty_everything(settings: Settings, request: pytest.FixtureRequest) -> Settings:
     """Give settings of an empty place of the same kind."""
     changes: dict[str, object] = {"data_dir": settings.data_dir.with_name("restored")}
@@ -111,10 +122,20 @@ def empty_everything(settings: Settings, request: pytest.FixtureRequest) -> Sett
 
 
 @on_both_set_ups
-def test_a_restored_backup_holds_every_row_and_every_byte(
-    finished: Job, settings: Settings, acromion: Acromion, tmp_path: Path, request: pytest.FixtureRequest
+def test_a_restored_backup_holds_every_row_every_byte_and_the_secret_of_a_webhook(
+    *,
+    finished: Job,
+    store: JobStore,
+    settings: Settings,
+    acromion: Acromion,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
 ) -> None:
+    hooks = WebhookStore(store.engine, store.reader)
+    hook = hooks.add("https://a.example", EVENTS, ServerSecret(settings.data_dir))
     assert acromion("backup", tmp_path / "b.zip").exit_code == 0
+    assert read_faults(tmp_path / "b.zip") == []
+    assert acromion("verify", tmp_path / "b.zip").exit_code == 0
     new = empty_everything(settings, request)
     os.environ.update(new.as_environment())  # put right again by the fixture that set them first
 
@@ -122,9 +143,11 @@ def test_a_restored_backup_holds_every_row_and_every_byte(
 
     assert restored.exit_code == 0, restored.output
     assert acromion("verify").exit_code == 0
-    store = JobStore(new)
-    assert store.get(finished.id) == finished
-    store.close()
+    restored_store = JobStore(new)
+    assert restored_store.get(finished.id) == finished
+    (found,) = WebhookStore(restored_store.engine, restored_store.reader).find_all()
+    assert ServerSecret(new.data_dir).decrypt(found.secret, SECRET_OF_WEBHOOK) == hook.secret
+    restored_store.close()
 
 
 @pytest.mark.parametrize(("database", "objects"), [("postgresql", "s3")], indirect=True)
@@ -157,36 +180,6 @@ def test_a_restore_names_the_bucket_and_the_database_without_its_password(
     assert told.format(files=new.object_store, rows=rows) in output
 
 
-def test_a_restore_into_a_data_folder_names_the_folder_alone(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
-
-    output = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new").output
-
-    assert f"every row restored into {tmp_path / 'new'}. Start the server" in output
-
-
-def test_the_secret_of_a_webhook_is_read_where_it_was_restored(
-    store: JobStore, settings: Settings, acromion: Acromion, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    hook = WebhookStore(store.engine, store.reader).add(
-        "https://a.example", EVENTS, ServerSecret(settings.data_dir)
-    )
-    acromion("backup", tmp_path / "b.zip")
-    new = empty_everything(settings, request)
-    os.environ.update(new.as_environment())  # put right again by the fixture that set them first
-
-    assert acromion("restore", tmp_path / "b.zip").exit_code == 0
-
-    restored = JobStore(new)
-    (found,) = WebhookStore(restored.engine, restored.reader).find_all()
-    assert ServerSecret(new.data_dir).decrypt(found.secret, SECRET_OF_WEBHOOK) == hook.secret
-    restored.close()
-
-
-@on_both_set_ups
 def test_verify_counts_what_it_read(finished: Job, acromion: Acromion) -> None:
     result = acromion("verify")
 
@@ -194,36 +187,46 @@ def test_verify_counts_what_it_read(finished: Job, acromion: Acromion) -> None:
 
 
 @on_both_set_ups
-def test_verify_names_a_missing_recording(finished: Job, storage: Storage, acromion: Acromion) -> None:
+def test_verify_names_a_missing_recording_and_a_backup_is_made_and_lists_it(
+    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path
+) -> None:
     storage.drop_recording(finished.recording_id)
+    name = f"recordings/{finished.recording_id}"
 
-    result = acromion("verify")
+    for command in (("verify",), ("backup", tmp_path / "b.zip")):
+        result = acromion(*command)
+        assert (result.exit_code, f"MISSING {name}" in result.output) == (1, True)
 
-    assert result.exit_code == 1
-    assert f"MISSING recordings/{finished.recording_id}" in result.output
+    assert read_faults(tmp_path / "b.zip") == [{"name": name, "finding": "missing"}]
 
 
-def test_verify_names_a_damaged_recording(finished: Job, settings: Settings, acromion: Acromion) -> None:
-    (settings.data_dir / "recordings" / finished.recording_id).write_bytes(b"the Recording")
+def test_verify_names_a_damaged_recording_and_a_backup_holds_it_as_it_is(
+    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path
+) -> None:
+    name = f"recordings/{finished.recording_id}"
 
-    result = acromion("verify", "--lang", "fr")
+    verified, made = acromion("verify", "--lang", "fr"), acromion("backup", tmp_path / "b.zip")
 
-    assert result.exit_code == 1
-    assert f"ENDOMMAGÉ recordings/{finished.recording_id}" in result.output
+    assert (verified.exit_code, f"ENDOMMAGÉ {name}" in verified.output) == (1, True)
+    assert (made.exit_code, f"DAMAGED {name}" in made.output) == (1, True)
+    assert read_faults(tmp_path / "b.zip") == [{"name": name, "finding": "damaged"}]
+    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
+        assert archive.read(f"files/{name}") == b"the Recording"
 
 
 @on_both_set_ups
-@pytest.mark.parametrize("name", ["recordings/rec_stray", "analyses/an_gone/t1/results.json"])
-def test_verify_names_a_file_without_a_row(
-    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path, name: str
+def test_verify_names_files_without_a_row(
+    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path
 ) -> None:
-    (tmp_path / "stray").write_bytes(b"left over")
-    storage.put(tmp_path / "stray", name)
+    names = ("recordings/rec_stray", "analyses/an_gone/t1/results.json")
+    for name in names:
+        (tmp_path / "stray").write_bytes(b"left over")
+        storage.put(tmp_path / "stray", name)
 
     result = acromion("verify")
 
     assert result.exit_code == 1
-    assert f"ORPHAN {name}" in result.stdout
+    assert [f"ORPHAN {name}" in result.stdout for name in names] == [True, True]
 
 
 def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
@@ -239,77 +242,51 @@ def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
     assert acromion("verify").exit_code == 0
 
 
-def test_verify_reads_a_backup(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    acromion("backup", tmp_path / "b.zip")
-
-    assert acromion("verify", tmp_path / "b.zip").exit_code == 0
-
-
-def test_verify_finds_a_flipped_bit_in_a_backup(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    backup = tmp_path / "b.zip"
-    acromion("backup", backup)
-    flip_a_bit(backup, f"recordings/{finished.recording_id}")
-
-    result = acromion("verify", backup)
-
-    assert result.exit_code == 1
-    assert f"DAMAGED recordings/{finished.recording_id}" in result.output
-
-
-def test_a_damaged_backup_is_not_restored(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_flipped_bit_in_a_backup_is_found_and_spoils_one_file_of_it(
+    finished: Job, settings: Settings, acromion: Acromion, backup: Backup, restore: Restore
 ) -> None:
-    backup = tmp_path / "b.zip"
-    acromion("backup", backup)
-    backup.write_bytes(backup.read_bytes()[:-100])
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
+    path, name = backup(), f"recordings/{finished.recording_id}"
+    flip_a_bit(path, name)
 
-    result = acromion("restore", backup, "--data", tmp_path / "new")
+    verified, result = acromion("verify", path), restore(path)
+
+    assert verified.exit_code == 1
+    assert f"DAMAGED {name}" in verified.output
+    assert result.output.splitlines()[0] == f"DAMAGED {name}"
+    restored = (settings.data_dir.with_name("new") / name).read_bytes()
+    kept = (settings.data_dir / name).read_bytes()
+    changed = [n for n, (one, other) in enumerate(zip(restored, kept, strict=True)) if one != other]
+    assert changed == [len(kept) - 12]
+
+
+def test_damaged_rows_of_a_backup_are_found(finished: Job, acromion: Acromion, backup: Backup) -> None:
+    path = backup()
+    with zipfile.ZipFile(path) as archive:
+        about = archive.getinfo("rows/answers.jsonl")
+    content = bytearray(path.read_bytes())
+    content[about.header_offset + 30 + len(about.filename) + 30] ^= 1
+    path.write_bytes(content)
+
+    assert "DAMAGED rows/answers.jsonl" in acromion("verify", path).output
+
+
+def test_a_backup_that_was_cut_short_is_not_restored(finished: Job, backup: Backup, restore: Restore) -> None:
+    path = backup()
+    path.write_bytes(path.read_bytes()[:-100])
+
+    result = restore(path)
 
     assert (result.exit_code, result.output.split()[0]) == (3, "E-BACKUP")
 
 
-@on_both_set_ups
-def test_a_backup_of_a_store_with_a_missing_file_is_made_and_lists_it(
-    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path
-) -> None:
-    storage.drop_recording(finished.recording_id)
-
-    result = acromion("backup", tmp_path / "b.zip")
-
-    name = f"recordings/{finished.recording_id}"
-    assert result.exit_code == 1
-    assert f"MISSING {name}" in result.output
-    assert read_faults(tmp_path / "b.zip") == [{"name": name, "finding": "missing"}]
-
-
-def test_a_damaged_file_is_put_into_the_backup_as_it_is(
-    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path
-) -> None:
-    result = acromion("backup", tmp_path / "b.zip")
-
-    name = f"recordings/{finished.recording_id}"
-    assert result.exit_code == 1
-    assert f"DAMAGED {name}" in result.output
-    assert read_faults(tmp_path / "b.zip") == [{"name": name, "finding": "damaged"}]
-    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
-        assert archive.read(f"files/{name}") == b"the Recording"
-
-
 def test_a_file_that_cannot_be_opened_is_a_fault_of_the_backup(
-    finished: Job, settings: Settings, acromion: Acromion, tmp_path: Path
+    finished: Job, settings: Settings, backup: Backup
 ) -> None:
     place = settings.data_dir / "recordings" / finished.recording_id
     place.unlink()
     place.mkdir()
 
-    assert acromion("backup", tmp_path / "b.zip").exit_code == 1
-    assert [fault["finding"] for fault in read_faults(tmp_path / "b.zip")] == ["missing"]
-
-
-def test_a_backup_of_a_good_store_lists_no_fault(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    assert acromion("backup", tmp_path / "b.zip").exit_code == 0
-    assert read_faults(tmp_path / "b.zip") == []
+    assert [fault["finding"] for fault in read_faults(backup())] == ["missing"]
 
 
 def test_a_recording_purged_during_a_backup_is_no_fault(
@@ -337,11 +314,18 @@ def test_a_recording_purged_during_a_backup_is_no_fault(
     assert acromion("verify", tmp_path / "b.zip").exit_code == 0
 
 
-def test_a_place_without_a_database_is_not_backed_up(acromion: Acromion, tmp_path: Path) -> None:
-    result = acromion("backup", tmp_path / "b.zip")
+def test_a_backup_is_refused_without_a_database_without_its_folder_and_over_another(
+    add_job: AddJob, settings: Settings, acromion: Acromion, tmp_path: Path
+) -> None:
+    empty = acromion("backup", tmp_path / "b.zip", "--data", tmp_path / "empty")
+    add_job()
+    (tmp_path / "older.zip").write_bytes(b"older")
+    refused = [acromion("backup", tmp_path / name) for name in ("none/b.zip", "older.zip")]
 
-    assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-FOUND")
+    assert (empty.exit_code, empty.output.split()[0]) == (3, "E-NOT-FOUND")
+    assert [result.exit_code for result in refused] == [3, 3]
     assert not (tmp_path / "b.zip").exists()
+    assert (tmp_path / "older.zip").read_bytes() == b"older"
 
 
 @pytest.mark.parametrize("has_folder", [False, True])
@@ -382,46 +366,21 @@ def test_the_doctor_says_that_nothing_is_there_yet_and_makes_nothing(tmp_path: P
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_backup_into_a_folder_that_is_not_there_is_refused(
-    finished: Job, acromion: Acromion, tmp_path: Path
-) -> None:
-    assert acromion("backup", tmp_path / "none" / "b.zip").exit_code == 3
-
-
-def test_verify_names_the_known_faults_of_a_backup_as_known(
-    finished: Job, damaged: Path, settings: Settings, acromion: Acromion, tmp_path: Path
+def test_known_faults_of_a_backup_are_called_known_until_they_are_damaged_further(
+    finished: Job, damaged: Path, settings: Settings, acromion: Acromion, backup: Backup
 ) -> None:
     (gone,) = (settings.data_dir / "analyses").rglob("summary.csv")
     gone.unlink()
-    acromion("backup", tmp_path / "b.zip")
+    path, name = backup(), f"recordings/{finished.recording_id}"
 
-    result = acromion("verify", tmp_path / "b.zip")
+    known = acromion("verify", path)
+    flip_a_bit(path, name)
+    further = acromion("verify", path)
 
-    assert result.exit_code == 1
-    assert f"KNOWN DAMAGED recordings/{finished.recording_id}" in result.output
-    assert f"KNOWN MISSING {gone.relative_to(settings.data_dir)}" in result.output
-
-
-def test_further_damage_of_a_known_fault_is_not_called_known(
-    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    flip_a_bit(tmp_path / "b.zip", f"recordings/{finished.recording_id}")
-
-    result = acromion("verify", tmp_path / "b.zip")
-
-    assert f"\nDAMAGED recordings/{finished.recording_id}" in f"\n{result.output}"
-
-
-def test_verify_finds_damaged_rows_in_a_backup(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
-        about = archive.getinfo("rows/answers.jsonl")
-    content = bytearray((tmp_path / "b.zip").read_bytes())
-    content[about.header_offset + 30 + len(about.filename) + 30] ^= 1
-    (tmp_path / "b.zip").write_bytes(content)
-
-    assert "DAMAGED rows/answers.jsonl" in acromion("verify", tmp_path / "b.zip").output
+    assert known.exit_code == 1
+    assert f"KNOWN DAMAGED {name}" in known.output
+    assert f"KNOWN MISSING {gone.relative_to(settings.data_dir)}" in known.output
+    assert f"\nDAMAGED {name}" in f"\n{further.output}"
 
 
 @on_both_set_ups
@@ -449,76 +408,60 @@ def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
     store.close()
 
 
-def test_a_damaged_file_is_restored_as_it_is(
-    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_damaged_file_is_restored_as_it_is_and_does_not_replace_a_good_one(
+    finished: Job, damaged: Path, backup: Backup, restore: Restore, tmp_path: Path
 ) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
+    path, place = backup(), tmp_path / "new" / "recordings" / finished.recording_id
+    first, restored = restore(path), place.read_bytes()
+    shutil.rmtree(tmp_path / "new")
+    place.parent.mkdir(parents=True)
+    place.write_bytes(b"the recording")  # as after a restore that was cut short
 
-    result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+    again = restore(path)
 
-    assert result.exit_code == 1
-    restored = tmp_path / "new" / "recordings" / finished.recording_id
-    assert restored.read_bytes() == b"the Recording"
-
-
-def test_a_bit_that_flipped_in_the_backup_spoils_one_file_of_it(
-    finished: Job, settings: Settings, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    flip_a_bit(tmp_path / "b.zip", f"recordings/{finished.recording_id}")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
-
-    result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
-
-    assert result.output.splitlines()[0] == f"DAMAGED recordings/{finished.recording_id}"
-    restored = (tmp_path / "new" / "recordings" / finished.recording_id).read_bytes()
-    kept = (settings.data_dir / "recordings" / finished.recording_id).read_bytes()
-    assert [n for n, (one, other) in enumerate(zip(restored, kept, strict=True)) if one != other] == [
-        len(kept) - 12
-    ]
+    assert (first.exit_code, restored) == (1, b"the Recording")
+    assert (again.exit_code, place.read_bytes()) == (0, b"the recording")
 
 
 def test_a_restore_that_was_cut_short_is_done_again(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: Job, acromion: Acromion, backup: Backup, restore: Restore, tmp_path: Path
 ) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
-    new = tmp_path / "new"
-    (new / "recordings").mkdir(parents=True)
-    (new / "recordings" / finished.recording_id).write_bytes(b"the recording")
+    (tmp_path / "new" / "recordings").mkdir(parents=True)
+    (tmp_path / "new" / "recordings" / finished.recording_id).write_bytes(b"the recording")
 
-    assert acromion("restore", tmp_path / "b.zip", "--data", new).exit_code == 0
-    assert acromion("verify", "--data", new).exit_code == 0
+    result = restore(backup())
 
-
-def test_a_damaged_file_of_a_backup_does_not_replace_a_good_one(
-    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
-    new = tmp_path / "new"
-    (new / "recordings").mkdir(parents=True)
-    (new / "recordings" / finished.recording_id).write_bytes(b"the recording")
-
-    assert acromion("restore", tmp_path / "b.zip", "--data", new).exit_code == 0
-    assert (new / "recordings" / finished.recording_id).read_bytes() == b"the recording"
+    assert result.exit_code == 0
+    assert f"every row restored into {tmp_path / 'new'}. Start the server" in result.output
+    assert acromion("verify", "--data", tmp_path / "new").exit_code == 0
 
 
 def test_a_backup_is_not_restored_among_files_that_it_does_not_know(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: Job, backup: Backup, restore: Restore, tmp_path: Path
 ) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
     stranger = tmp_path / "new" / "recordings" / "rec_of_another_database"
     stranger.parent.mkdir(parents=True)
     stranger.write_bytes(b"whose row is lost")
 
-    result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+    result = restore(backup())
 
     assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-EMPTY")
     assert "recordings/rec_of_another_database" in result.output
     assert [path.name for path in stranger.parent.iterdir()] == [stranger.name]
+
+
+def test_a_backup_is_not_restored_over_recordings_nor_under_a_running_server(
+    finished: Job, acromion: Acromion, settings: Settings, backup: Backup
+) -> None:
+    path = backup()
+
+    over = acromion("restore", path)
+    lock = FolderLock(settings.data_dir)
+    under = acromion("restore", path)
+    lock.release()
+
+    assert (over.exit_code, over.output.split()[0]) == (3, "E-NOT-EMPTY")
+    assert under.output.split()[0] == "E-FOLDER-IN-USE"
 
 
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -538,132 +481,63 @@ def test_a_backup_is_not_restored_over_rows_of_any_kind(
 
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 def test_a_restore_leaves_tables_of_somebody_else_alone(
-    finished: Job, store: JobStore, acromion: Acromion, tmp_path: Path, settings: Settings
+    finished: Job, store: JobStore, acromion: Acromion, backup: Backup, settings: Settings
 ) -> None:
-    acromion("backup", tmp_path / "b.zip")
+    path = backup()
     purge(store, finished.recording_id)
-    shutil.rmtree(settings.data_dir / "recordings")
-    shutil.rmtree(settings.data_dir / "analyses")
+    for folder in ("recordings", "analyses"):
+        shutil.rmtree(settings.data_dir / folder)
     with store.engine.begin() as connection:
         connection.execute(text("CREATE TABLE patients (name TEXT)"))
         connection.execute(text("INSERT INTO patients VALUES ('kept')"))
 
-    assert acromion("restore", tmp_path / "b.zip").exit_code == 0
+    assert acromion("restore", path).exit_code == 0
     with store.reader.connect() as connection:
         assert connection.execute(text("SELECT name FROM patients")).scalar_one() == "kept"
 
 
-def test_an_upload_under_way_is_not_restored_for_its_bytes_are_not_in_the_backup(
-    store: JobStore, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_after_a_restore_an_analysis_that_ran_waits_again_and_an_upload_under_way_is_gone(
+    store: JobStore, add_job: AddJob, backup: Backup, restore: Restore, tmp_path: Path
 ) -> None:
     uploads = UploadStore(store.engine, store.reader)
-    uploads.advance(uploads.open(100, "", Description("half.gt3x")), 50)
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
+    uploads.advance(uploads.open(100, "", Description("half.gt3x")), 50)  # whose bytes are in no backup
+    job = add_job()
+    store.claim()
 
-    acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+    restore(backup())
 
     restored = JobStore(Settings(data_dir=tmp_path / "new"))
+    assert (restored.get(job.id).state, restored.get(job.id).attempts) == (JobState.QUEUED, 0)
     assert UploadStore(restored.engine, restored.reader).find_growing() == frozenset()
     restored.close()
 
 
-def drop_fact(backup: Path, old: Path, fact: str) -> None:
-    """Write a backup as it was before its manifest stated a fact."""
-    with zipfile.ZipFile(backup) as new, zipfile.ZipFile(old, "w") as written:
-        for name in new.namelist():
-            content = new.read(name)
-            if name == "manifest.json":
-                manifest = json.loads(content)
-                del manifest[fact]
-                content = json.dumps(manifest).encode()
-            written.writestr(name, content)
-
-
-def test_a_backup_of_before_faults_were_listed_is_restored(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    drop_fact(tmp_path / "b.zip", tmp_path / "old.zip", "faults")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
-
-    assert acromion("verify", tmp_path / "old.zip").exit_code == 0
-    assert acromion("restore", tmp_path / "old.zip", "--data", tmp_path / "new").exit_code == 0
-
-
 @pytest.mark.parametrize("umask", [0o000, 0o022])
-def test_a_backup_is_for_its_owner_alone_whatever_the_umask(
-    finished: Job, acromion: Acromion, tmp_path: Path, umask: int
+def test_a_backup_and_a_restored_place_are_for_their_owner_alone_whatever_the_umask(
+    finished: Job, backup: Backup, restore: Restore, tmp_path: Path, umask: int
 ) -> None:
     with wide_umask(umask):
-        acromion("backup", tmp_path / "b.zip")
+        path = backup()
+        restore(path)
 
-    assert stat.S_IMODE((tmp_path / "b.zip").stat().st_mode) == 0o600
-
-
-def test_a_restored_place_is_for_its_owner_alone(
-    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
-    with wide_umask(0o000):
-        acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "above" / "new")
-
-    above = tmp_path / "above"
-    folders = [above, *(path for path in above.rglob("*") if path.is_dir())]
+    new = tmp_path / "new"
+    folders = [new, *(folder for folder in new.rglob("*") if folder.is_dir())]
     assert {stat.S_IMODE(folder.stat().st_mode) for folder in folders} == {0o700}
-    assert stat.S_IMODE((above / "new" / "acromion.sqlite3").stat().st_mode) == 0o600
+    assert {stat.S_IMODE(file.stat().st_mode) for file in (path, new / "acromion.sqlite3")} == {0o600}
 
 
-def test_a_backup_is_not_restored_over_recordings(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    acromion("backup", tmp_path / "b.zip")
-
-    result = acromion("restore", tmp_path / "b.zip")
-
-    assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-EMPTY")
-
-
-def test_a_backup_is_not_restored_under_a_running_server(
-    finished: Job, acromion: Acromion, settings: Settings, tmp_path: Path
+def test_a_backup_states_its_format_and_revision_and_may_lack_the_list_of_faults(
+    finished: Job, acromion: Acromion, backup: Backup, restore: Restore, tmp_path: Path
 ) -> None:
-    acromion("backup", tmp_path / "b.zip")
-    lock = FolderLock(settings.data_dir)
-
-    result = acromion("restore", tmp_path / "b.zip")
-
-    lock.release()
-    assert result.output.split()[0] == "E-FOLDER-IN-USE"
-
-
-def test_a_backup_does_not_replace_another(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    (tmp_path / "b.zip").write_bytes(b"older")
-
-    assert acromion("backup", tmp_path / "b.zip").exit_code == 3
-    assert (tmp_path / "b.zip").read_bytes() == b"older"
-
-
-def test_a_backup_says_its_format_and_its_revision(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
-    acromion("backup", tmp_path / "b.zip")
-
-    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
-        manifest = json.loads(archive.read("manifest.json"))
+    with zipfile.ZipFile(backup()) as new, zipfile.ZipFile(tmp_path / "old.zip", "w") as old:
+        manifest = json.loads(new.read("manifest.json"))
+        for name in new.namelist():
+            without = {key: value for key, value in manifest.items() if key != "faults"}
+            old.writestr(name, json.dumps(without) if name == "manifest.json" else new.read(name))
 
     assert (manifest["format"], manifest["revision"]) == ("acromion.backup/3", REVISION)
-
-
-def test_an_analysis_that_ran_waits_again_after_a_restore(
-    store: JobStore, add_job: AddJob, acromion: Acromion, tmp_path: Path
-) -> None:
-    job = add_job()
-    store.claim()
-    acromion("backup", tmp_path / "b.zip")
-    os.environ.pop("ACROMION_DATABASE_URL", None)  # put right again by the fixture that set it
-
-    acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
-
-    restored = JobStore(Settings(data_dir=tmp_path / "new"))
-    assert (restored.get(job.id).state, restored.get(job.id).attempts) == (JobState.QUEUED, 0)
-    restored.close()
+    assert acromion("verify", tmp_path / "old.zip").exit_code == 0
+    assert restore(tmp_path / "old.zip").exit_code == 0
 
 
 @on_both_set_ups
@@ -673,37 +547,19 @@ def test_the_doctor_finds_a_good_installation_good(store: JobStore, acromion: Ac
     assert result.exit_code == 0, result.output
 
 
-def test_the_doctor_names_a_full_disk_and_its_cure(
-    store: JobStore, acromion: Acromion, monkeypatch: pytest.MonkeyPatch
+def test_the_doctor_names_what_is_wrong_and_its_cure(
+    store: JobStore, acromion: Acromion, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ACROMION_MIN_FREE_BYTES", str(1 << 60))
+    settings.data_dir.chmod(0o755)
+    with store.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
 
     result = acromion("doctor")
 
     assert result.exit_code == 1
-    assert "FAIL  free disk space" in result.output
-    assert "Make room" in result.output
-
-
-def test_the_doctor_names_a_folder_that_others_may_read(
-    store: JobStore, acromion: Acromion, settings: Settings
-) -> None:
-    settings.data_dir.chmod(0o755)
-
-    result = acromion("doctor")
-
-    assert f"chmod 700 {settings.data_dir}" in result.output
-
-
-def test_the_doctor_names_a_database_of_another_version(
-    store: JobStore, acromion: Acromion, settings: Settings
-) -> None:
-    engine = connect(settings.database_url)
-    with engine.begin() as connection:
-        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
-    engine.dispose()
-
-    assert "E-SCHEMA" in acromion("doctor").output
+    for told in ("FAIL  free disk space", "Make room", f"chmod 700 {settings.data_dir}", "E-SCHEMA"):
+        assert told in result.output
 
 
 def test_the_doctor_speaks_both_languages() -> None:

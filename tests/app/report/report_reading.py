@@ -7,10 +7,7 @@ from app.report.findings import Findings
 from app.report.model import Section, Table
 from app.report.words.wording import Language
 from fusion.exposure import Exposure
-from tests.app.analysis_factory import (
-    make_analysis,
-    make_subject,
-)
+from tests.app.analysis_factory import make_analysis, make_subject
 
 
 def report_of(

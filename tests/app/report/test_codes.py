@@ -3,14 +3,15 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
 
-from app.errors import CANCELLED, NO_RECORDING, UNREADABLE_PATH, AppError, list_refusals
+from app.errors import CANCELLED, NO_RECORDING, UNREADABLE_PATH, list_refusals
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from benchmarks.codes import find_own_facts, write_document
 from fusion.caveats import Caveat
-from fusion.errors import PLACE, FusionError
+from fusion.errors import PLACE
 from tests import ROOT
 
 SOURCES = {path: path.read_text() for folder in ("app", "fusion") for path in (ROOT / folder).rglob("*.py")}
@@ -19,9 +20,10 @@ NEVER_GIVEN = {Caveat.FEW_DAYS}
 """Its words are on the page of help, and nothing gives it."""
 
 
-def list_calls() -> Iterator[ast.Call]:
-    for text in SOURCES.values():
-        yield from (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
+@cache
+def list_calls() -> tuple[ast.Call, ...]:
+    trees = map(ast.parse, SOURCES.values())
+    return tuple(node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call))
 
 
 def test_every_caveat_is_given_somewhere() -> None:
@@ -42,11 +44,14 @@ def test_the_caveats_with_words_are_those_declared(language: Language) -> None:
     assert set(load_wording(language)["flag"]) == set(Caveat)
 
 
-@pytest.mark.parametrize("caveat", Caveat)
-def test_the_words_of_a_caveat_name_only_facts_declared(caveat: Caveat) -> None:
-    words = load_wording("en")["flag"][caveat]
+def test_the_words_of_a_code_name_only_declared_facts() -> None:
+    declared: dict[str, set[str]] = {caveat: {*caveat.fact_meanings, "lasted"} for caveat in Caveat}
+    declared |= {str(kind.code): {*find_own_facts(kind), *PLACE} for kind in REFUSALS}
+    words = load_wording("en")["flag"] | load_wording("en")["problem"]
 
-    assert set(re.findall(r"{(\w+)", words["title"] + words["detail"])) <= {*caveat.fact_meanings, "lasted"}
+    named = {code: set(re.findall(r"{(\w+)", " ".join(map(str, words[code].values())))) for code in declared}
+
+    assert [code for code in declared if named[code] - declared[code]] == []
 
 
 def test_a_caveat_is_given_with_facts_declared() -> None:
@@ -81,10 +86,11 @@ def test_a_caveats_member_is_named_as_its_code() -> None:
     assert [f"W-{caveat.name}".replace("_", "-") for caveat in Caveat] == list(Caveat)
 
 
-def test_no_two_refusals_share_a_code() -> None:
+def test_no_two_refusals_share_a_code_and_none_has_that_of_another_outcome() -> None:
     codes = [kind.code for kind in REFUSALS]
 
     assert len(set(codes)) == len(codes)
+    assert {UNREADABLE_PATH, NO_RECORDING, CANCELLED}.isdisjoint(codes)
 
 
 def test_only_the_declarations_hold_the_code_of_a_refusal() -> None:
@@ -109,18 +115,6 @@ def test_a_refusal_is_raised_with_facts_declared() -> None:
     ]
 
     assert undeclared == []
-
-
-@pytest.mark.parametrize("kind", REFUSALS, ids=lambda kind: str(kind.code))
-def test_the_words_of_a_refusal_name_only_facts_declared(kind: type[FusionError | AppError]) -> None:
-    words = " ".join(map(str, load_wording("en")["problem"][kind.code].values()))
-
-    assert set(re.findall(r"{(\w+)", words)) <= {*find_own_facts(kind), *PLACE}
-
-
-@pytest.mark.parametrize("code", [UNREADABLE_PATH, NO_RECORDING, CANCELLED])
-def test_a_code_without_a_class_is_no_refusals(code: str) -> None:
-    assert code not in {kind.code for kind in REFUSALS}
 
 
 def test_the_page_of_codes_is_current() -> None:

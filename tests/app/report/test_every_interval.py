@@ -9,14 +9,8 @@ import pytest
 
 from app.report.export.results import build_results
 from app.report.figures import read_figures
-from app.report.findings import take_findings
-from fusion.diary import DiaryEntry
-from fusion.pipeline import analyse
-from fusion.recording import Recording, Segment
-from fusion.settings import AnalysisSettings
-from fusion.simulation.shift import simulate_shift
+from app.report.findings import Findings
 from tests.app.analysis_factory import make_subject
-from tests.simulated_shifts import play_shift
 
 ENDS = ("low", "high", "low_pose", "high_pose")
 KEYS = ("lower_deg", "upper_deg", "threshold_deg", "length_s", "than_s", "start_s", "end_s", *ENDS)
@@ -35,21 +29,9 @@ EXCEPTIONS = {
 }
 
 
-def record_shift() -> Recording:
-    """Two hours and a quarter of a simulated worker, so that three clock hours are compared or left out."""
-    day = play_shift(simulate_shift("gt9x", 2.25, seed=3))
-    segment = Segment(0, day.rate_hz, day.acc_g, day.gyr_dps)
-    return Recording("gt9x", "0" * 64, day.start, None, segment.duration_us, (segment,))
-
-
 @pytest.fixture(scope="module")
-def exposure() -> dict[str, Any]:
-    diary = tuple(
-        DiaryEntry(start, start + 1500.0, "task", label)
-        for start, label in ((600.0, "a"), (2400.0, "b"), (4200.0, "a"))
-    )
-    analysis = analyse(record_shift(), AnalysisSettings(diary=diary))
-    results: dict[str, Any] = build_results(take_findings(analysis), make_subject())
+def exposure(analysed: Findings) -> dict[str, Any]:
+    results: dict[str, Any] = build_results(analysed, make_subject())
     told: dict[str, Any] = results["exposure"]
     return told
 

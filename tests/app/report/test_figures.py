@@ -29,10 +29,13 @@ def results_of(**exposure: Any) -> dict[str, Any]:
     return results
 
 
-def test_every_figure_has_a_name_of_its_own() -> None:
-    names = [figure.name for group in GROUPS for figure in group.figures if figure.name]
+def test_every_name_of_a_figure_or_column_stands_once_and_the_table_of_rest_has_its_words() -> None:
+    figures = [figure.name for group in GROUPS for figure in group.figures if figure.name]
+    columns = [column.name for column in PERIODS]
+    rest = [set(load_wording(language)["measure"]["recovery"]["row"]) for language in LANGUAGES]
 
-    assert len(names) == len(set(names))
+    assert (len(figures), len(columns)) == (len(set(figures)), len(set(columns)))
+    assert rest == [set(REST_TABLE)] * 2
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.path)
@@ -69,23 +72,11 @@ def test_every_number_in_a_table_is_a_declared_figure(columns: tuple[Column, ...
     assert numbers - known == ({"start_s", "end_s", "periods"} if columns is PERIODS else set())
 
 
-def test_every_row_of_the_table_of_rest_has_words() -> None:
-    rows = {language: load_wording(language)["measure"]["recovery"]["row"] for language in LANGUAGES}
-
-    assert [set(row) for row in rows.values()] == [set(REST_TABLE)] * 2
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_column_without_words_of_its_own_has_those_of_its_field(language: Language) -> None:
     column = Column("recovery_slow_percent")
 
     assert column.explain(language) == load_wording(language, "fields")["exposure.recovery.slow_percent"]
-
-
-def test_the_columns_of_periods_stand_once() -> None:
-    names = [column.name for column in PERIODS]
-
-    assert len(names) == len(set(names))
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,9 @@ RESULTS: dict[str, Any] = build_results(make_analysis(), make_subject())
 SHARES = ({10: 1.0, 50: 2.0, 90: 3.0}, {30: 1.0, 60: 1.0, 90: 1.0}, None)
 
 
+Reports = tuple[Report, Report, Sequence[str]]
+
+
 def analysis_with(texts: Sequence[str]) -> Findings:
     """Put texts wherever a file or a person could: labels, reasons, zone, facts, unknown codes and kinds."""
     tasks = (
@@ -63,34 +66,38 @@ def report_with(texts: Sequence[str], language: Language = "en") -> Report:
     return build_report(analysis_with(texts), make_subject(texts[0], texts[0]), language)
 
 
-def harmless(texts: Sequence[str]) -> list[str]:
-    """Give other texts of the same lengths, as the layout depends on those."""
-    return [f"{k:02d}".ljust(len(text), "x")[: len(text)] for k, text in enumerate(texts)]
-
-
 def squeeze(text: str) -> str:
     return re.sub(r"\s", "", text)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_the_page_has_no_other_element_and_no_other_attribute(family: str) -> None:
-    texts = FAMILIES[family]
+@pytest.fixture(scope="module", params=FAMILIES)
+def reports(request: pytest.FixtureRequest) -> Reports:
+    """A report with the payloads of a family, one with harmless texts of the same lengths, the payloads."""
+    texts = FAMILIES[request.param]
+    harmless = [f"{k:02d}".ljust(len(text), "x")[: len(text)] for k, text in enumerate(texts)]
+    return report_with(texts), report_with(harmless), texts
 
-    clean, hostile = (read(render_html(report_with(some))) for some in (harmless(texts), texts))
+
+def test_the_page_has_no_other_element_and_attribute_and_shows_each_text_as_it_is(reports: Reports) -> None:
+    hostile, clean = (read(render_html(report)) for report in reports[:2])
+    words = " ".join(hostile.words)
 
     assert hostile.tags == clean.tags
     assert [name for name, _ in hostile.attributes] == [name for name, _ in clean.attributes]
+    assert [text for text in reports[2] if text.strip() not in words] == []
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_every_drawing_stays_well_formed_with_the_same_elements(family: str) -> None:
-    def elements(texts: Sequence[str]) -> list[list[str]]:
-        report = report_with(texts)
-        figures = [*report.figures, *(f for s in report.sections for f in s.figures)]
-        drawings = [svg for figure in figures for svg in (figure.wide, figure.narrow)]
-        return [[e.tag for e in ET.fromstring(svg).iter()] for svg in drawings]
+def test_every_drawing_stays_well_formed_with_the_same_elements(reports: Reports) -> None:
+    hostile, clean = (
+        [
+            [element.tag for element in ET.fromstring(svg).iter()]
+            for figure in (*report.figures, *(f for section in report.sections for f in section.figures))
+            for svg in (figure.wide, figure.narrow)
+        ]
+        for report in reports[:2]
+    )
 
-    assert elements(FAMILIES[family]) == elements(harmless(FAMILIES[family]))
+    assert hostile == clean
 
 
 def test_the_pdf_prints_every_payload_as_it_is() -> None:
@@ -142,13 +149,12 @@ def test_no_cell_of_any_csv_begins_as_a_formula_however_it_is_read(payload: str)
     assert starts & set("=+-@\uff1d") == set()
 
 
-@pytest.mark.parametrize("payload", PAYLOADS)
-def test_the_workbook_holds_the_text_itself_and_no_formula(payload: str) -> None:
-    body = encode_workbook([results_with(payload)])
+def test_the_workbook_holds_the_texts_themselves_and_no_formula() -> None:
+    body = encode_workbook([results_with(payload) for payload in PAYLOADS])
 
-    sheet = openpyxl.load_workbook(io.BytesIO(body), read_only=True)["summary"]
-    cell = next(iter(sheet.iter_rows(min_row=2)))[1]
-    assert (cell.value, cell.data_type) == (payload, "s")
+    sheet = openpyxl.load_workbook(io.BytesIO(body))["summary"]
+    cells = [row[1] for row in sheet.iter_rows(min_row=2)]
+    assert [(cell.value, cell.data_type) for cell in cells] == [(payload, "s") for payload in PAYLOADS]
 
 
 def test_the_answer_to_paste_keeps_its_six_lines() -> None:

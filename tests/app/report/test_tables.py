@@ -7,38 +7,27 @@ import pytest
 
 from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure import Interval, PartExposure
-from tests.app.analysis_factory import (
-    make_exposure,
-)
+from tests.app.analysis_factory import make_exposure
 from tests.app.report.report_reading import plain, report_of, section_of, table_of
 
 
-def test_the_distribution_starts_at_nothing_and_ends_at_all() -> None:
-    curve = section_of(report_of(), "spread").figures[0]
+def test_the_distribution_and_the_heat_map_hold_all_of_the_time() -> None:
+    curve, heat = section_of(report_of(), "spread").figures
 
-    assert [plain(cell) for row in (curve.table.rows[0], curve.table.rows[-1]) for cell in row] == [
-        "10°", "14.3", "180°", "100.0",
-    ]  # fmt: skip
+    ends = [plain(cell) for row in (curve.table.rows[0], curve.table.rows[-1]) for cell in row]
+    assert ends == ["10°", "14.3", "180°", "100.0"]
+    assert [row[-1] for row in heat.table.rows] == ["20.0"] * 5
 
 
-def test_the_range_of_a_percentile_stands_on_the_curve() -> None:
+def test_the_range_of_a_percentile_stands_on_the_curve_as_the_language_writes_it() -> None:
     exposure = replace(make_exposure(), intervals={"elevation_p90_deg": Interval(47.2, 61.4)})
 
-    curve = section_of(report_of(exposure=exposure), "spread").figures[0]
+    curves = [
+        section_of(report_of(exposure=exposure, language=each), "spread").figures[0] for each in LANGUAGES
+    ]
 
-    assert "P90: 54° (47–61°)" in curve.wide
-
-
-def test_in_french_a_colon_on_the_curve_has_its_space() -> None:
-    curve = section_of(report_of(language="fr"), "spread").figures[0]
-
-    assert "P90\u00a0: 54°" in curve.wide
-
-
-def test_the_heat_map_sums_to_all() -> None:
-    heat = section_of(report_of(), "spread").figures[1]
-
-    assert [row[-1] for row in heat.table.rows] == ["20.0"] * 5
+    assert "P90: 54° (47–61°)" in curves[0].wide
+    assert "P90\u00a0: 54°" in curves[1].wide
 
 
 def test_a_period_that_was_left_out_is_hatched_and_never_a_bar() -> None:
@@ -95,12 +84,6 @@ def test_a_task_of_one_period_repeats_no_ranges() -> None:
     assert [row[0] for row in table.rows] == ["Shelves (2\u00a0×)", "95\u202f% range", "Ceiling"]
 
 
-def test_a_part_without_ranges_has_no_row_of_them() -> None:
-    table = section_of(report_of(), "hours").tables[0]
-
-    assert len(table.rows) == len(make_exposure().by_hour)
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_cycles_say_what_their_range_does_not_hold(language: Language) -> None:
     caption = {"en": "Movement cycles by range", "fr": "Cycles de mouvement par amplitude"}[language]
@@ -119,21 +102,16 @@ def test_no_two_tables_bear_the_same_name(language: Language) -> None:
     assert len(captions) == len(set(captions))
 
 
-def test_the_range_of_a_speed_stands_under_it() -> None:
-    exposure = replace(make_exposure(), intervals={"inclination_velocity_p50_dps": Interval(13.25, 16.0)})
-
-    rows = table_of(report_of(exposure=exposure), "figures", "Speed").rows
-
-    assert rows[1] == ("95\u202f% range", "", "13.2–16.0", "", "", "")
-
-
-def test_the_range_of_rises_and_episodes_stands_under_them() -> None:
+def test_the_range_of_a_speed_of_rises_and_of_episodes_stands_under_them() -> None:
+    known = {"inclination_velocity_p50_dps": Interval(13.25, 16.0)}
     names = ("entries_above_60_per_h", "episodes_above_60_longest_s")
-    exposure = replace(make_exposure(), intervals=dict.fromkeys(names, Interval(20.0, 50.0)))
+    exposure = replace(make_exposure(), intervals=known | dict.fromkeys(names, Interval(20.0, 50.0)))
+    report = report_of(exposure=exposure)
 
-    rows = table_of(report_of(exposure=exposure), "figures", "Rises").rows
+    speeds, rises = (table_of(report, "figures", caption).rows for caption in ("Speed", "Rises"))
 
-    assert [plain(cell) for cell in rows[2][1:]] == ["", "20–50", "", "", "20 s–50 s", ""]
+    assert speeds[1] == ("95\u202f% range", "", "13.2–16.0", "", "", "")
+    assert [plain(cell) for cell in rises[2][1:]] == ["", "20–50", "", "", "20 s–50 s", ""]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -161,7 +139,8 @@ def test_a_table_of_many_hours_is_cut_and_says_so() -> None:
     assert "The first 14 of 20 rows; periods.csv and results.json hold all." in plain(table.note)
 
 
-def test_a_table_of_a_shift_is_not_cut() -> None:
+def test_a_table_of_a_shift_without_ranges_has_a_row_for_each_hour_and_is_not_cut() -> None:
     table = table_of(report_of(), "hours", "By clock hour")
 
+    assert len(table.rows) == len(make_exposure().by_hour)
     assert "The first" not in table.note

@@ -7,13 +7,12 @@ from typing import Any, get_args
 
 import pytest
 
-import app.errors
 from app.report.words.messages import describe_flag, describe_problem
 from app.report.words.wording import LANGUAGES, Language, Part, fill, find_nearest, load_wording, set_spaces
-from fusion.errors import FusionError
 from fusion.recording import QualityFlag
 from tests import ROOT
 
+SOURCE = " ".join(path.read_text() for folder in ("fusion", "app") for path in (ROOT / folder).rglob("*.py"))
 UNFIT_WORDS = r"\b(risk|risky|safe|unsafe|abnormal|dangerous posture|risque|risqué|sûre?s?|anormale?)\b"
 
 
@@ -26,25 +25,6 @@ def walk_texts(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
             yield from walk_texts(inner, f"{path}.{rank}")
     else:
         yield path, value
-
-
-def codes_in_source(letter: str) -> list[str]:
-    """Every code that stands between quotes anywhere in the program."""
-    files = (path for folder in ("fusion", "app") for path in (ROOT / folder).rglob("*.py"))
-    found = {
-        code for path in files for code in re.findall(rf'"({letter}-[A-Z0-9][A-Z0-9-]+)"', path.read_text())
-    }
-    return sorted(found)
-
-
-def descend(kind: type[Exception]) -> Iterator[type[Any]]:
-    for child in kind.__subclasses__():
-        yield child
-        yield from descend(child)
-
-
-def codes_of(root: type[Exception]) -> list[str]:
-    return [kind.code for kind in descend(root)]
 
 
 @pytest.mark.parametrize("part", [None, *get_args(Part)])
@@ -77,21 +57,15 @@ def test_a_part_read_alone_is_what_it_is_in_the_whole_file(language: Language, p
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize(
-    "code",
-    sorted({*codes_of(FusionError), *codes_of(app.errors.AppError), *codes_in_source("E")}),
-)
-def test_every_refusal_has_title_detail_and_cure(code: str, language: Language) -> None:
-    entry = load_wording(language)["problem"].get(code, {})
+def test_every_code_has_title_and_detail_and_a_refusal_its_cure(language: Language) -> None:
+    words = load_wording(language)["problem"] | load_wording(language)["flag"]
+    codes = set(re.findall(r'"([EW]-[A-Z0-9][A-Z0-9-]+)"', SOURCE))
 
-    told_of_rows = {"another", "more"} if code in {"E-DIARY", "E-PARTICIPANTS"} else set()
-    assert set(entry) - {"general"} == {"title", "detail", "fix"} | told_of_rows
+    parts = {code: set(words.get(code, {})) - {"general"} for code in codes}
 
-
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("code", codes_in_source("W"))
-def test_every_caveat_has_words(code: str, language: Language) -> None:
-    assert set(load_wording(language)["flag"].get(code, {})) - {"general"} == {"title", "detail"}
+    of_lists = {"E-DIARY", "E-PARTICIPANTS"}
+    told = {code: {"title", "detail"} | ({"fix"} if code.startswith("E") else set()) for code in codes}
+    assert parts == told | {code: {"title", "detail", "fix", "another", "more"} for code in of_lists}
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -132,8 +106,8 @@ def test_no_text_judges(language: Language) -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("fact", ["why", "reason", "what", "evidence"])
 def test_every_fixed_term_that_the_science_gives_as_a_fact_has_words(fact: str, language: Language) -> None:
-    source = " ".join(path.read_text() for path in (ROOT / "fusion").rglob("*.py"))
-    terms = set(re.findall(rf'(?:\b{fact}=|"{fact}": )"([\w -]+)"', source))
+    science = " ".join(path.read_text() for path in (ROOT / "fusion").rglob("*.py"))
+    terms = set(re.findall(rf'(?:\b{fact}=|"{fact}": )"([\w -]+)"', science))
 
     assert terms - set(load_wording(language)["fact"][fact]) == set()
 
@@ -172,11 +146,8 @@ def test_facts_from_a_file_are_only_text() -> None:
     )
 
 
-def test_an_unknown_refusal_is_told_as_an_error_of_the_software() -> None:
+def test_an_unknown_code_is_an_error_of_the_software_or_shows_itself() -> None:
     assert describe_problem("E-NEW", {}, "en").title == "An error of the software"
-
-
-def test_an_unknown_caveat_shows_its_code() -> None:
     assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
 
 
@@ -219,15 +190,6 @@ def test_no_french_text_of_quebec_has_a_space_before_a_semicolon_or_a_poste() ->
     assert [text for text in walk_french("fr-CA") if re.search(wrong, text, re.IGNORECASE)] == []
 
 
-def test_both_frenches_hold_the_same_texts() -> None:
-    keys = [
-        [path for part in get_args(Part) for path, _ in walk_texts(load_wording(language, part))]
-        for language in ("fr", "fr-CA")
-    ]
-
-    assert keys[0] == keys[1]
-
-
 @pytest.mark.parametrize(
     ("wanted", "made", "chosen"),
     [
@@ -264,6 +226,4 @@ def test_a_noun_follows_its_number(language: Language, number: str, form: str) -
 
 
 def test_a_crash_is_told_in_the_singular() -> None:
-    detail = describe_problem("E-CRASHED", {"attempts": 1}, "en").detail
-
-    assert detail == "The analysis of this file stopped unexpectedly 1\u00a0time; no report was made."
+    assert "stopped unexpectedly 1\u00a0time;" in describe_problem("E-CRASHED", {"attempts": 1}, "en").detail
