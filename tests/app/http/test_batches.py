@@ -121,9 +121,9 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
     assert single in [job.id for job in first_two if job]
 
 
-def test_a_batch_that_is_not_there_is_not_found(client: TestClient) -> None:
-    assert client.get(f"{URL}/ba_none").status_code == 404
-    assert client.get(f"{URL}/ba_none/summary.csv").status_code == 404
+def test_a_batch_that_is_not_there_is_not_found(shared: TestClient) -> None:
+    assert shared.get(f"{URL}/ba_none").status_code == 404
+    assert shared.get(f"{URL}/ba_none/summary.csv").status_code == 404
 
 
 def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBench) -> None:
