@@ -21,7 +21,7 @@ from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queue import WayIn
-from app.jobs.regeneration import find_or_add
+from app.jobs.results import find_or_add
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings

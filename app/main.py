@@ -1,6 +1,7 @@
 """Puts the application together, and serves it."""
 
 import asyncio
+import functools
 import logging
 import signal
 import socket
@@ -13,11 +14,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import uvicorn
-from fastapi import FastAPI, Request, Response
+from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
-from starlette.routing import Match
+from starlette.routing import BaseRoute, Match
 
 from app.access.accounts import AccountStore
 from app.access.gate import Gate, read_or_create_secret
@@ -66,6 +67,7 @@ from app.start_checks import (
 from app.storage.open import load_extra, open_storage
 from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
+from app.upkeep.account_rows import warn_of_lost_secret
 from app.upkeep.recover import check_known
 from app.version import software_version
 from app.web.account import router as account_pages
@@ -124,6 +126,16 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 logger = logging.getLogger(__name__)
 
 
+@functools.cache
+def _build_routes() -> tuple[BaseRoute, ...]:
+    """Return the routes of API and pages, which FastAPI prepares at their first use: once per process."""
+    router = APIRouter(generate_unique_id_function=lambda route: route.name)
+    for routes in (*ROUTES, *PAGES):
+        router.include_router(routes, dependencies=CHECKED)
+    router.mount(find_assets(), Assets(directory=FOLDER))
+    return tuple(router.routes)
+
+
 def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> FastAPI:
     """Build the application of database, folder, API and pages; logins end by ``clock``."""
     application = FastAPI(
@@ -132,13 +144,14 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
-        generate_unique_id_function=lambda route: route.name,
         lifespan=_live,
+        routes=[*_build_routes()],
     )
     services = application.state.services = Services(settings)
     accounts = AccountStore(settings, clock, services.store.engine)
     try:
         accounts.check_kept()
+        warn_of_lost_secret(services.store.reader, accounts.secrets)
     except BaseException:
         services.store.close()
         raise
@@ -148,9 +161,6 @@ def create_app(settings: Settings, clock: Callable[[], float] = time.time) -> Fa
         secret = read_or_create_secret(settings.data_dir)
     gate = application.state.gate = Gate(secret, accounts)
     application.state.logins = Logins(accounts, settings)
-    for routes in (*ROUTES, *PAGES):
-        application.include_router(routes, dependencies=CHECKED)
-    application.mount(find_assets(), Assets(directory=FOLDER))
     for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
         application.add_exception_handler(kind, respond_to_error)
     application.add_middleware(Access, gate=gate, respond=respond_to_error)

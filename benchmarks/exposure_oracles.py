@@ -14,11 +14,13 @@ from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, samp
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
-from fusion.exposure.cycles import count_rainflow, start_cycles
-from fusion.exposure.episodes import find_stays, scan_stays
-from fusion.exposure.metric_filter import filter_angle
+from fusion.exposure.cycles import CycleTally, count_rainflow
+from fusion.exposure.episodes import find_stays
+from fusion.exposure.metric_filter import MetricAngle, filter_angle
 from fusion.exposure.parts import split_hours
 from fusion.exposure.speeds import SpeedTally, find_mean_power_frequency, measure_turns
+from fusion.numerics.runs import START, STOP, find_stays_above
+from fusion.recording import IntArray
 
 
 def swing(time_s: FloatVector) -> FloatVector:
@@ -55,26 +57,28 @@ def check_swing() -> Iterator[Oracle]:
     yield Oracle("4", "swing slower than 5 deg/s", 0.050714, slow, 0.0005)
 
 
+def run_trigger(angle: MetricAngle, enter_deg: float, leave_deg: float) -> IntArray:
+    return find_stays_above(angle.elevation_deg, angle.valid, np.array([enter_deg]), np.array([leave_deg]))
+
+
 def check_repetition() -> Iterator[Oracle]:
     angle = sample(swing, 600, 2000.0)
     yield Oracle("5", "entries above 60 deg", 150, len(find_stays(angle, 60).entry_us), 0)
     for enter, leave, value in ((60.0, 60.0, 1.510571), (65.0, 55.0, 1.505805)):
-        stays = np.empty((200, 5), np.int64)
-        count = scan_stays(angle.elevation_deg, angle.valid, enter, leave, stays)
-        got = float((stays[:count, 1] - stays[:count, 0]).mean() / 2000)
+        stays = run_trigger(angle, enter, leave)
+        got = float((stays[:, STOP] - stays[:, START]).mean() / 2000)
         yield Oracle("6", f"stay, trigger {enter:g}/{leave:g}, s", value, got, 0.001)
     frequency_hz = find_mean_power_frequency(angle.elevation_deg, 2000.0) or 0.0
     yield Oracle("7", "swing, MPF of its speed, Hz", 0.25, frequency_hz, 0.002)
-    cycles = start_cycles(np.zeros(1), ALL_DAY)
+    cycles = CycleTally(np.zeros(1), ALL_DAY)
     cycles.add(angle)
-    yield Oracle("8", "rainflow cycles of 60 to 90 deg", 149.5, float(cycles.sum_day()[2]), 0)
+    yield Oracle("8", "rainflow cycles of 60 to 90 deg", 149.5, cycles.summarise()[2].count, 0)
     tones = sample(lambda t: 60 + 30 * np.sin(0.4 * np.pi * t) + 5 * np.sin(3 * np.pi * t), 600, 100.0)
     frequency_hz = find_mean_power_frequency(tones.elevation_deg, 100.0) or 0.0
     yield Oracle("14", "two tones, MPF of the speed, Hz", 0.992683, frequency_hz, 0.002)
     rippled = sample(lambda t: 60 + 30 * np.sin(0.1 * np.pi * t) + 2 * np.sin(4 * np.pi * t), 600, 100.0)
     for enter, leave, value in ((65.0, 55.0, 30), (60.0, 60.0, 60)):
-        room = np.empty((1000, 5), np.int64)
-        got = scan_stays(rippled.elevation_deg, rippled.valid, enter, leave, room)
+        got = len(run_trigger(rippled, enter, leave))
         yield Oracle("15", f"ripple, trigger {enter:g}/{leave:g}", value, got, 0)
     ranges, counts, _ = count_rainflow(np.array([-2.0, 1, -3, 5, -1, 3, -4, 4, -2]), np.zeros(9, np.int64))
     for size, value in ((3, 0.5), (4, 1.5), (6, 0.5), (8, 1.0), (9, 0.5)):

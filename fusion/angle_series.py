@@ -2,7 +2,7 @@
 
 Delimited by commas, semicolons or tabs; between the latter two, decimals may have a comma (French Excel).
 
-Nothing is filled: a hole is a step of more than 1.5 sample periods (CONTRACT.md §5 "Hole"). Up to 50 ms it is
+Nothing is filled: a hole is a step of more than 1.5 sample periods. Up to 50 ms it is
 bridged for the filter only, and the bridge is not valid; longer, the segment ends.
 """
 
@@ -87,12 +87,20 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
     TooShort
         No angle at all.
     """
-    sha256 = _hash(file)
+    digest = hashlib.sha256()
+    while block := file.read(BLOCK_BYTES):
+        digest.update(block)
+    file.seek(0)
     rows = _read_rows(file)
-    series = _take_angles(rows)
+    _check_rows(rows)
+    present = np.isfinite(rows.elevation_deg)
+    if not present.any():
+        raise TooShort(s=0.0)
+    angle_deg = np.clip(rows.elevation_deg[present], 0.0, 180.0)
+    series = AngleRows(rows.time_s[present], angle_deg, float(rows.time_s[0]), float(rows.time_s[-1]))
     recording = Recording(
         device="angles",
-        sha256=sha256,
+        sha256=digest.hexdigest(),
         start=None,
         time_zone=None,
         duration_us=0,
@@ -114,26 +122,19 @@ def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording,
     period_s = _measure_period(series.time_s)
     segments = _split_at_holes(series, period_s)
     duration_us = round((series.last_s - series.first_s + period_s) * MICROSECONDS)
+    nothing = np.empty((0, 3), np.float32)
     laid = replace(
         recording,
         duration_us=duration_us,
-        segments=tuple(_empty_segment(segment) for segment in segments),
+        segments=tuple(Segment(segment.start_us, segment.rate_hz, nothing, nothing) for segment in segments),
         flags=(*recording.flags, *_flag_missing(segments, duration_us)),
         understood={**recording.understood, "rate_hz": f"{1.0 / period_s:.6g}"},
     )
     return laid, Elevation(segments, None)
 
 
-def _hash(file: BinaryIO) -> str:
-    digest = hashlib.sha256()
-    while block := file.read(BLOCK_BYTES):
-        digest.update(block)
-    file.seek(0)
-    return digest.hexdigest()
-
-
 def _read_rows(file: BinaryIO) -> _Rows:
-    """Give the rows that have a time."""
+    """Return the rows that have a time."""
     start = file.read(4096)
     file.seek(0)
     if not start.strip():
@@ -141,17 +142,12 @@ def _read_rows(file: BinaryIO) -> _Rows:
     if b"\0" in start:
         raise UnknownFormat(kind="binary")
     header = start.decode("utf-8-sig", "replace").splitlines()[0]
-    layout = _recognise(header, start)
+    delimiter = max((",", ";", "\t"), key=header.count)  # between others, a comma is the decimal mark
+    names = tuple(name.strip().strip('"') for name in header.split(delimiter))
+    layout = _Layout(names, delimiter, "," if delimiter != "," and b"," in start else ".")
     if not set(COLUMNS) <= set(layout.names):
         raise UnknownColumns(list=header[:200])
     return _parse(file, layout)
-
-
-def _recognise(header: str, start: bytes) -> _Layout:
-    """Find the delimiter in the header; between other delimiters a comma is the decimal mark."""
-    delimiter = max((",", ";", "\t"), key=header.count)
-    names = tuple(name.strip().strip('"') for name in header.split(delimiter))
-    return _Layout(names, delimiter, "," if delimiter != "," and b"," in start else ".")
 
 
 def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
@@ -173,7 +169,7 @@ def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
 
 
 def _parse_columns(file: BinaryIO, layout: _Layout, kind: pa.DataType) -> tuple[pa.Table, int]:
-    """Give the two columns and how many lines had too many or too few values."""
+    """Return the two columns and how many lines had too many or too few values."""
     broken: list[int | None] = []
 
     def skip_row(row: csv.InvalidRow) -> str:
@@ -214,17 +210,7 @@ def _drop_timeless(rows: _Rows, broken_rows: int) -> _Rows:
     return _Rows(rows.time_s[timed], rows.elevation_deg[timed], rows.line[timed], dropped)
 
 
-def _take_angles(rows: _Rows) -> AngleRows:
-    _check_time(rows)
-    _check_angle(rows)
-    present = np.isfinite(rows.elevation_deg)
-    if not present.any():
-        raise TooShort(s=0.0)
-    angle_deg = np.clip(rows.elevation_deg[present], 0.0, 180.0)
-    return AngleRows(rows.time_s[present], angle_deg, float(rows.time_s[0]), float(rows.time_s[-1]))
-
-
-def _check_time(rows: _Rows) -> None:
+def _check_rows(rows: _Rows) -> None:
     if len(rows.time_s) < 2:
         raise UnusableTime(why="rows")
     backwards = np.flatnonzero(np.diff(rows.time_s) <= 0.0)
@@ -232,9 +218,6 @@ def _check_time(rows: _Rows) -> None:
         raise UnusableTime(why="backwards", line=int(rows.line[backwards[0] + 1]))
     if rows.time_s[-1] - rows.time_s[0] > LONGEST_S:
         raise UnusableTime(why="span")
-
-
-def _check_angle(rows: _Rows) -> None:
     low, high = -ANGLE_TOLERANCE_DEG, 180.0 + ANGLE_TOLERANCE_DEG
     wrong = np.flatnonzero((rows.elevation_deg < low) | (rows.elevation_deg > high))
     if len(wrong):
@@ -242,7 +225,7 @@ def _check_angle(rows: _Rows) -> None:
 
 
 def _measure_period(time_s: Float64Array) -> float:
-    """Give the usual step: the mean of those within 1.5 medians, so that rounded stamps average out."""
+    """Return the usual step: the mean of those within 1.5 medians, so that rounded stamps average out."""
     steps_s = np.diff(time_s)
     if len(steps_s) == 0:
         raise UnusableTime(why="rows")
@@ -263,7 +246,8 @@ def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationS
     """Lay a run on an even grid; grid rows inside a short hole are interpolated and not valid."""
     time_s, elevation_deg = series.time_s[rows], series.elevation_deg[rows]
     steps = np.diff(time_s)
-    places = np.concatenate([[0], np.cumsum(_count_periods(steps, period_s))])
+    periods = np.maximum(np.rint(steps / period_s).astype(np.int64), 2)
+    places = np.concatenate([[0], np.cumsum(np.where(steps > HOLE_PERIODS * period_s, periods, 1))])
     count = int(places[-1]) + 1
     rate_hz = round((count - 1) / (time_s[-1] - time_s[0]), 9) if count > 1 else 1.0 / period_s
     valid = np.zeros(count, np.bool_)
@@ -272,17 +256,6 @@ def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationS
     angle = elevation_deg if len(places) == count else np.interp(np.arange(count), places, elevation_deg)
     start_us = round((time_s[0] - series.first_s) * MICROSECONDS)
     return ElevationSegment(start_us, float(rate_hz), angle.astype(np.float32), valid, bridged=bridged)
-
-
-def _count_periods(steps_s: Float64Array, period_s: float) -> IntArray:
-    """Give how many periods each step takes: one, unless it is a hole."""
-    periods = np.rint(steps_s / period_s).astype(np.int64)
-    return np.where(steps_s > HOLE_PERIODS * period_s, np.maximum(periods, 2), 1)
-
-
-def _empty_segment(segment: ElevationSegment) -> Segment:
-    nothing = np.empty((0, 3), np.float32)
-    return Segment(segment.start_us, segment.rate_hz, nothing, nothing)
 
 
 def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> tuple[QualityFlag, ...]:

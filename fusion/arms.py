@@ -1,4 +1,4 @@
-"""Both arms of one shift side by side, and the arm beside the trunk (EXPOSURE.md A9).
+"""Both arms of one shift side by side, and the arm beside the trunk.
 
 The two recordings are put on one time axis by their clocks and an offset that the person may correct; only
 time in which both are valid is compared. Angles pass the metric filter first and are read on a 20 Hz grid.
@@ -11,36 +11,28 @@ import numpy as np
 
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.bins import CELLS_PER_DEG, THRESHOLDS_DEG
-from fusion.exposure.intervals import DrawnDistribution, sum_below
+from fusion.exposure.bins import CELLS, CELLS_PER_DEG, THRESHOLDS_DEG
 from fusion.exposure.metric_filter import MetricAngle, filter_elevation
-from fusion.exposure.resampling import (
-    DRAWS,
-    Resampling,
-    draw_blocks,
-    draw_errors,
-    find_interval,
-    name_intervals,
-)
+from fusion.exposure.resampling import DRAWS, Figures, draw_blocks, draw_errors, find_intervals, sum_below
 from fusion.exposure.types import LEAST_RANGED_S, Interval
 from fusion.recording import Float64Array, IntArray
-
-# The ranges of the figures of two arms, made as those of a day (CONTRACT.md §5).
-#
-# 200 draws of the 5-minute blocks of the time both arms share: the same blocks for both, as it is one day;
-# for each arm an error of its own angle, as each has its own sensor and pose.
-
 
 BLOCK_S = 300.0
 PERCENTS = (10, 50, 90, 99)
 RIGHT_SEED = 1
-TOP_DEG = 180
+GRID_HZ = 20.0
+
+TrunkLimit = Literal["no trunk sensor", "sagittal plane only"]
 
 
 def draw_pair(
     time_s: Float64Array, left_deg: Float64Array, right_deg: Float64Array, sigmas_deg: tuple[float, float]
 ) -> dict[str, Interval]:
-    """Give the ranges of the figures of both arms by name: ``left_elevation_p50_deg``, for example.
+    """Return the ranges of the figures of both arms by name: ``left_elevation_p50_deg``, for example.
+
+    They are made as those of a day: 200 draws of the 5-minute blocks of the time both arms share, the same
+    blocks for both, as it is one day; for each arm an error of its own angle, as each has its own sensor and
+    pose.
 
     Parameters
     ----------
@@ -50,66 +42,33 @@ def draw_pair(
         Standard deviation of the constant error of the left and of the right angle.
     """
     block_of: IntArray = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
-    draws = draw_blocks(np.bincount(block_of), sigmas_deg[0])
-    other = replace(draws, error_deg=_draw_other_errors(sigmas_deg[1]))
-    left, right = _distribute(left_deg, block_of, draws), _distribute(right_deg, block_of, other)
-    figures = {**_name_arm("left", left), **_name_arm("right", right)}
-    ratios = {
-        f"right_to_left_{end}": _divide_draws(figures[f"right_{name}"], figures[f"left_{name}"])
-        for end, name in (("time_above_60", "time_above_60_percent"), ("elevation_p50", "elevation_p50_deg"))
-    }
-    both = 100.0 * _draw_both(block_of, (left_deg, right_deg), (draws, other))
-    drawn = {**figures, "both_above_60_percent": both, **ratios}
-    return name_intervals({name: find_interval(values) for name, values in drawn.items()})
-
-
-def _draw_other_errors(sigma_deg: float) -> Float64Array:
-    """Give the same quantiles as those of the first arm, in an order that knows nothing of them."""
-    return np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(draw_errors(sigma_deg))
-
-
-def _distribute(angle_deg: Float64Array, block_of: IntArray, draws: Resampling) -> DrawnDistribution:
-    cells = TOP_DEG * CELLS_PER_DEG
-    cell = np.minimum((angle_deg * CELLS_PER_DEG).astype(np.int64), cells - 1)
-    counts = np.bincount(block_of * cells + cell, minlength=(int(block_of[-1]) + 1) * cells)
-    return sum_below(counts.reshape(-1, cells), draws)
-
-
-def _name_arm(side: str, arm: DrawnDistribution) -> dict[str, Float64Array]:
-    above = 100.0 * (1.0 - arm.find_shares(np.array(THRESHOLDS_DEG, np.float64)))
-    angles_deg = arm.find_percentiles(PERCENTS)
-    return {
-        **{f"{side}_time_above_{c:g}_percent": above[:, k] for k, c in enumerate(THRESHOLDS_DEG)},
-        **{f"{side}_elevation_p{p}_deg": angles_deg[:, k] for k, p in enumerate(PERCENTS)},
-    }
-
-
-def _draw_both(
-    block_of: IntArray, angles_deg: tuple[Float64Array, Float64Array], draws: tuple[Resampling, Resampling]
-) -> Float64Array:
-    """Give the share of each draw in which both are at or above 60 deg at once, each read with its error."""
     lasted = np.bincount(block_of)
-    shares = np.empty(DRAWS)
-    for k, times in enumerate(draws[0].times):
-        first, second = (
-            angle >= 60.0 - drawn.error_deg[k] for angle, drawn in zip(angles_deg, draws, strict=True)
-        )
+    draws = draw_blocks(lasted, sigmas_deg[0])
+    # the same quantiles as those of the first arm, in an order that knows nothing of them
+    other_errors_deg = np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(
+        draw_errors(sigmas_deg[1])
+    )
+    sides = {"left": (left_deg, draws), "right": (right_deg, replace(draws, error_deg=other_errors_deg))}
+    drawn: Figures = {}
+    for side, (angle_deg, own) in sides.items():
+        cell = np.minimum((angle_deg * CELLS_PER_DEG).astype(np.int64), CELLS - 1)
+        counts = np.bincount(block_of * CELLS + cell, minlength=len(lasted) * CELLS)
+        arm = sum_below(counts.reshape(-1, CELLS), own)
+        above = 100.0 * (1.0 - arm.find_shares(THRESHOLDS_DEG))
+        angles_deg = arm.find_percentiles(PERCENTS)
+        drawn |= {f"{side}_time_above_{c:g}_percent": above[:, k] for k, c in enumerate(THRESHOLDS_DEG)}
+        drawn |= {f"{side}_elevation_p{p}_deg": angles_deg[:, k] for k, p in enumerate(PERCENTS)}
+    both = np.empty(DRAWS)
+    for k, times in enumerate(draws.times):
+        first, second = (angle_deg >= 60.0 - own.error_deg[k] for angle_deg, own in sides.values())
         raised = np.bincount(block_of[first & second], minlength=len(lasted))
-        shares[k] = (times * raised).sum() / (times * lasted).sum()
-    return shares
-
-
-def _divide_draws(right: Float64Array, left: Float64Array) -> Float64Array:
-    """Give NaN where the left arm has none."""
-    ratios = np.full(len(left), np.nan)
-    np.divide(right, left, out=ratios, where=left > 0)
-    return ratios
-
-
-GRID_HZ = 20.0
-
-
-TrunkLimit = Literal["no trunk sensor", "sagittal plane only"]
+        both[k] = (times * raised).sum() / (times * lasted).sum()
+    drawn["both_above_60_percent"] = 100.0 * both
+    for end, name in (("time_above_60", "time_above_60_percent"), ("elevation_p50", "elevation_p50_deg")):
+        left, ratios = drawn[f"left_{name}"], np.full(DRAWS, np.nan)
+        np.divide(drawn[f"right_{name}"], left, out=ratios, where=left > 0)
+        drawn[f"right_to_left_{end}"] = ratios
+    return find_intervals(drawn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +151,7 @@ def pair_arms(
 
 
 def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0.0) -> TrunkRelative:
-    """Give the arm's elevation less the trunk's inclination; without a trunk sensor, only what is missing.
+    """Return the arm's elevation less the trunk's inclination; without a trunk sensor, only what is missing.
 
     ``trunk`` is an elevation too: 0 upright, as calibrated standing.
 
@@ -210,7 +169,7 @@ def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0
 def _share_grid(
     first: Elevation, second: Elevation, offset_s: float
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Give the points at which both are valid, on the first one's clock, and both angles, shapes (n,)."""
+    """Return the points at which both are valid, on the first one's clock, and both angles, shapes (n,)."""
     runs, others = ([filter_elevation(s) for s in arm.segments if len(s)] for arm in (first, second))
     end_s = max((run.start_us / 1e6 + len(run) / run.rate_hz for run in runs), default=0.0)
     time_s = np.arange(int(end_s * GRID_HZ)) / GRID_HZ

@@ -98,12 +98,11 @@ def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared,
     reason: Reason = "poor" if verdict == "poor" else ""
     if exposure.analysed_s < WHOLE_DAY_S:
         reason = "short"
-    return tuple(_compare_with_published(reference, exposure, reason) for reference in REFERENCES)
-
-
-def _compare_with_published(reference: Reference, exposure: Exposure, reason: Reason) -> Compared:
-    measured = find_measured(reference.key, exposure)
-    return Compared(reference, measured, "not computed" if measured is None else reason)
+    measured = [find_measured(reference.key, exposure) for reference in REFERENCES]
+    return tuple(
+        Compared(reference, value, "not computed" if value is None else reason)
+        for reference, value in zip(REFERENCES, measured, strict=True)
+    )
 
 
 def find_measured(key: str, exposure: Exposure) -> float | None:

@@ -133,9 +133,8 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
     own_deg = _summarise_sigma(segments) if method == "smoothed" else TYPICAL_SIGMA_DEG[method]
     sigma_deg = sqrt(own_deg**2 + _average_doubt(samples, segments))
-    for segment in segments:
-        _widen_remounted(samples, segment)
-    return Elevation(segments, describe_method(method, samples), sigma_deg)
+    widened = tuple(_widen_remounted(samples, segment) for segment in segments)
+    return Elevation(widened, describe_method(method, samples), sigma_deg)
 
 
 def _summarise_sigma(segments: tuple[ElevationSegment, ...]) -> float:
@@ -172,22 +171,14 @@ def describe_method(method: MethodName, samples: CalibratedSamples | None = None
     }
     found = {f"{part}_{name}": float(value) for part, all_of in own.items() for name, value in all_of.items()}
     if samples is not None:
-        found |= _list_findings(samples)
+        self_calibration = {
+            "found_accelerometer_offset_g": samples.accelerometer.mean_offset_g,
+            "found_accelerometer_scale": np.diag(samples.accelerometer.gain),
+            "found_gyro_scale": np.diag(samples.gyro_scale.gain),
+        }
+        for name, values in self_calibration.items():
+            found |= {f"{name}_{axis}": float(value) for axis, value in zip("xyz", values, strict=True)}
     return Method(method, METHOD_VERSION, asdict(SmoothedParameters()) | found)
-
-
-def _list_findings(samples: CalibratedSamples) -> dict[str, float]:
-    """The self-calibration of this recording, which is a part of how its angle was made."""
-    triples = {
-        "found_accelerometer_offset_g": samples.accelerometer.mean_offset_g,
-        "found_accelerometer_scale": np.diag(samples.accelerometer.gain),
-        "found_gyro_scale": np.diag(samples.gyro_scale.gain),
-    }
-    return {
-        f"{name}_{axis}": float(value)
-        for name, values in triples.items()
-        for axis, value in zip("xyz", values, strict=True)
-    }
 
 
 def measure_elevation(
@@ -244,7 +235,9 @@ def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSeg
     for value in np.flatnonzero(np.maximum(sigma_deg, smoothed.disagreement_deg) > UNCERTAIN_DEG).tolist():
         valid[rows.hold(value * per_value, (value + 1) * per_value)] = False
     vertical = VerticalOnDemand(calibrated.run.gyr_dps, segment.rate_hz, nodes, smoothed.up)
-    by_second = _by_second(sigma_deg, per_value, segment)
+    seconds = int(np.ceil(len(segment) / segment.rate_hz))
+    middle = (np.arange(seconds) + 0.5) * segment.rate_hz / per_value
+    by_second = sigma_deg[np.minimum(middle.astype(np.int64), len(sigma_deg) - 1)].astype(np.float32)
     return _measure_segment(samples, segment, rows, vertical, valid, by_second)
 
 
@@ -257,21 +250,16 @@ def _find_rows(part: AxisPart, run: AngleRows | Segment | ElevationSegment) -> t
     return first, stop
 
 
-def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> None:
+def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> ElevationSegment:
     """Add, second by second, what is not known of the axis in the parts where it turned."""
     if segment.sigma_deg is None:
-        return
-    seconds = segment.start_us / MICROSECONDS + np.arange(len(segment.sigma_deg))
+        return segment
+    sigma_deg = segment.sigma_deg.copy()
+    seconds = segment.start_us / MICROSECONDS + np.arange(len(sigma_deg))
     for part in samples.axis_parts:
         inside = (seconds >= part.start_s) & (seconds < part.end_s)
-        segment.sigma_deg[inside] = np.hypot(segment.sigma_deg[inside], part.sigma_deg)
-
-
-def _by_second(values: Float64Array, rows_per_value: int, segment: Segment) -> NDArray[np.float32]:
-    """Values that stand for ``rows_per_value`` rows each, at the middle of each second of the segment."""
-    seconds = int(np.ceil(len(segment) / segment.rate_hz))
-    middle = (np.arange(seconds) + 0.5) * segment.rate_hz / rows_per_value
-    return values[np.minimum(middle.astype(np.int64), len(values) - 1)].astype(np.float32)
+        sigma_deg[inside] = np.hypot(sigma_deg[inside], part.sigma_deg)
+    return replace(segment, sigma_deg=sigma_deg)
 
 
 def _fuse_published(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:

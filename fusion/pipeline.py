@@ -8,39 +8,39 @@ from typing import BinaryIO, Literal
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
-from fusion.conventions import MethodName, is_npose
+from fusion.conventions import is_npose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
+from fusion.exposure.intervals import widen_over
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
-from fusion.exposure.readings import widen_over
 from fusion.pose.axes import AxisPart
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.windows import reduce_recording
-from fusion.quality import (
-    Quality,
-    TimeAccount,
-    account_time,
-    assess_quality,
-    count_holes_us,
-    divide_time,
-    find_exclusions,
+from fusion.quality import Quality, TimeAccount
+from fusion.quality.flags import (
     flag_accelerometer_drift,
     flag_gyro_drift,
     flag_pose,
     flag_published,
-    flag_spans,
     flag_untrusted,
     flag_untrusted_pose,
     flag_upside_down,
+)
+from fusion.quality.time_account import (
+    account_time,
+    count_holes_us,
+    divide_time,
+    find_exclusions,
     leave_out,
     make_disjoint,
     propose_nonwear,
     refuse_short,
 )
+from fusion.quality.verdict import assess_quality
 from fusion.readers import RecordingFile, read_recording
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 from fusion.settings import AnalysisSettings
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
@@ -158,11 +158,15 @@ def analyse(
     day = _divide(recording, elevation, found.exclusions, placed)
     exposure = withhold_short(_summarise_readings(samples, elevation, day))
     time = _divide_time(recording, day, exposure, found.flags)
+    static_dps = samples.calibration.gyro_bias_dps
     flags = (
         *found.flags,
         *placed.flags,
-        *_flag_signal(recording, found.fused, day.exclusions),
-        *_flag_calibration(samples, found.fused, settings.method),
+        *flag_spans(Caveat.NONWEAR, propose_nonwear(recording, day.exclusions)),
+        *flag_untrusted(recording, found.fused, day.exclusions),
+        *flag_untrusted_pose(samples.calibration, found.fused),
+        *(flag_published(samples.bias, static_dps) if settings.method == "published" else ()),
+        *flag_gyro_drift(samples.bias),
         *flag_upside_down(exposure),
     )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
@@ -214,18 +218,6 @@ def _summarise_readings(samples: CalibratedSamples, elevation: Elevation, day: "
     return widen_over(summarise(day.counted), others)
 
 
-def _flag_calibration(
-    samples: CalibratedSamples, fused: Elevation, method: MethodName
-) -> tuple[QualityFlag, ...]:
-    """Flag doubts about what all angles rest on: the calibration, the gyroscope's offset, the method."""
-    static_dps = samples.calibration.gyro_bias_dps
-    return (
-        *flag_untrusted_pose(samples.calibration, fused),
-        *(flag_published(samples.bias, static_dps) if method == "published" else ()),
-        *flag_gyro_drift(samples.bias),
-    )
-
-
 def fuse_recording(
     recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = announce_nothing
 ) -> FusedRecording:
@@ -270,16 +262,6 @@ def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, 
     return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
 
 
-def _flag_signal(
-    recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]
-) -> tuple[QualityFlag, ...]:
-    """Flag doubts that the signal itself raises, with their times."""
-    return (
-        *flag_spans(Caveat.NONWEAR, propose_nonwear(recording, exclusions)),
-        *flag_untrusted(recording, fused, exclusions),
-    )
-
-
 def _divide_time(
     recording: Recording, day: _Day, exposure: Exposure, flags: tuple[QualityFlag, ...] = ()
 ) -> TimeAccount:
@@ -297,7 +279,7 @@ def analyse_angles(
     on_step: Callable[[Step], None] = announce_nothing,
     diary: tuple[DiaryEntry, ...] = (),
 ) -> Analysis:
-    """Give the exposure of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
+    """Return the exposure of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
     return _count_ready(*read_angle_series(file), on_step, diary)
 
 
@@ -307,7 +289,7 @@ def analyse_angle_file(
     diary: tuple[DiaryEntry, ...] = (),
     windows_s: tuple[tuple[float, float], ...] = (),
 ) -> Analysis:
-    """Give the exposure of a motion capture; ``windows_s`` say when the arm hung, where only that tells.
+    """Return the exposure of a motion capture; ``windows_s`` say when the arm hung, where only that tells.
 
     Raises
     ------

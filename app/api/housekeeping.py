@@ -94,7 +94,7 @@ def reconcile(services: Services) -> None:
     """
     store, storage, uploads = services.store, services.storage, services.uploads
     unknown = check_known(store, storage)
-    begun = storage.ledger.find() & store.find_recordings()
+    begun = storage.find_erased() & store.find_recordings()
     for recording_id in {*services.recordings.find_purging(), *begun}:
         try:
             purge_recording(services, recording_id)

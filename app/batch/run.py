@@ -44,8 +44,7 @@ from app.jobs.children.attempt import (
     run_attempt,
 )
 from app.request import ReportRequest
-from app.storage.known import KnownLogs
-from app.storage.store import write_durably
+from app.storage.store import KnownLogs, write_durably
 from fusion.errors import Fact
 
 # How many recordings this machine analyses at once.

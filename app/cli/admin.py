@@ -145,11 +145,10 @@ def backup(
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.storage.open import open_storage  # noqa: PLC0415
-    from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415
+    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
     from app.upkeep.backup_term import record_backup  # noqa: PLC0415
     from app.upkeep.envelope import Recipients  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
@@ -174,7 +173,7 @@ def drill(
     lang: LanguageOption = "en",
 ) -> None:
     """Restore a backup into a temporary folder, read every byte, and say how long it took."""
-    from app.upkeep.drill import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
     with _refusals_printed(lang, find_settings(None)):
         done = try_out(file, identity)
@@ -198,7 +197,7 @@ def restore(
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
 
-    from app.storage.erasures import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
+    from app.storage.store import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415
 
     settings = find_settings(data)
@@ -225,9 +224,8 @@ def verify(
 ) -> None:
     """Read every file and compare it with what its row says."""
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.acts import record_command  # noqa: PLC0415
     from app.upkeep.backup import find_damage  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
     with _refusals_printed(lang, find_settings(data)):

@@ -148,10 +148,7 @@ def record(
 ) -> None:
     """Note an act; its line is written when the transaction of the connection commits.
 
-    Raises
-    ------
-    ValueError
-        The act is not on the list, or ``other`` holds more than ids and codes.
+    Raises ValueError: the act is not on the list, or ``other`` holds more than ids and codes.
     """
     codes = dict(sorted((other or {}).items()))
     if act not in ACTS or not all(_CODE.fullmatch(str(code)) for code in codes.values()):
@@ -277,9 +274,7 @@ def find_lines(
 def parse_moment(text_: str) -> str:
     """Parse a moment of a question to the form of the lines, in UTC; without a zone it is UTC.
 
-    Raises
-    ------
-    ValueError
+    Raises ValueError.
     """
     if not text_:
         return ""

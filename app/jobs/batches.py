@@ -17,7 +17,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same, settle_conclusion
+from app.jobs.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
 
@@ -76,18 +76,17 @@ class BatchStore(RowStore):
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
             known |= dict(zip(wanted, enqueue_all(connection, plain, "api", batch_id), strict=True))
-            _insert_items(connection, batch_id, [known[key] for key in asked])
+            rows = [
+                {"batch_id": batch_id, "place": place, "analysis_id": known[key]}
+                for place, key in enumerate(asked)
+            ]
+            connection.execute(insert(batch_items), rows)
             record(connection, "batch.asked", other={"batch": batch_id, "items": len(asked)})
             announce_batch(connection, batch_id)
         return self.get(batch_id)
 
     def get(self, batch_id: str) -> Batch:
-        """Give one batch with its counts.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one batch with its counts. Raises NotHere."""
         counted = (
             select(analyses.c.state, func.count())
             .where(analyses.c.id.in_(select_items(batch_id)))
@@ -122,10 +121,7 @@ class BatchStore(RowStore):
         failed = _select_jobs_of(batch_id).where(analyses.c.state == JobState.FAILED)
         with self._engine.begin() as connection:
             jobs = [read_job(row) for row in connection.execute(failed.with_for_update(of=analyses))]
-            wanted = [
-                (job.recording_id, job.sha256, settle_conclusion(connection, job, job.request))
-                for job in jobs
-            ]
+            wanted = [build_item(connection, job, job.request) for job in jobs]
             repeated = enqueue_all(connection, wanted, "api", batch_id)
             for job, again in zip(jobs, repeated, strict=True):
                 replace_job(connection, job.id, again)
@@ -159,11 +155,3 @@ def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
         for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
             found.setdefault(key, analysis_id)
     return found
-
-
-def _insert_items(connection: Connection, batch_id: str, analysis_ids: Sequence[str]) -> None:
-    rows = [
-        {"batch_id": batch_id, "place": place, "analysis_id": analysis_id}
-        for place, analysis_id in enumerate(analysis_ids)
-    ]
-    connection.execute(insert(batch_items), rows)

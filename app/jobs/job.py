@@ -22,9 +22,7 @@ class JobState(StrEnum):
 # From a state to those that may follow. Running goes back to queued when its worker died or was stopped.
 TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
     JobState.QUEUED: frozenset({JobState.RUNNING, JobState.CANCELLED}),
-    JobState.RUNNING: frozenset(
-        {JobState.QUEUED, JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED},
-    ),
+    JobState.RUNNING: frozenset({JobState.QUEUED, JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}),
     JobState.SUCCEEDED: frozenset(),
     JobState.FAILED: frozenset(),
     JobState.CANCELLED: frozenset(),
@@ -44,8 +42,8 @@ class Job:
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` state why a
     failed job failed, or what delays one that is not over. ``attempts`` counts the attempts that died while
     their worker lived, and the one that runs or succeeded. ``interruptions`` counts the ends of the worker or
-    its computer. ``asked_by``: who asked for it; "" for the machine
-    keep that. ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
+    its computer. ``asked_by``: who asked for it; "" for the machine.
+    ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
     repeats it, or of the earlier report that replaces it.
     """
 

@@ -2,11 +2,11 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Engine, Row, ScalarSelect, Select, func, select
+from sqlalchemy import Engine, Executable, Row, ScalarSelect, Select, func, select
 
 from app.jobs.database.tables import analyses, batch_items, recordings, running_time
 from app.jobs.job import Job, JobState
@@ -19,6 +19,9 @@ PURGING = "purging"
 """Deleted for good: its files are being removed, its rows go last."""
 REFERENCE = "reference"
 """Stored for the comparison of another recording: in no list, and deleted with that recording."""
+
+
+_JOB_COLUMNS = tuple(field.name for field in fields(Job))
 
 
 class RowStore:
@@ -47,6 +50,11 @@ class RowStore:
         with self._reader.connect() as connection:
             return frozenset(connection.execute(query).scalars())
 
+    def _write(self, change: Executable) -> int:
+        """Execute a change in a transaction of its own; gives how many rows it met."""
+        with self._engine.begin() as connection:
+            return connection.execute(change).rowcount
+
 
 def select_jobs() -> Select[Any]:
     """Select the jobs of recordings that are not in the trash."""
@@ -63,29 +71,16 @@ def select_items(batch_id: str) -> Select[Any]:
 
 def read_job(row: Row[Any]) -> Job:
     """Read a row of :func:`select_jobs`."""
-    return Job(
-        id=row.id,
-        recording_id=row.recording_id,
-        file_name=row.file_name,
-        size_bytes=row.size_bytes,
-        sha256=row.sha256,
-        request=ReportRequest.from_json(row.request),
-        state=JobState(row.state),
-        stage=row.stage,
-        progress=row.progress,
-        attempts=row.attempts,
-        token=row.token,
-        created_at=datetime.fromisoformat(row.created_at),
-        started_at=_read_time(row.started_at),
-        ended_at=_read_time(row.ended_at),
-        problem_code=row.problem_code,
-        problem_facts=json.loads(row.problem_facts or "{}"),
-        batch_id=row.batch_id,
-        replaced_by=row.replaced_by,
-        put_backs=row.put_backs,
-        interruptions=row.interruptions,
-        asked_by=row.asked_by or "",
-    )
+    columns = row._asdict()
+    times = {name: columns[name] for name in ("created_at", "started_at", "ended_at")}
+    parsed: dict[str, Any] = {
+        "request": ReportRequest.from_json(row.request),
+        "state": JobState(row.state),
+        "problem_facts": json.loads(row.problem_facts or "{}"),
+        "asked_by": row.asked_by or "",
+        **{name: datetime.fromisoformat(text) if text else None for name, text in times.items()},
+    }
+    return Job(**{name: columns[name] for name in _JOB_COLUMNS} | parsed)
 
 
 def select_running_s() -> ScalarSelect[float]:
@@ -121,7 +116,3 @@ def sort_tags(tags: Iterable[str]) -> tuple[str, ...]:
 def format_now() -> str:
     """Give the time as the rows hold it: it sorts as text."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
-
-
-def _read_time(text: str | None) -> datetime | None:
-    return datetime.fromisoformat(text) if text else None

@@ -10,7 +10,7 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Float, Update, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, select, update
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
@@ -82,7 +82,7 @@ def change_state(
         change = change.where(analyses.c.token == token)
     is_end = not TRANSITIONS[to]
     clock = {"ended_s": select_running_s()} if is_end else {}
-    is_changed = update_one_row(connection, change.values({"state": to, **clock, **values}))
+    is_changed = connection.execute(change.values({"state": to, **clock, **values})).rowcount == 1
     if is_changed and is_end:
         recording_id = increment_revision_of(connection, analysis_id)
         record(connection, _ENDS[to], recording_id, analysis_id)
@@ -103,11 +103,6 @@ def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
     connection.execute(update(batch_items).where(mine).values(analysis_id=again))
     recording_id = increment_revision_of(connection, analysis_id)
     record(connection, "analysis.replaced", recording_id, analysis_id, other={"again": again})
-
-
-def update_one_row(connection: Connection, change: Update) -> bool:
-    """Execute an update of one row; False where no row met its conditions."""
-    return connection.execute(change).rowcount == 1
 
 
 def enqueue(
@@ -131,7 +126,7 @@ def enqueue_all(
     """Write the rows of several new jobs (recording, its SHA-256, request); gives their ids in order."""
     requests = number_versions(connection, items)
     first = 0 if way_in == "web" else _find_turn(connection, batch_id)
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "id": f"an_{secrets.token_hex(8)}",
             "recording_id": recording_id,
@@ -152,14 +147,10 @@ def enqueue_all(
     if rows:
         connection.execute(insert(analyses), rows)
         increment_revision(connection, *(recording_id for recording_id, _, _ in items))
+    batch = {"batch": batch_id} if batch_id else {}
     for row in rows:
-        _record_asked(connection, row)
+        record(connection, "analysis.asked", row["recording_id"], row["id"], other=batch)
     return [str(row["id"]) for row in rows]
-
-
-def _record_asked(connection: Connection, row: Mapping[str, Any]) -> None:
-    batch = {"batch": row["batch_id"]} if row["batch_id"] else {}
-    record(connection, "analysis.asked", row["recording_id"], row["id"], other=batch)
 
 
 def find_next(connection: Connection) -> str | None:

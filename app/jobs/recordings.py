@@ -4,7 +4,7 @@ import hashlib
 import json
 import secrets
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
@@ -91,6 +91,9 @@ class StoredRow:
     hold_by: str = ""
 
 
+_ROW_COLUMNS = tuple(field.name for field in fields(StoredRow))
+
+
 @dataclass(frozen=True, slots=True)
 class RecordingFilter:
     """Which recordings are listed; "" or None asks for any. ``begin`` and ``end`` bound the start."""
@@ -127,11 +130,7 @@ class RecordingStore(RowStore):
         """Acknowledge a recording without asking for an analysis.
 
         The same bytes with the same description, sent again within a day by the same subject, give the row
-        that is there: its id is another.
-
-        Raises
-        ------
-        PurgedSince
+        that is there: its id is another. Raises PurgedSince.
         """
         with self._engine.begin() as connection:
             check_not_purged(connection, stored, about)
@@ -146,13 +145,7 @@ class RecordingStore(RowStore):
             insert_recording(connection, stored, Description(file_name), REFERENCE)
 
     def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
-        """Give one recording.
-
-        Raises
-        ------
-        NotHere
-            Also for one in the trash, unless asked for.
-        """
+        """Give one recording. Raises NotHere: also for one in the trash, unless asked for."""
         row = self._read_one(select(recordings).where(recordings.c.id == recording_id))
         if row is None or row.state == PURGING or (row.state == TRASHED and not trashed):
             raise NotHere(id=recording_id)
@@ -162,30 +155,28 @@ class RecordingStore(RowStore):
         self, wanted: RecordingFilter, limit: int, after: Place | None = None
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that the filter lets through, from ``after`` on."""
-        query = _select_wanted(wanted)
+        query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
+        for name in ("subject", "external_id", "sha256"):
+            if value := getattr(wanted, name):
+                query = query.where(recordings.c[name] == value)
+        if wanted.begin:
+            query = query.where(recordings.c.start >= wanted.begin)
+        if wanted.end:
+            query = query.where(recordings.c.start < wanted.end)
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
-        if after is not None:
-            query = query.where(is_after((moment, recordings.c.id), after))
-        newest_first = moment.desc(), recordings.c.id.desc()
-        rows = self._read_all(query.order_by(*newest_first).limit(limit))
-        return tuple(_read_recording(row) for row in rows)
+        page = select_page(query, (moment, recordings.c.id), limit, after)
+        return tuple(_read_recording(row) for row in self._read_all(page))
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
         """Give those of some ids that belong to a recording, in the trash or not."""
-        query = select(recordings.c.id).where(recordings.c.id.in_(recording_ids))
-        return self._read_ids(query)
+        return self._read_ids(select(recordings.c.id).where(recordings.c.id.in_(recording_ids)))
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
         """Give the ids of a subject's recordings of now, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
-        """Change columns, unless the row has changed since this version.
-
-        Raises
-        ------
-        StaleVersion
-        """
+        """Change columns, unless the row has changed since this version. Raises StaleVersion."""
         mine = (recordings.c.id == recording_id, recordings.c.version == version)
         change = update(recordings).where(*mine, recordings.c.state == STORED)
         with self._engine.begin() as connection:
@@ -232,11 +223,7 @@ class RecordingStore(RowStore):
     def trash(self, recording_id: str) -> None:
         """Move a recording to the trash and cancel its analyses; nothing is deleted yet.
 
-        A recording in the trash stays there as it is: its term does not start again.
-
-        Raises
-        ------
-        NotHere
+        A recording in the trash stays there as it is: its term does not start again. Raises NotHere.
         """
         self.get(recording_id, trashed=True)
         going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
@@ -245,17 +232,9 @@ class RecordingStore(RowStore):
             # the analyses first, in the order in which an ending analysis takes its locks: no deadlock
             for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
                 cancel_job(connection, analysis_id)
-            gone = connection.execute(
-                update(recordings)
-                .where(recordings.c.id == recording_id, recordings.c.state == STORED)
-                .values(
-                    state=TRASHED,
-                    trashed_s=0.0,
-                    version=recordings.c.version + 1,
-                    revision=recordings.c.revision + 1,
-                )
-            )
-            if gone.rowcount == 1:
+            gone = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == STORED)
+            grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
+            if connection.execute(gone.values(state=TRASHED, trashed_s=0.0, **grown)).rowcount == 1:
                 record(connection, "recording.trashed", recording_id)
 
     def restore(self, recording_id: str) -> StoredRow:
@@ -273,18 +252,18 @@ class RecordingStore(RowStore):
     def begin_purge(self, recording_id: str) -> Purged:
         """Hide a recording and its references for good; gives the ids whose files are to be removed now.
 
-        The rows go last (:meth:`end_purge`), so that an interrupted purge can continue.
-
-        Raises
-        ------
-        OnHold
+        The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
         with self._engine.begin() as connection:
             _check_hold(connection, recording_id)
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
             files = (recording_id, *_find_references(connection, recording_id))
-            _remember_purged(connection, recording_id)
+            row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
+            if row is not None:
+                key = _hash_upload(row.stored_by, row.sha256, _read_description(row))
+                connection.execute(delete(purged_uploads).where(purged_uploads.c.key == key))
+                connection.execute(insert(purged_uploads).values(key=key, since_s=select_running_s()))
             gone = update(recordings).where(recordings.c.id.in_(files))
             gone = gone.where(recordings.c.state != PURGING)
             if connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1)).rowcount:
@@ -294,8 +273,7 @@ class RecordingStore(RowStore):
     def forget_purged(self) -> None:
         """Forget what was deleted for good more than a day of running time ago."""
         is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
-        with self._engine.begin() as connection:
-            connection.execute(delete(purged_uploads).where(is_old))
+        self._write(delete(purged_uploads).where(is_old))
 
     def find_purging(self) -> tuple[str, ...]:
         """Give the recordings whose purge was interrupted."""
@@ -307,17 +285,12 @@ class RecordingStore(RowStore):
         with self._engine.begin() as connection:
             if delete_recording(connection, recording_id):
                 record(connection, "recording.purged", recording_id)
-        self._empty_log()
-
-    def _empty_log(self) -> None:
-        """Truncate SQLite's write-ahead log, which may hold copies of deleted rows."""
-        if self._engine.dialect.name != "sqlite":
-            return
-        connection = self._engine.raw_connection()
-        try:
-            connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        finally:
-            connection.close()
+        if self._engine.dialect.name == "sqlite":  # its write-ahead log may hold copies of the deleted rows
+            raw = self._engine.raw_connection()
+            try:
+                raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            finally:
+                raw.close()
 
     def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
         """Add elapsed time to everything in the trash; gives what has been there for the whole term.
@@ -332,31 +305,16 @@ class RecordingStore(RowStore):
             return tuple(connection.execute(due).scalars())
 
     def check_hold(self, recording_id: str) -> None:
-        """Check that a recording may be deleted for good.
-
-        Raises
-        ------
-        OnHold
-        """
+        """Check that a recording may be deleted for good. Raises OnHold."""
         with self._reader.connect() as connection:
             _check_hold(connection, recording_id)
 
     def hold(self, recording_id: str, reason: HoldReason, who: str) -> StoredRow:
-        """Put a recording on hold: nothing deletes it for good before it is let go.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Put a recording on hold: nothing deletes it for good before it is let go. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": reason, "hold_by": who}, "recording.held")
 
     def let_go(self, recording_id: str) -> StoredRow:
-        """End the hold of a recording.
-
-        Raises
-        ------
-        NotHere
-        """
+        """End the hold of a recording. Raises NotHere."""
         return self._change_hold(recording_id, {"hold": None, "hold_by": None}, "recording.let_go")
 
     def _change_hold(self, recording_id: str, values: Mapping[str, str | None], act: Act) -> StoredRow:
@@ -420,26 +378,12 @@ def _read_description(row: Row[Any]) -> Description:
 
 
 def check_not_purged(connection: Connection, stored: StoredRecording, about: Description) -> None:
-    """Refuse to bring back by a repeated request what was deleted for good.
-
-    Raises
-    ------
-    PurgedSince
-    """
+    """Refuse to bring back by a repeated request what was deleted for good. Raises PurgedSince."""
     key = _hash_upload(find_actor(), stored.sha256, about)
     is_old = purged_uploads.c.since_s < select_running_s() - REPETITION_S
     known = select(purged_uploads.c.key).where(purged_uploads.c.key == key, ~is_old)
     if connection.execute(known).first() is not None:
         raise PurgedSince
-
-
-def _remember_purged(connection: Connection, recording_id: str) -> None:
-    row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
-    if row is None:
-        return
-    key = _hash_upload(row.stored_by, row.sha256, _read_description(row))
-    connection.execute(delete(purged_uploads).where(purged_uploads.c.key == key))
-    connection.execute(insert(purged_uploads).values(key=key, since_s=select_running_s()))
 
 
 def _hash_upload(who: str, sha256: str, about: Description) -> str:
@@ -469,40 +413,23 @@ def insert_recording(
     record(connection, "recording.stored", stored.id)
 
 
-def is_after(columns: tuple[Any, Any], place: Place) -> Any:
-    """Build the condition for rows after a place, newest first (a keyset: later pages cost no more)."""
-    return tuple_(*columns) < tuple_(*place)
-
-
-def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
-    query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
-    if wanted.subject:
-        query = query.where(recordings.c.subject == wanted.subject)
-    if wanted.external_id:
-        query = query.where(recordings.c.external_id == wanted.external_id)
-    if wanted.sha256:
-        query = query.where(recordings.c.sha256 == wanted.sha256)
-    if wanted.begin:
-        query = query.where(recordings.c.start >= wanted.begin)
-    return query.where(recordings.c.start < wanted.end) if wanted.end else query
+def select_page(query: Select[Any], order: tuple[Any, Any], limit: int, after: Place | None) -> Select[Any]:
+    """Select the rows after a place, the newest first (a keyset: later pages cost no more)."""
+    if after is not None:
+        query = query.where(tuple_(*order) < tuple_(*after))
+    return query.order_by(*(column.desc() for column in order)).limit(limit)
 
 
 def _read_recording(row: Row[Any]) -> StoredRow:
-    return StoredRow(
-        id=row.id,
-        sha256=row.sha256,
-        size_bytes=row.size_bytes,
-        state=row.state,
-        created_at=row.created_at,
-        about=_read_description(row),
-        duplicate_of=row.duplicate_of,
-        version=row.version,
-        start=row.start,
-        inspection=_read_inspection(row.inspection),
-        diary=read_diary(row.diary),
-        hold=row.hold or "",
-        hold_by=row.hold_by or "",
-    )
+    columns = row._asdict()
+    parsed = {
+        "about": _read_description(row),
+        "inspection": _read_inspection(row.inspection),
+        "diary": read_diary(row.diary),
+        "hold": row.hold or "",
+        "hold_by": row.hold_by or "",
+    }
+    return StoredRow(**{name: columns.get(name) for name in _ROW_COLUMNS} | parsed)
 
 
 def _read_inspection(text: str | None) -> Mapping[str, Any] | None:
@@ -557,12 +484,7 @@ class UploadStore(RowStore):
         return self.get(str(row["id"]))
 
     def get(self, upload_id: str) -> UploadRow:
-        """Give one upload.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one upload. Raises NotHere."""
         row = self._read_one(select(uploads).where(uploads.c.id == upload_id))
         if row is None:
             raise NotHere
@@ -573,16 +495,13 @@ class UploadStore(RowStore):
     def advance(self, row: UploadRow, offset_bytes: int) -> bool:
         """Acknowledge bytes that are on the disk; False when another writer has moved the offset."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
-        change = update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)
-        with self._engine.begin() as connection:
-            return connection.execute(change).rowcount == 1
+        return self._write(update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)) == 1
 
     def step_back(self, row: UploadRow, offset_bytes: int) -> UploadRow:
         """Reset the offset to the bytes that the disk still has, unless the upload has become a recording."""
         mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
         lost = update(uploads).where(*mine, uploads.c.recording_id.is_(None))
-        with self._engine.begin() as connection:
-            connection.execute(lost.values(offset_bytes=offset_bytes))
+        self._write(lost.values(offset_bytes=offset_bytes))
         return self.get(row.id)
 
     def describe(self, upload_id: str, about: Description, metadata: str) -> UploadRow:

@@ -1,15 +1,24 @@
-"""Files of a finished analysis, checked against the digests in their rows whenever they are opened."""
+"""Files of a finished analysis, checked against the digests in their rows whenever they are opened.
 
-from collections.abc import Iterator
+If they are damaged or missing, the analysis is made again.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.errors import NoSuchFile, NotFinished, ResultDamaged
+from app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.audit_log import touch
+from app.jobs.database.connect import one_request_at_a_time
 from app.jobs.job import Job, JobState
+from app.jobs.queue import WayIn
 from app.jobs.store import JobStore
-from app.storage.store import ResultFile, Storage, borrow_result
+from app.request import ReportRequest
+from app.storage.store import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
+
+_one_at_a_time = threading.Lock()
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,12 +29,7 @@ class ResultReader:
     storage: Storage
 
     def find(self, job: Job, name: str) -> ResultFile:
-        """Give the row of a published file.
-
-        Raises
-        ------
-        NotFinished, NoSuchFile
-        """
+        """Give the row of a published file. Raises NotFinished, NoSuchFile."""
         check_succeeded(job, name)
         file = self.store.find_file(job.id, name)
         if file is None:
@@ -37,10 +41,7 @@ class ResultReader:
     def borrow(self, job: Job, name: str) -> Iterator[Path]:
         """Lend a published file whose bytes are those of its row.
 
-        Raises
-        ------
-        NotFinished, NoSuchFile, ResultDamaged
-            The last names the analysis that replaces a damaged one, if there is one.
+        Raises NotFinished, NoSuchFile, and ResultDamaged, which names the one that replaces it.
         """
         file = self.find(job, name)
         try:
@@ -51,12 +52,7 @@ class ResultReader:
             raise ResultDamaged(**damaged.facts, **again) from damaged
 
     def read(self, job: Job, name: str) -> bytes:
-        """Give the bytes of a published file.
-
-        Raises
-        ------
-        NotFinished, NoSuchFile, ResultDamaged
-        """
+        """Give the bytes of a published file. Raises NotFinished, NoSuchFile, ResultDamaged."""
         with self.borrow(job, name) as path:
             return path.read_bytes()
 
@@ -64,11 +60,89 @@ class ResultReader:
 def check_succeeded(job: Job, name: str) -> None:
     """Check that an analysis has files; ``name`` is the one that is asked for.
 
-    Raises
-    ------
-    NotFinished, NoSuchFile
+    Raises NotFinished, NoSuchFile.
     """
     if not job.is_over:
         raise NotFinished(state=job.state.value)
     if job.state is not JobState.SUCCEEDED or job.token is None:
         raise NoSuchFile(name=name)
+
+
+# A report that is made again: recording and settings are still there, so that it is the same. If the
+# recording itself is damaged, the original has to be uploaded again, or a backup restored.
+
+
+def find_or_add(
+    store: JobStore,
+    storage: Storage,
+    recording: tuple[str, str],
+    request: ReportRequest,
+    way_in: WayIn,
+    add: Callable[[], Job],
+) -> tuple[Job, bool]:
+    """Return the analysis that counts, else the one that ``add`` makes; and whether it was there before.
+
+    The same request sent twice at once, also to two servers, makes one analysis: this is done for one request
+    at a time. Raises StoreDamaged.
+    """
+    with _one_at_a_time, one_request_at_a_time(store.engine):
+        same = find_same(store, storage, recording, request, way_in)
+        return same or add(), same is not None
+
+
+def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:
+    """Tell whether a file of a finished analysis is missing or altered."""
+    if job.state is not JobState.SUCCEEDED or job.token is None:
+        return False
+    token, files = job.token, store.find_files(job.id)
+    return not all(is_result_whole(storage, job.id, token, file) for file in files)
+
+
+def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) -> Job:
+    """Queue an analysis again that failed, was cancelled or is damaged; any other stays as it is.
+
+    Raises
+    ------
+    NotHere
+    StoreDamaged
+        The recording is damaged, too.
+    """
+    job = store.retry(analysis_id, way_in)
+    return regenerate(store, storage, job, way_in) if is_damaged(store, storage, job) else job
+
+
+def regenerate(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Job:
+    """Queue a finished analysis again; the new one replaces it.
+
+    Raises
+    ------
+    StoreDamaged
+        The recording, or the reference it is compared with, is damaged: no new report could be made.
+    """
+    if not can_regenerate(store, storage, job):
+        raise StoreDamaged
+    return store.repeat(job, way_in)
+
+
+def can_regenerate(store: JobStore, storage: Storage, job: Job) -> bool:
+    """Tell whether the recording of an analysis, and its reference where it has one, are whole."""
+    reference = job.request.reference
+    others = () if reference is None else ((reference.path, store.find_sha256(reference.path)),)
+    sources = ((job.recording_id, job.sha256), *others)
+    return all(is_recording_whole(storage, *source) for source in sources)
+
+
+def find_same(
+    store: JobStore, storage: Storage, recording: tuple[str, str], request: ReportRequest, way_in: WayIn
+) -> Job | None:
+    """Find the analysis of the same bytes with the same settings by the same engine, if one counts.
+
+    A damaged analysis is queued again. An analysis of another recording whose bytes are damaged does not
+    count: the new bytes (``recording`` is their id and SHA-256) are then the only good ones, and are kept.
+    Raises StoreDamaged.
+    """
+    recording_id, sha256 = recording
+    for job in store.find_same(sha256, request):
+        if job.recording_id == recording_id or is_recording_whole(storage, job.recording_id, sha256):
+            return regenerate(store, storage, job, way_in) if is_damaged(store, storage, job) else job
+    return None

@@ -126,15 +126,27 @@ def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
     Present rows stay as they are, except for an analysis that is unfinished in the database and over in the
     side file: states only move forward. Files and figures are added with their analysis.
     """
-    kept, ended = _update_analyses(connection, side.rows["analyses"])
-    added = {}
+    kept, ended = set(), []
+    for row in side.rows["analyses"]:
+        mine = analyses.c.id == row["id"]
+        state = connection.execute(select(analyses.c.state).where(mine)).scalar()
+        if state is None:
+            continue
+        if TRANSITIONS[JobState(state)] and not TRANSITIONS[JobState(row["state"])]:
+            connection.execute(update(analyses).where(mine).values(row))
+            ended.append(row)
+        else:
+            kept.add(row["id"])
+    added: dict[str, list[Mapping[str, Any]]] = {table.name: [] for table in TABLES}
     for table in TABLES:
-        rows = side.rows.get(table.name, ())
-        if table is analyses:
-            rows = [row for row in rows if row["id"] not in kept]
-        elif "analysis_id" in table.columns:
-            rows = [row for row in rows if row["analysis_id"] not in kept]
-        added[table.name] = _add_missing(connection, table, rows)
+        analysis_id = "id" if table is analyses else "analysis_id"
+        for row in side.rows.get(table.name, ()):
+            if row.get(analysis_id) in kept:
+                continue
+            key = [column == row[column.name] for column in table.primary_key.columns]
+            if connection.execute(select(table).where(*key)).first() is None:
+                connection.execute(insert(table).values(row))
+                added[table.name].append(row)
     return added | {"analyses": [*added["analyses"], *ended]}
 
 
@@ -147,36 +159,6 @@ def replace_rows(connection: Connection, side: SideFile) -> Rows:
     values = {**side.recording, "side_revision": side.revision}
     connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
     return add_missing_rows(connection, side)
-
-
-def _update_analyses(
-    connection: Connection, rows: Sequence[Mapping[str, Any]]
-) -> tuple[frozenset[str], list[Mapping[str, Any]]]:
-    """Update the analyses that only the side file knows to be over; gives the other ids, and these rows."""
-    kept, ended = set(), []
-    for row in rows:
-        mine = analyses.c.id == row["id"]
-        state = connection.execute(select(analyses.c.state).where(mine)).scalar()
-        if state is None:
-            continue
-        if TRANSITIONS[JobState(state)] and not TRANSITIONS[JobState(row["state"])]:
-            connection.execute(update(analyses).where(mine).values(row))
-            ended.append(row)
-        else:
-            kept.add(str(row["id"]))
-    return frozenset(kept), ended
-
-
-def _add_missing(
-    connection: Connection, table: Table, rows: Sequence[Mapping[str, Any]]
-) -> list[Mapping[str, Any]]:
-    added = []
-    for row in rows:
-        key = [column == row[column.name] for column in table.primary_key.columns]
-        if connection.execute(select(table).where(*key)).first() is None:
-            connection.execute(insert(table).values(row))
-            added.append(row)
-    return added
 
 
 def mark_side_file_stale(connection: Connection, side: SideFile) -> None:
@@ -223,34 +205,22 @@ class SideWriter:
         return number
 
     def write(self, recording_id: str) -> None:
-        """Write one side file, again if the row changes meanwhile."""
-        while not self._write_once(recording_id):
-            pass
-
-    def _write_once(self, recording_id: str) -> bool:
-        """Write the rows of this moment; False when they have changed before the revision was recorded."""
-        side = self._read(recording_id)
-        if side is None:
-            return True
-        self._quarantine_newer(recording_id, side)
-        self.storage.write_small(format_side_file_name(recording_id), side.encode())
-        mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
-        with self.engine.begin() as connection:
-            written = update(recordings).where(*mine).values(side_revision=side.revision)
-            if connection.execute(written).rowcount == 1:
-                return True
-        if self._read(recording_id) is None:  # purged meanwhile: its side file is removed, too
-            self.storage.drop_recording(recording_id)
-        return False
-
-    def _quarantine_newer(self, recording_id: str, side: SideFile) -> None:
-        """Copy a side file that is newer than the row into quarantine: the database is an older copy."""
-        present = decode_side_file(self.storage.read_small(format_side_file_name(recording_id)), recording_id)
-        if present is None or present.revision <= side.revision:
-            return
-        row = self._read(recording_id)
-        if row is not None and row.revision < present.revision:
-            quarantine_side_file(self.storage, present)
+        """Write one side file, again if the row changes before its revision is recorded."""
+        name = format_side_file_name(recording_id)
+        while (side := self._read(recording_id)) is not None:
+            present = decode_side_file(self.storage.read_small(name), recording_id)
+            if present is not None and present.revision > side.revision:
+                row = self._read(recording_id)
+                if row is not None and row.revision < present.revision:  # the database is an older copy
+                    quarantine_side_file(self.storage, present)
+            self.storage.write_small(name, side.encode())
+            mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
+            with self.engine.begin() as connection:
+                written = update(recordings).where(*mine).values(side_revision=side.revision)
+                if connection.execute(written).rowcount == 1:
+                    return
+            if self._read(recording_id) is None:  # purged meanwhile: its side file is removed, too
+                self.storage.drop_recording(recording_id)
 
     def _read(self, recording_id: str) -> SideFile | None:
         with self.reader.connect() as connection:

@@ -3,13 +3,12 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 from sqlalchemy import (
     Connection,
     Engine,
     Executable,
-    Select,
     and_,
     case,
     func,
@@ -24,9 +23,9 @@ from sqlalchemy.exc import OperationalError
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
-from app.jobs.database.tables import analyses, facts, recordings, result_files
+from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures, adopt_description, insert_headline
+from app.jobs.library.figures import HeadlineFigures, adopt_description
 from app.jobs.library.studies import follow_recording, join_study
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import (
@@ -39,11 +38,18 @@ from app.jobs.queue import (
     find_next,
     replace_job,
     start_job,
-    update_one_row,
 )
-from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, is_after
+from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.jobs.side_files import increment_revision
-from app.jobs.versions import drop_drafts, identify_work, renumber, select_same, settle_conclusion
+from app.jobs.versions import (
+    COUNTED,
+    build_item,
+    drop_drafts,
+    identify_work,
+    renumber,
+    select_same,
+    settle_conclusion,
+)
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
 from app.storage.store import ResultFile, StoredRecording
@@ -93,9 +99,7 @@ class JobStore(RowStore):
     def check_belongs(self, store_id: str) -> None:
         """Check that this database belongs to this folder or bucket; the first one is remembered.
 
-        Raises
-        ------
-        StoreMismatch
+        Raises StoreMismatch.
         """
         query = select(facts.c.value).where(facts.c.name == "store")
         with self._engine.begin() as connection:
@@ -116,9 +120,7 @@ class JobStore(RowStore):
     ) -> Job:
         """Acknowledge a recording and queue its analysis, which joins the study named, in one commit.
 
-        Raises
-        ------
-        PurgedSince
+        Raises PurgedSince.
         """
         about = Description(request.file_name, request.subject, request.side, external_id)
         with self._engine.begin() as connection:
@@ -138,30 +140,12 @@ class JobStore(RowStore):
     def correct(self, job: Job, asked: ReportRequest) -> Job:
         """Queue what a person corrected of the current version; the same correction again is made once.
 
-        Raises
-        ------
-        StaleVersion
-            ``job`` is not the current version any more.
+        Raises StaleVersion: ``job`` is not the current version any more.
         """
-        counted = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
-        own = tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
-        is_later = tuple_(analyses.c.created_at, analyses.c.id) > own
-        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         with self._engine.begin() as connection:
-            # nobody else corrects this recording until the end of the transaction
-            of_it = select(recordings.c.id).where(recordings.c.id == job.recording_id)
-            connection.execute(of_it.with_for_update())
-            counts = (analyses.c.state.in_(counted), analyses.c.replaced_by.is_(None), is_later)
-            query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
-            jobs = [read_job(row) for row in connection.execute(query.order_by(*newest_first)).all()]
-            newest = next((one for one in jobs if one.request.reference is None), None)
+            newest = _find_newer(connection, job, settle_conclusion(connection, job, asked))
             if newest is not None:
-                key = identify_work(job.sha256, settle_conclusion(connection, job, asked))
-                same = select(analyses.c.id).where(analyses.c.id == newest.id, analyses.c.key == key)
-                if connection.execute(same).first() is not None:
-                    return newest
-                if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
-                    raise StaleVersion
+                return newest
             analysis_id = _queue_again(connection, job, asked)
         return self.get(analysis_id)
 
@@ -172,9 +156,16 @@ class JobStore(RowStore):
         return self.get(analysis_id)
 
     def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
-        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft."""
+        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft.
+
+        The same conclusion again is made once.
+        Raises StaleVersion: ``job`` is not the current version any more.
+        """
         asked = replace(job.request, conclusion=conclusion, reason="")
         with self._engine.begin() as connection:
+            newest = _find_newer(connection, job, asked)
+            if newest is not None:
+                return newest
             analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
             if conclusion is None:
                 drop_drafts(connection, job.recording_id)
@@ -186,9 +177,7 @@ class JobStore(RowStore):
     def dismiss_draft(self, analysis_id: str) -> None:
         """Delete the draft of a conclusion, so that no later analysis gets it; without one nothing happens.
 
-        Raises
-        ------
-        NotHere
+        Raises NotHere.
         """
         job = self.get(analysis_id)
         with self._engine.begin() as connection:
@@ -209,9 +198,7 @@ class JobStore(RowStore):
     def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
         """Queue a failed or cancelled analysis again, once; one that waits, runs or is done stays as it is.
 
-        Raises
-        ------
-        NotHere
+        Raises NotHere.
         """
         job = self.get(analysis_id)
         if job.replaced_by is not None:
@@ -224,9 +211,8 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
             if connection.execute(repeated).scalar() is None:
-                recording = (job.recording_id, job.sha256)
-                asked = settle_conclusion(connection, job, job.request)
-                again = enqueue(connection, recording, asked, way_in, job.batch_id)
+                item = build_item(connection, job, job.request)
+                (again,) = enqueue_all(connection, [item], way_in, job.batch_id)
                 replace_job(connection, job.id, again)
         return self.get(str(self.get(job.id).replaced_by))
 
@@ -238,10 +224,7 @@ class JobStore(RowStore):
         waits: a file that a person drops goes first.
         """
         with self._engine.begin() as connection:
-            items = [
-                (job.recording_id, job.sha256, settle_conclusion(connection, job, request))
-                for job, request in asked
-            ]
+            items = [build_item(connection, job, request) for job, request in asked]
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
@@ -251,10 +234,7 @@ class JobStore(RowStore):
     def withdraw(self, analysis_id: str) -> Job:
         """Replace a failed analysis by the report before it; gives the analysis of that report.
 
-        Raises
-        ------
-        NotHere
-            The analysis has not failed, or there is no earlier report.
+        Raises NotHere: the analysis has not failed, or there is no earlier report.
         """
         job = self.get(analysis_id)
         reports = self.find_reports(job.recording_id)
@@ -269,12 +249,7 @@ class JobStore(RowStore):
         return reports[0]
 
     def get(self, analysis_id: str) -> Job:
-        """Give one job.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give one job. Raises NotHere."""
         row = self._read_one(select_jobs().where(analyses.c.id == analysis_id))
         if row is None:
             raise NotHere
@@ -298,10 +273,8 @@ class JobStore(RowStore):
                 query = query.where(analyses.c.id.in_(select_items(value)))
             elif value:
                 query = query.where(analyses.c[name] == value)
-        if after is not None:
-            query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
-        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
-        return tuple(read_job(row) for row in self._read_all(query.order_by(*newest_first).limit(limit)))
+        page = select_page(query, (analyses.c.created_at, analyses.c.id), limit, after)
+        return tuple(read_job(row) for row in self._read_all(page))
 
     def find_reports(self, recording_id: str) -> tuple[Job, ...]:
         """Return the reports of a recording, the newest first, without comparisons and what was replaced."""
@@ -343,8 +316,7 @@ class JobStore(RowStore):
             .where(analyses.c.state == JobState.RUNNING)
             .values(lease | {"stage": stage, "progress": progress})
         )
-        with self._engine.begin() as connection:
-            return update_one_row(connection, change)
+        return self._write(change) == 1
 
     def return_expired(self) -> tuple[tuple[str, str], ...]:
         """Put back the jobs whose lease ran out twice in a row; return analysis and token of each attempt.
@@ -388,13 +360,13 @@ class JobStore(RowStore):
         rows = [{"analysis_id": analysis_id, **asdict(file)} for file in files]
         with self._engine.begin() as connection:
             ended = {"progress": 1.0, "ended_at": format_now()}
-            won = change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token)
-            if won:
-                connection.execute(insert(result_files), rows)
-                adopt_description(connection, analysis_id)
-            if won and headline is not None:
-                insert_headline(connection, analysis_id, headline)
-        return won
+            if not change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token):
+                return False
+            connection.execute(insert(result_files), rows)
+            adopt_description(connection, analysis_id)
+            if headline is not None:
+                connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))
+        return True
 
     def is_published(self, analysis_id: str, token: str) -> bool:
         """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
@@ -432,14 +404,12 @@ class JobStore(RowStore):
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
         delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
-        self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
+        self._write(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
         """Cancel the job unless it is over; its worker notices that its attempt counts no more.
 
-        Raises
-        ------
-        NotHere
+        Raises NotHere.
         """
         with self._engine.begin() as connection:
             cancel_job(connection, analysis_id)
@@ -447,21 +417,16 @@ class JobStore(RowStore):
 
     def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
         """Give the published file of this name; None where there is none."""
-        row = self._read_one(_select_files(analysis_id).where(result_files.c.name == name))
-        return ResultFile(*row) if row else None
+        return next((file for file in self.find_files(analysis_id) if file.name == name), None)
 
     def find_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
         """Give every published file, by name."""
-        query = _select_files(analysis_id).order_by(result_files.c.name)
-        return tuple(ResultFile(*row) for row in self._read_all(query))
+        columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
+        query = select(*columns).where(result_files.c.analysis_id == analysis_id)
+        return tuple(ResultFile(*row) for row in self._read_all(query.order_by(result_files.c.name)))
 
     def find_sha256(self, recording_id: str) -> str:
-        """Give the SHA-256 of a recording, or of the reference of one.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
         sha256 = self._read_value(select(recordings.c.sha256).where(recordings.c.id == recording_id))
         if sha256 is None:
             raise NotHere(id=recording_id)
@@ -469,8 +434,7 @@ class JobStore(RowStore):
 
     def run(self, change: Executable) -> None:
         """Execute a change in a transaction of its own."""
-        with self._engine.begin() as connection:
-            connection.execute(change)
+        self._write(change)
 
     def may_hold(self, recording_id: str) -> bool:
         """Tell whether a recording has a row; True when the database does not answer."""
@@ -523,17 +487,33 @@ class JobStore(RowStore):
         return frozenset((row.id, row.token) for row in self._read_all(query))
 
 
+def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job | None:
+    """Find a later analysis that makes what is asked for; None if ``job`` is the current version.
+
+    Nobody else corrects the recording until the end of the transaction. Raises StaleVersion.
+    """
+    connection.execute(select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update())
+    place = (analyses.c.created_at, analyses.c.id)
+    is_later = tuple_(*place) > tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
+    counts = (analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None), is_later)
+    query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
+    newest_first = query.order_by(*(column.desc() for column in place))
+    jobs = (read_job(row) for row in connection.execute(newest_first).all())
+    newest = next((one for one in jobs if one.request.reference is None), None)
+    if newest is None:
+        return None
+    key = select(analyses.c.key).where(analyses.c.id == newest.id)
+    if connection.execute(key).scalar() == identify_work(job.sha256, asked):
+        return newest
+    if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
+        raise StaleVersion
+    return None
+
+
 def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
-    asked = settle_conclusion(connection, job, asked)
-    analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
+    (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
     follow_recording(connection, analysis_id)
     return analysis_id
-
-
-def _select_files(analysis_id: str) -> Select[Any]:
-    """Select the published files of an analysis, in the order of :class:`ResultFile`'s fields."""
-    columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
-    return select(*columns).where(result_files.c.analysis_id == analysis_id)
 
 
 def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:

@@ -10,7 +10,7 @@ confirms or dismisses it.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_sett
 from app.version import identify_engine
 
 KEYS_PER_QUERY = 500
-_COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
+COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
 
 Item = tuple[str, str, ReportRequest]
 """A recording, its SHA-256 and the request."""
@@ -38,7 +38,7 @@ def identify_work(sha256: str, request: ReportRequest) -> str:
 
 def select_same(keys: Sequence[str]) -> Select[Any]:
     """Select the analyses with these keys that are queued, running or done and not replaced, oldest first."""
-    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(_COUNTED), analyses.c.replaced_by.is_(None))
+    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None))
     return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
 
 
@@ -72,7 +72,7 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[Repor
     of the conclusion that they leave behind.
     """
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
-    histories = _read_histories(connection, digests, _COUNTED)
+    histories = _read_histories(connection, digests, COUNTED)
     numbered = []
     for recording_id, _, request in items:
         history = histories[recording_id]
@@ -104,24 +104,18 @@ def renumber(connection: Connection, analysis_id: str) -> None:
 def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
 ) -> dict[str, _History]:
+    """Read the reports of some recordings, in the order in which they were asked for."""
     histories = {recording_id: _History() for recording_id in digests}
-    for recording_id, key, request in _read_earlier(connection, set(digests), states):
-        is_ours = key == identify_work(digests[recording_id], request)
-        histories[recording_id].add(request, is_ours=is_ours)
-    return histories
-
-
-def _read_earlier(
-    connection: Connection, recording_ids: set[str], states: Sequence[JobState]
-) -> Iterator[tuple[str, str, ReportRequest]]:
-    """Give every analysis of some recordings in these states: recording, key, request; the oldest first."""
     columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
-    ordered = sorted(recording_ids)
+    ordered = sorted(digests)
     for first in range(0, len(ordered), KEYS_PER_QUERY):
         some = ordered[first : first + KEYS_PER_QUERY]
         query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
         for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
-            yield row.recording_id, row.key or "", ReportRequest.from_json(row.request)
+            request = ReportRequest.from_json(row.request)
+            is_ours = row.key == identify_work(digests[row.recording_id], request)
+            histories[row.recording_id].add(request, is_ours=is_ours)
+    return histories
 
 
 def _number(history: _History, request: ReportRequest) -> ReportRequest:
@@ -167,6 +161,11 @@ def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) ->
     is_ours = key == identify_work(job.sha256, job.request)
     is_same = is_ours and asked.describe_settings() == job.request.describe_settings()
     return asked if is_same else replace(asked, conclusion=None)
+
+
+def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
+    """Return what is to be queued for the recording of a job."""
+    return job.recording_id, job.sha256, settle_conclusion(connection, job, asked)
 
 
 def drop_drafts(connection: Connection, recording_id: str) -> bool:

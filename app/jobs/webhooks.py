@@ -71,12 +71,7 @@ class WebhookStore(RowStore):
         )
 
     def drop(self, webhook_id: str) -> None:
-        """Delete an address and its pending deliveries.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Delete an address and its pending deliveries. Raises NotHere."""
         with self._engine.begin() as connection:
             connection.execute(delete(deliveries).where(deliveries.c.webhook_id == webhook_id))
             if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount != 1:
@@ -104,20 +99,16 @@ class WebhookStore(RowStore):
 
     def take(self, delivery: Delivery) -> bool:
         """Count a try before it is made; False when a peer makes it, or when the delivery is given up."""
-        given_up = delivery.tries >= len(PAUSES_S)
         mine = (deliveries.c.id == delivery.id, deliveries.c.tries == delivery.tries)
-        with self._engine.begin() as connection:
-            if given_up:
-                connection.execute(delete(deliveries).where(*mine))
-                return False
-            change = update(deliveries).where(*mine)
-            later = change.values(tries=delivery.tries + 1, wait_s=PAUSES_S[delivery.tries])
-            return connection.execute(later).rowcount == 1
+        if delivery.tries >= len(PAUSES_S):
+            self._write(delete(deliveries).where(*mine))
+            return False
+        later = {"tries": delivery.tries + 1, "wait_s": PAUSES_S[delivery.tries]}
+        return self._write(update(deliveries).where(*mine).values(later)) == 1
 
     def drop_delivery(self, delivery: Delivery) -> None:
         """Delete a delivery that has arrived."""
-        with self._engine.begin() as connection:
-            connection.execute(delete(deliveries).where(deliveries.c.id == delivery.id))
+        self._write(delete(deliveries).where(deliveries.c.id == delivery.id))
 
 
 def announce_end(connection: Connection, analysis_id: str, state: JobState) -> None:
@@ -134,21 +125,19 @@ def announce_end(connection: Connection, analysis_id: str, state: JobState) -> N
 def announce_batch(connection: Connection, batch_id: str) -> None:
     """Write the deliveries for a batch, if it is over."""
     hooks = _read_hooks(connection)
-    if hooks and _is_over(connection, batch_id):
+    if not hooks:
+        return
+    # one ending at a time counts the unfinished: two last ones must not each count the other
+    connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
+    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+    count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)
+    if connection.execute(count).scalar_one() == 0:
         _announce(connection, hooks, "batch.finished", {"batch_id": batch_id})
 
 
 def _read_hooks(connection: Connection) -> list[tuple[str, str]]:
     """Give id and events (JSON) of every webhook."""
     return [(hook.id, hook.events) for hook in connection.execute(select(webhooks.c.id, webhooks.c.events))]
-
-
-def _is_over(connection: Connection, batch_id: str) -> bool:
-    """Count the unfinished, one ending at a time: two last ones must not each count the other."""
-    connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
-    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
-    count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)
-    return connection.execute(count).scalar_one() == 0
 
 
 def _announce(

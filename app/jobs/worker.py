@@ -7,11 +7,12 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from sqlalchemy.exc import OperationalError
 
@@ -28,30 +29,77 @@ from app.jobs.children.attempt import (
     choose_limits,
     load_and_make_report,
     run_attempt,
+    run_beside,
 )
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import translate_database_errors, translate_start_errors
 from app.jobs.job import Job
 from app.jobs.library.figures import HeadlineFigures, read_headline
 from app.jobs.library.mappings import MappingStore
-from app.jobs.processes.lease import Lease
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.decoded import DecodedCache
-from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
-from app.storage.store import TEMPORARY_S, Storage, borrow_recording, borrow_result, check_folder
+from app.storage.store import TEMPORARY_S, KnownLogs, Storage, borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
+RENEWAL_S = 1.0
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
 """A shutdown may kill the child first: a death counts only where the worker outlives it for so long."""
 
+T = TypeVar("T")
+
 logger = logging.getLogger(__name__)
+
+
+class Lease:
+    """How long a worker holds a job that it has claimed without a word.
+
+    The worker's own loop renews it, the one that receives the progress of the child process; no thread does.
+    A worker that hangs, was killed or has lost the database loses its job. Every write names the token of the
+    attempt, so that a worker that lost its job changes nothing.
+    """
+
+    def __init__(self, store: JobStore, analysis_id: str, token: str) -> None:
+        self._store, self._claim = store, (analysis_id, token)
+        self._progress: tuple[str | None, float] = (None, 0.0)
+        self._renewed_s = time.monotonic()
+
+    def renew(self, stage: str | None, fraction: float) -> bool:
+        """Renew the lease where progress was made or a second has passed; False when the job is lost.
+
+        While the database is away nobody can take the job: the attempt continues, and its end is guarded.
+        """
+        now_s, progress = time.monotonic(), (stage, fraction)
+        if progress == self._progress and now_s - self._renewed_s < RENEWAL_S:
+            return True
+        self._progress, self._renewed_s = progress, now_s
+        try:
+            return self._store.renew(*self._claim, *progress)
+        except OperationalError:
+            logger.warning("%s: not renewed, the database does not answer", self._claim[0])
+            return True
+
+    def keep_during(self, act: Callable[[], T], limit_s: float) -> T:
+        """Renew the lease while a step runs that reads or writes large files; return its result.
+
+        A step that takes longer than the limit waits for a disk or a network that never answers: this process
+        ends, and whoever takes the job begins anew.
+        """
+        end_s = time.monotonic() + limit_s
+
+        def renew_until_limit() -> None:
+            if time.monotonic() > end_s:
+                logger.critical("the store has not answered for %.0f s; the worker ends itself", limit_s)
+                os._exit(1)
+            self.renew(*self._progress)
+
+        return run_beside(act, renew_until_limit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +117,7 @@ class Bench:
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
     """Open database and store for one worker; ``make`` replaces the science.
 
-    Raises
-    ------
-    ServerRefused, DatabaseAway, StoreAway, DiskFull
+    Raises ServerRefused, DatabaseAway, StoreAway, DiskFull.
     """
     with translate_start_errors(settings):
         storage = open_storage(settings)
@@ -127,10 +173,7 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
     """Run the loop of the engine in the settings; Procrastinate is loaded only where it is chosen.
 
-    Raises
-    ------
-    ServerRefused, DatabaseAway, StoreAway, DiskFull
-        At the start; and DatabaseDamaged later.
+    Raises ServerRefused, DatabaseAway, StoreAway, DiskFull at the start, and DatabaseDamaged later.
     """
     with translate_database_errors(settings.database_url):
         if settings.engine == "embedded":
@@ -186,39 +229,32 @@ def _attempt(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
     bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
     out = bench.storage.open_attempt(job.id, token)
     limits = choose_limits(bench.settings, job.size_bytes)
+    # the digest that is verified now: the child need not compute it again
+    digests = () if job.request.joined else (job.sha256,)
+    known = KnownLogs(digests, replace(bench.cache, recording_id=job.recording_id))
+    make = bench.make or partial(load_and_make_report, known=known)
     with ExitStack() as stack:
         own = borrow_recording(bench.storage, job.recording_id, job.sha256)
         log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
         reference = _borrow_reference(bench, job)
         request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
-        attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
+        attempt = Attempt(log, request, out, make, limits, gives_way=True)
         on_progress = partial(_renew_unless_stopping, bench, lease)
         outcome = run_attempt(attempt, on_progress)
-        asked = _adopt_columns(bench, job, token, outcome)
+        header = outcome.facts.get("header") if isinstance(outcome, Refused) else None
+        if header is None or job.request.profile:
+            return outcome
+        # the columns confirmed for the header of a table that was refused
+        asked = MappingStore(bench.store.engine, bench.store.reader).adopt(job.id, token, str(header))
         if asked is None:
             return outcome
         named = replace(asked, reference=request.reference)
         return run_attempt(replace(attempt, request=named), on_progress)
 
 
-def _adopt_columns(bench: Bench, job: Job, token: str, outcome: Outcome) -> ReportRequest | None:
-    """Give the request with the columns confirmed for the header of a table that was refused, if any are."""
-    if not isinstance(outcome, Refused) or job.request.profile or "header" not in outcome.facts:
-        return None
-    mappings = MappingStore(bench.store.engine, bench.store.reader)
-    return mappings.adopt(job.id, token, str(outcome.facts["header"]))
-
-
 def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fraction: float) -> bool:
     """Renew the lease; False when the job was cancelled or taken, or this worker is to stop."""
     return not bench.stopping.is_set() and lease.renew(stage, fraction)
-
-
-def _choose_road(bench: Bench, job: Job) -> MakeReport:
-    """Give the one road, with the digest that was just verified: the child need not compute it again."""
-    digests = () if job.request.joined else (job.sha256,)
-    cache = replace(bench.cache, recording_id=job.recording_id)
-    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
 @contextmanager
@@ -259,11 +295,11 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease)
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
     """Read the headline figures of a finished attempt; a comparison with a reference has none."""
-    files = {file.name: file for file in made.files}
-    if "results.json" not in files:
+    file = next((file for file in made.files if file.name == "results.json"), None)
+    if file is None:
         return None
     try:
-        with borrow_result(bench.storage, analysis_id, token, files["results.json"]) as results:
+        with borrow_result(bench.storage, analysis_id, token, file) as results:
             return read_headline(results)
     except ResultDamaged:  # every reader of the file gets this error
         return None

@@ -20,8 +20,7 @@ from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
 from app.roads.reading import read_logs
 from app.storage.day_file import DAY_NAME, DaySegment, write_day
-from app.storage.known import NOTHING_KNOWN, KnownLogs
-from app.storage.store import sync_file
+from app.storage.store import NOTHING_KNOWN, KnownLogs, sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
@@ -31,7 +30,7 @@ from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angle
 from fusion.pose.axes import find_nearest_axis
 from fusion.pose.poses import find_early_stills, propose_poses, survey
 from fusion.pose.windows import reduce_recording
-from fusion.quality import propose_nonwear
+from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Span
 from fusion.sensor.accelerometer import calibrate_accelerometer

@@ -37,8 +37,8 @@ from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
 from fusion.days import lay_on_clock, overlay_days
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.readings import join_intervals
-from fusion.quality import leave_out
+from fusion.exposure.intervals import join_intervals
+from fusion.quality.time_account import leave_out
 
 ELEVATION = "elevation.parquet"
 

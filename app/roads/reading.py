@@ -7,8 +7,7 @@ from pathlib import Path
 
 from app.request import ReportRequest
 from app.storage.decoded import hash_entry_key
-from app.storage.known import KnownLogs
-from app.storage.store import hash_file
+from app.storage.store import KnownLogs, hash_file
 from app.version import identify_engine
 from fusion.caveats import Caveat
 from fusion.errors import FailedReader, FusionError

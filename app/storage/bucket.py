@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import obstore
 from obstore.exceptions import BaseError
@@ -25,16 +25,15 @@ from obstore.store import S3Store
 
 from app.errors import StoreAway
 from app.settings import Settings
-from app.storage.erasures import format_ledger
-from app.storage.folder import FolderStorage
 from app.storage.permissions import create_file
 from app.storage.store import (
     COPY_BYTES,
     Fetched,
     Mark,
+    Storage,
     Upload,
-    VerifiedFiles,
     check_free,
+    format_ledger,
     format_recording_name,
     format_result_name,
     format_side_file_name,
@@ -53,33 +52,28 @@ RETRIES: "RetryConfig" = {"max_retries": 4, "retry_timeout": timedelta(seconds=2
 
 def open_bucket(settings: Settings) -> "BucketStorage":
     """Open ``s3://bucket``; endpoint, region and keys come from the usual ``AWS_*`` variables."""
-    return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=RETRIES))
+    return BucketStorage(
+        settings.data_dir, bucket=S3Store.from_url(settings.object_store, retry_config=RETRIES)
+    )
 
 
-class BucketWriter:
+class BucketUpload(Upload):
     """Bytes that arrive for a bucket: sent on as they come, in parts."""
 
-    def __init__(self, bucket: S3Store, recording_id: str) -> None:
+    def __init__(self, recording_id: str, max_bytes: int, bucket: S3Store) -> None:
+        super().__init__(recording_id, max_bytes)
         self._bucket, self._name = bucket, format_recording_name(recording_id)
         self._writer = obstore.open_writer(bucket, self._name, buffer_size=PART_BYTES)
-        self._size_bytes = 0
 
-    def write(self, chunk: bytes) -> None:
-        """Send the next bytes.
-
-        Raises
-        ------
-        StoreAway
-        """
-        self._size_bytes += len(chunk)
+    def _write(self, chunk: bytes) -> None:
         with translate_store_errors():
             self._writer.write(chunk)
 
-    def keep(self) -> None:
+    def _keep(self) -> None:
         """End the put; from then on every machine can read the recording."""
         with translate_store_errors():
             self._writer.close()
-            if obstore.head(self._bucket, self._name)["size"] != self._size_bytes:
+            if obstore.head(self._bucket, self._name)["size"] != self.size_bytes:
                 raise StoreAway
 
     def discard(self) -> None:
@@ -87,26 +81,16 @@ class BucketWriter:
 
 
 @dataclass(frozen=True, slots=True)
-class BucketStorage:
-    """A bucket, and a folder of this machine for temporary files; ``Storage`` documents the methods."""
+class BucketStorage(Storage):
+    """A bucket, and a folder of this machine for temporary files and attempts under way."""
 
-    root: Path
-    bucket: S3Store
-    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
+    is_local: ClassVar[bool] = False
 
-    @property
-    def ledger(self) -> "BucketLedger":
-        """The ledger of erasures, objects of the bucket."""
-        return BucketLedger(self.bucket)
-
-    @property
-    def is_local(self) -> bool:
-        """Each reading is a copy."""
-        return False
+    bucket: S3Store = field(kw_only=True)
 
     def prepare(self) -> None:
         """Create the folders of this machine, and check that the bucket answers."""
-        FolderStorage(self.root).prepare()
+        Storage.prepare(self)  # no super(): a class with slots is made twice
         with translate_store_errors():
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
@@ -121,7 +105,7 @@ class BucketStorage:
     def open_upload(self, max_bytes: int) -> Upload:
         """Start an upload of a recording under a new name."""
         recording_id = make_recording_id()
-        return Upload(recording_id, BucketWriter(self.bucket, recording_id), max_bytes)
+        return BucketUpload(recording_id, max_bytes, self.bucket)
 
     def adopt(self, path: Path, recording_id: str) -> None:
         """Put a file of this machine as a recording; the caller removes the file after the commit."""
@@ -131,8 +115,12 @@ class BucketStorage:
         """Copy an object to this machine, unverified."""
         into = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         try:
-            mark = self._copy(name, into)
-            return Fetched(into, mark, read_mark(into))
+            with translate_store_errors(), translate_disk_full():
+                found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
+                with create_file(into) as file:
+                    for chunk in found.stream(min_chunk_size=COPY_BYTES):
+                        file.write(chunk)
+            return Fetched(into, _read_mark(found.meta), read_mark(into))
         except BaseException:
             self.release(into)
             raise
@@ -170,25 +158,21 @@ class BucketStorage:
         with translate_store_errors(), path.open("rb") as file:
             obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
 
-    def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Create an empty folder on this machine for the files of one attempt."""
-        return FolderStorage(self.root).open_attempt(analysis_id, token)
-
     def keep_attempt(self, analysis_id: str, token: str) -> None:
         """Put the attempt's files and remove them here; a second call finds nothing left to put."""
-        folder = FolderStorage(self.root).attempt(analysis_id, token)
+        folder = self.attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
             self.put(path, format_result_name(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove the files of an attempt that does not count, here and in the bucket."""
-        FolderStorage(self.root).drop_attempt(analysis_id, token)
+        Storage.drop_attempt(self, analysis_id, token)
         self._delete(self._find(f"analyses/{analysis_id}/{token}/"))
 
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
-        FolderStorage(self.root).drop_analysis(analysis_id)
+        Storage.drop_analysis(self, analysis_id)
         self._delete(self._find(f"analyses/{analysis_id}/"))
 
     def release(self, path: Path) -> None:
@@ -198,9 +182,7 @@ class BucketStorage:
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:  # noqa: ARG002
         """Refuse when this machine has no room for temporary files; the recording goes to the bucket.
 
-        Raises
-        ------
-        DiskFull
+        Raises DiskFull.
         """
         check_free(self.root, min_free_bytes)
 
@@ -237,23 +219,16 @@ class BucketStorage:
     def find_quarantined(self) -> tuple[str, ...]:
         """Give the names of everything in quarantine, in the bucket and on this machine."""
         kept = (name.removeprefix("quarantine/") for name in self._find("quarantine/"))
-        return (*kept, *FolderStorage(self.root).find_quarantined())
+        return (*kept, *Storage.find_quarantined(self))
 
-    def find_attempts(self) -> tuple[tuple[str, str], ...]:
-        """Give the folders of attempts on this machine: (analysis, token)."""
-        return FolderStorage(self.root).find_attempts()
+    def find_erased(self) -> frozenset[str]:
+        """Return the id of every recording and analysis that was erased."""
+        return frozenset(name.removeprefix("erasures/") for name in self._find("erasures"))
 
-    def drop_temporary(self, min_age_s: float) -> int:
-        """Remove temporary files of this machine."""
-        return FolderStorage(self.root).drop_temporary(min_age_s)
-
-    def _copy(self, name: str, into: Path) -> Mark:
-        with translate_store_errors(), translate_disk_full():
-            found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
-            with create_file(into) as file:
-                for chunk in found.stream(min_chunk_size=COPY_BYTES):
-                    file.write(chunk)
-        return _read_mark(found.meta)
+    def add_erased(self, ids: Collection[str]) -> None:
+        """Put an object for each new id."""
+        for one in sorted(set(ids) - self.find_erased()):
+            self.write_small(f"erasures/{one}", format_ledger([one]))
 
     def _find(self, prefix: str) -> list[str]:
         with translate_store_errors():
@@ -262,25 +237,6 @@ class BucketStorage:
     def _delete(self, names: list[str]) -> None:
         with translate_store_errors(), suppress(FileNotFoundError):
             obstore.delete(self.bucket, names)
-
-
-@dataclass(frozen=True, slots=True)
-class BucketLedger:
-    """The ledger of erasures: an object for each."""
-
-    bucket: S3Store
-
-    def find(self) -> frozenset[str]:
-        """Return every id."""
-        with translate_store_errors():
-            pages = obstore.list(self.bucket, "erasures")
-            return frozenset(found["path"].removeprefix("erasures/") for page in pages for found in page)
-
-    def add(self, ids: Collection[str]) -> None:
-        """Put an object for each new id."""
-        for one in sorted(set(ids) - self.find()):
-            with translate_store_errors():
-                obstore.put(self.bucket, f"erasures/{one}", format_ledger([one]))
 
 
 def _read_mark(found: "ObjectMeta") -> Mark:

@@ -68,30 +68,23 @@ class Stretch:
 def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, Any]) -> None:
     """Write the file; ``facts`` holds what else the page needs, ready for JSON."""
     arrays: list[NDArray[Any]] = []
-    heads = [_pack_segment(segment, arrays) for segment in segments]
+    heads = []
+    for segment in segments:
+        exact = segment.angle_deg * UNITS_PER_DEG
+        rounded = np.rint(exact)
+        # What was below the main threshold stays below it, so that time above it is the report's.
+        is_lifted = (rounded > exact) & (rounded == MAIN_THRESHOLD_DEG * UNITS_PER_DEG)
+        rows = np.where(np.isnan(exact), INVALID, rounded - is_lifted).astype("<i2")
+        packed = [rows, *_reduce_levels(rows), segment.quiet.astype("<f4")]
+        arrays += packed
+        about = {"start_s": segment.start_s, "rate_hz": segment.rate_hz, "block_s": segment.block_s}
+        heads.append(about | {"shapes": [list(array.shape) for array in packed]})
     head = json.dumps({"facts": dict(facts), "segments": heads}).encode() + b"\n"
     with path.open("wb") as file:
         file.write(head)
         for array in arrays:
             file.write(bytes(-file.tell() % ALIGN_BYTES))
             file.write(np.ascontiguousarray(array).data)
-
-
-def _pack_segment(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
-    """Append the arrays of a segment to ``arrays``; gives their head, with their shapes in this order."""
-    exact = segment.angle_deg * UNITS_PER_DEG
-    rounded = np.rint(exact)
-    # What was below the main threshold stays below it, so that time above it is the report's.
-    is_lifted = (rounded > exact) & (rounded == MAIN_THRESHOLD_DEG * UNITS_PER_DEG)
-    rows = np.where(np.isnan(exact), INVALID, rounded - is_lifted)
-    packed = [rows.astype("<i2"), *_reduce_levels(rows.astype("<i2")), segment.quiet.astype("<f4")]
-    arrays.extend(packed)
-    return {
-        "start_s": segment.start_s,
-        "rate_hz": segment.rate_hz,
-        "block_s": segment.block_s,
-        "shapes": [list(array.shape) for array in packed],
-    }
 
 
 def _reduce_levels(rows: Angles) -> Iterator[Angles]:
@@ -182,12 +175,7 @@ class DayFile:
 
 
 def open_day(path: Path) -> DayFile:
-    """Map the file.
-
-    Raises
-    ------
-    FileNotFoundError
-    """
+    """Map the file. Raises FileNotFoundError."""
     with path.open("rb") as file:
         head = json.loads(file.readline())
         at = file.tell()

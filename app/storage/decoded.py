@@ -18,7 +18,7 @@ import secrets
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
@@ -32,6 +32,8 @@ from fusion.recording import QualityFlag, Recording, Segment, Span
 LONGEST_HEAD_BYTES = 16 << 20
 SPARE_TIMES = 3
 """An entry is kept only where this many times its size is free."""
+
+_FACTS = tuple(field.name for field in fields(Recording))
 
 logger = logging.getLogger(__name__)
 
@@ -132,13 +134,7 @@ def _write_entry(file: IO[bytes], recording: Recording) -> None:
 
 
 def _read_entry(file: IO[bytes]) -> Recording:
-    """Read an entry.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        The entry is damaged.
-    """
+    """Read an entry. Raises ValueError, KeyError, TypeError: the entry is damaged."""
     sha256, _, described = file.readline(LONGEST_HEAD_BYTES).rstrip(b"\n").partition(b" ")
     digest = hashlib.sha256(described)
     facts = json.loads(described)
@@ -162,22 +158,12 @@ def _read_samples(file: IO[bytes], rows: int, digest: "hashlib._Hash") -> NDArra
 
 def _describe(recording: Recording) -> dict[str, Any]:
     """Give everything but the samples, ready for JSON."""
-    return {
-        "device": recording.device,
-        "sha256": recording.sha256,
+    described = {name: getattr(recording, name) for name in _FACTS}
+    return described | {
         "start": recording.start.isoformat() if recording.start else None,
-        "time_zone": recording.time_zone,
-        "duration_us": recording.duration_us,
         "excluded": [asdict(span) for span in recording.excluded],
         "flags": [asdict(flag) for flag in recording.flags],
         "understood": dict(recording.understood),
-        "serial_hash": recording.serial_hash,
-        "acc_range_g": recording.acc_range_g,
-        "gyr_range_dps": recording.gyr_range_dps,
-        "reader": recording.reader,
-        "pose_windows_s": recording.pose_windows_s,
-        "arm_axis": recording.arm_axis,
-        "pose_held": recording.pose_held,
         "segments": [
             {"start_us": s.start_us, "rate_hz": s.rate_hz, "rows": len(s), "bridged": s.bridged}
             for s in recording.segments
@@ -186,21 +172,12 @@ def _describe(recording: Recording) -> dict[str, Any]:
 
 
 def _build(facts: dict[str, Any], segments: tuple[Segment, ...]) -> Recording:
-    start = datetime.fromisoformat(facts.pop("start")) if facts["start"] else facts.pop("start")
-    flags = tuple(_build_flag(flag) for flag in facts.pop("flags"))
-    excluded = tuple(Span(**span) for span in facts.pop("excluded"))
-    reader = tuple(facts["reader"]) if facts["reader"] else None
-    windows_s = tuple((start_s, end_s) for start_s, end_s in facts["pose_windows_s"])
-    read = facts | {
-        "start": start,
-        "excluded": excluded,
-        "flags": flags,
-        "reader": reader,
-        "pose_windows_s": windows_s,
+    flags = [(flag, tuple(map(tuple, flag.pop("spans_s")))) for flag in facts["flags"]]
+    read = {
+        "start": datetime.fromisoformat(facts["start"]) if facts["start"] else None,
+        "excluded": tuple(Span(**span) for span in facts["excluded"]),
+        "flags": tuple(QualityFlag(spans_s=spans_s, **flag) for flag, spans_s in flags),
+        "reader": tuple(facts["reader"]) if facts["reader"] else None,
+        "pose_windows_s": tuple(map(tuple, facts["pose_windows_s"])),
     }
-    return Recording(segments=segments, **read)
-
-
-def _build_flag(flag: dict[str, Any]) -> QualityFlag:
-    spans_s = tuple((first_s, last_s) for first_s, last_s in flag.pop("spans_s"))
-    return QualityFlag(spans_s=spans_s, **flag)
+    return Recording(segments=segments, **facts | read)

@@ -35,12 +35,7 @@ class GrowingFile:
             self._file.seek(offset_bytes)
 
     def write(self, chunk: bytes) -> None:
-        """Write the next bytes.
-
-        Raises
-        ------
-        DiskFull
-        """
+        """Write the next bytes. Raises DiskFull."""
         with translate_disk_full():
             self._file.write(chunk)
         self.offset_bytes += len(chunk)
@@ -70,12 +65,7 @@ class UploadSlots:
 
     @contextmanager
     def take(self) -> Iterator[None]:
-        """Hold a slot until the end of the block.
-
-        Raises
-        ------
-        TooMany
-        """
+        """Hold a slot until the end of the block. Raises TooMany."""
         if self.taken >= self.most:
             raise TooMany(max=self.most)
         self.taken += 1
@@ -111,12 +101,7 @@ class Incoming:
         return self.folder / upload_id
 
     def open(self, upload_id: str, offset_bytes: int) -> GrowingFile:
-        """Open the file of an upload at its offset, created where there is none.
-
-        Raises
-        ------
-        DiskFull
-        """
+        """Open the file of an upload at its offset, created where there is none. Raises DiskFull."""
         with translate_disk_full(), suppress(FileExistsError):
             create_file(self.path(upload_id)).close()
             sync_folder(self.folder)
@@ -165,11 +150,7 @@ class Incoming:
     def hash(self, upload_id: str, size_bytes: int) -> str:
         """Return the SHA-256 of a whole upload; it is read again only after a restart of the server.
 
-        Bytes behind the last that counts are cut off.
-
-        Raises
-        ------
-        FileNotFoundError
+        Bytes behind the last that counts are cut off. Raises FileNotFoundError.
         """
         with self.path(upload_id).open("r+b") as file:
             if os.fstat(file.fileno()).st_size > size_bytes:

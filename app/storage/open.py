@@ -5,30 +5,19 @@ from types import ModuleType
 
 from app.errors import NotInstalled
 from app.settings import Settings
-from app.storage.folder import FolderStorage
 from app.storage.store import Storage
 
 
 def open_storage(settings: Settings) -> Storage:
-    """Open the folder or the bucket.
-
-    Raises
-    ------
-    NotInstalled, StoreAway
-    """
+    """Open the folder or the bucket. Raises NotInstalled, StoreAway."""
     if not settings.object_store:
-        return FolderStorage(settings.data_dir)
+        return Storage(settings.data_dir)
     bucket: Storage = load_extra("app.storage.bucket").open_bucket(settings)
     return bucket
 
 
 def load_extra(module: str, extra: str = "many") -> ModuleType:
-    """Load a module of ours that needs the libraries of an extra.
-
-    Raises
-    ------
-    NotInstalled
-    """
+    """Load a module of ours that needs the libraries of an extra. Raises NotInstalled."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -7,6 +7,7 @@ import os
 import stat
 import sys
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -14,17 +15,7 @@ FILE_MODE, FOLDER_MODE = 0o600, 0o700
 OTHERS = 0o077
 
 OUR_FOLDERS = frozenset(
-    {
-        "analyses",
-        "cache",
-        "copies",
-        "incoming",
-        "inspections",
-        "live",
-        "quarantine",
-        "recordings",
-        "uploads",
-    }
+    {"analyses", "cache", "copies", "incoming", "inspections", "live", "quarantine", "recordings", "uploads"}
 )
 OUR_FILES = frozenset(
     {"backups.json", "erasures.jsonl", "has_accounts", "secret", "server.key", "server.lock", "store.id"}
@@ -41,13 +32,8 @@ def make_folder(folder: Path) -> None:
 
 
 def create_file(path: Path) -> IO[bytes]:
-    """Create a file that does not exist yet, and open it for reading and writing.
-
-    Raises
-    ------
-    FileExistsError
-    """
-    return open(path, "x+b", opener=_open_private)  # Path.open has no opener
+    """Create a file that does not exist yet, and open it for reading and writing. Raises FileExistsError."""
+    return open(path, "x+b", opener=partial(os.open, mode=FILE_MODE))  # Path.open has no opener
 
 
 def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
@@ -56,7 +42,7 @@ def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
     Only files and folders with one of our names are changed; the data folder itself only when it holds
     nothing else. ``database`` is the file of the rows, where they are in one.
     """
-    ours = {*OUR_FILES, *OUR_FOLDERS, *_find_database_names(OUR_DATABASE)}
+    ours = {*OUR_FILES, *OUR_FOLDERS, *(f"{OUR_DATABASE}{ending}" for ending in DATABASE_ENDINGS)}
     held = list(data_dir.iterdir())
     if all(path.name in ours for path in held):
         _restrict(data_dir)
@@ -64,8 +50,8 @@ def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
         if path.name in ours:
             _restrict(path)
     if database is not None:
-        for name in _find_database_names(database.name):
-            _restrict(database.with_name(name))
+        for ending in DATABASE_ENDINGS:
+            _restrict(database.with_name(f"{database.name}{ending}"))
 
 
 def is_readable_by_others(path: Path) -> bool:
@@ -76,15 +62,7 @@ def is_readable_by_others(path: Path) -> bool:
     return not stat.S_ISLNK(mode) and bool(mode & OTHERS)
 
 
-def _find_database_names(name: str) -> tuple[str, ...]:
-    return tuple(f"{name}{ending}" for ending in DATABASE_ENDINGS)
-
-
 def _restrict(path: Path) -> None:
     with suppress(FileNotFoundError, PermissionError):  # it may be another user's
         if is_readable_by_others(path):
             path.chmod(stat.S_IMODE(path.stat().st_mode) & ~OTHERS)
-
-
-def _open_private(path: str, flags: int) -> int:
-    return os.open(path, flags, FILE_MODE)

@@ -42,15 +42,20 @@ class ServerSecret:
     def decrypt(self, token: str, about: str) -> str:
         """Decrypt what :meth:`encrypt` gave for the same ``about``.
 
-        Raises
-        ------
-        SecretUnreadable
-            The file is gone, or is not the one that encrypted it.
+        Raises SecretUnreadable: the file is gone, or is not the one that encrypted it.
         """
         try:
             return Fernet(self._derive(about, self.file.read_bytes())).decrypt(token).decode()
         except (OSError, InvalidToken):
             raise SecretUnreadable(file=str(self.file)) from None
+
+    def can_decrypt(self, token: str, about: str) -> bool:
+        """Tell whether this secret has encrypted a text."""
+        try:
+            self.decrypt(token, about)
+        except SecretUnreadable:
+            return False
+        return True
 
     def derive(self, about: str) -> bytes:
         """Derive a key for digests."""

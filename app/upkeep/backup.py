@@ -5,7 +5,7 @@
     rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
                               (sessions, links, wrong tries, known browsers)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
-    erasures.jsonl           the ledger of erasures (:mod:`app.storage.erasures`)
+    erasures.jsonl           the ledger of erasures (:mod:`app.storage.store`)
     server.key               the secret of the server (:mod:`app.storage.server_secret`)
 
 It may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`). Beside the backups the newest
@@ -19,6 +19,8 @@ damaged and missing files.
 import hashlib
 import json
 import re
+import tempfile
+import time
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -31,19 +33,9 @@ from typing import IO, Any
 from sqlalchemy import Connection, func, insert, select, text
 
 from app.access.accounts import AccountStore
-from app.errors import (
-    BackupRefused,
-    NotEmpty,
-    WrongSchema,
-)
+from app.errors import BackupRefused, NotEmpty, WrongSchema
 from app.jobs.audit_log import AT_MACHINE, record
-from app.jobs.database.connect import (
-    READ_ONLY,
-    connect,
-    create_tables,
-    lock_tables,
-    read_revision,
-)
+from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.tables import (
     REVISION,
@@ -58,16 +50,18 @@ from app.jobs.database.tables import (
 from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage.erasures import LEDGER_FILE, format_ledger, parse_ledger
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, create_file, make_folder
 from app.storage.server_secret import SECRET_FILE, ServerSecret
 from app.storage.store import (
     COPY_BYTES,
+    LEDGER_FILE,
     SIDE_SUFFIX,
     FolderLock,
     Storage,
+    format_ledger,
     hash_file,
+    parse_ledger,
     translate_disk_full,
     translate_folder_errors,
     write_durably,
@@ -75,7 +69,7 @@ from app.storage.store import (
 from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.envelope import Recipients, read_envelope, write_envelope
 from app.upkeep.recover import catch_up, find_unknown
-from app.upkeep.verify import Fault, KeptFile, find_files, find_kept, read_promised
+from app.upkeep.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
 from app.version import software_version
 
 FORMAT = "acromion.backup/3"
@@ -112,7 +106,10 @@ def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> 
     for _ in range(TRIES):
         with suppress(_PurgedMeanwhileError):
             copied = _write(settings, storage, path, recipients)
-            _keep_ledger(storage.ledger.find(), path)
+            erased, beside = storage.find_erased(), path.resolve().with_name(LEDGER_FILE)
+            known = parse_ledger(beside.read_bytes()) if beside.is_file() else frozenset()
+            if not erased <= known:
+                write_durably(beside, format_ledger(erased | known))
             return copied
     raise BackupRefused(why="recordings are being purged")
 
@@ -128,20 +125,12 @@ def drop_older_backups(path: Path, keep: int) -> tuple[str, ...]:
     return tuple(one.name for one in found[:-keep])
 
 
-def _keep_ledger(erased: frozenset[str], path: Path) -> None:
-    """Keep the ledger of erasures beside the backups, together with what is in the one there."""
-    beside = path.resolve().with_name(LEDGER_FILE)
-    known = parse_ledger(beside.read_bytes()) if beside.is_file() else frozenset()
-    if not erased <= known:
-        write_durably(beside, format_ledger(erased | known))
-
-
 def _write(settings: Settings, storage: Storage, path: Path, recipients: Recipients) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         manifest, files = _write_rows(settings, archive)
         copied = _write_files(settings, storage, archive, files)
-        archive.writestr(LEDGER_FILE, format_ledger(storage.ledger.find()))
+        archive.writestr(LEDGER_FILE, format_ledger(storage.find_erased()))
         if (secret := ServerSecret(settings.data_dir).file).exists():
             archive.writestr(SECRET_FILE, secret.read_bytes())
         manifest["faults"] = [asdict(fault) for fault in copied.faults]
@@ -171,13 +160,7 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> tuple[dict[str,
 def _write_files(
     settings: Settings, storage: Storage, archive: zipfile.ZipFile, files: tuple[KeptFile, ...]
 ) -> Copied:
-    """Copy every promised file.
-
-    Raises
-    ------
-    _PurgedMeanwhileError
-        A file is missing together with its row.
-    """
+    """Copy every promised file. Raises _PurgedMeanwhileError: a file is missing together with its row."""
     storage.prepare()
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
@@ -190,16 +173,22 @@ def _write_files(
 
 
 def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
-    """Copy a file; return its fault, None where its content matches its row."""
+    """Copy a file to its end, or to where the disk cannot read on.
+
+    Returns its fault, None where its content matches its row.
+    """
     try:
         path = storage.fetch(file.name).path
     except FileNotFoundError:
         return Fault(file.name, "missing")
     except OSError:
         return Fault(file.name, "damaged")
+    about = zipfile.ZipInfo(f"files/{file.name}")
+    about.external_attr = FILE_MODE << 16
     try:
-        with path.open("rb") as source:
-            _copy(source, archive, file.name)
+        with path.open("rb") as source, archive.open(about, "w", force_zip64=True) as member:
+            while chunk := _read_chunk(source):
+                member.write(chunk)
         return _compare(path, file)
     except FileNotFoundError:
         return Fault(file.name, "missing")
@@ -209,6 +198,13 @@ def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> F
         storage.release(path)
 
 
+def _read_chunk(source: IO[bytes]) -> bytes:
+    try:
+        return source.read(COPY_BYTES)
+    except OSError:  # an unreadable sector
+        return b""
+
+
 def _compare(path: Path, file: KeptFile) -> Fault | None:
     """Compare the content of a file with its row."""
     try:
@@ -216,22 +212,6 @@ def _compare(path: Path, file: KeptFile) -> Fault | None:
     except OSError:
         sha256 = ""
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
-
-
-def _copy(source: IO[bytes], archive: zipfile.ZipFile, name: str) -> None:
-    """Copy to the end, or to where the disk cannot read on."""
-    about = zipfile.ZipInfo(f"files/{name}")
-    about.external_attr = FILE_MODE << 16
-    with archive.open(about, "w", force_zip64=True) as member:
-        while chunk := _read_chunk(source):
-            member.write(chunk)
-
-
-def _read_chunk(source: IO[bytes]) -> bytes:
-    try:
-        return source.read(COPY_BYTES)
-    except OSError:  # an unreadable sector
-        return b""
 
 
 def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[KeptFile]:
@@ -245,12 +225,7 @@ def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> It
 def open_backup(
     path: Path, identity: Path | None = None
 ) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
-    """Open a backup; gives the archive with its manifest.
-
-    Raises
-    ------
-    BackupRefused, WrongSchema
-    """
+    """Open a backup; gives the archive with its manifest. Raises BackupRefused, WrongSchema."""
     try:
         with read_envelope(path, identity) as file, zipfile.ZipFile(file) as archive:
             manifest = json.loads(archive.read("manifest.json"))
@@ -267,27 +242,22 @@ def find_damage(path: Path, identity: Path | None = None) -> Copied:
     """Read every byte of a backup, and find the files that do not match their rows.
 
     Faults that the manifest lists are found as ``known_missing`` or ``known_damaged``.
-
-    Raises
-    ------
-    BackupRefused, WrongSchema
+    Raises BackupRefused, WrongSchema.
     """
     with open_backup(path, identity) as (archive, manifest):
-        known = {fault["name"] for fault in manifest.get("faults", ())}
+        listed = {fault["name"] for fault in manifest.get("faults", ())}
         files = tuple(_read_promised(archive))
-        found = ((file, _read_member(archive, f"files/{file.name}")) for file in files)
-        faults = [fault for file, one in found if (fault := _find_fault(file, one, file.name in known))]
+        faults = []
+        for file in files:
+            found, is_known = _read_member(archive, f"files/{file.name}"), file.name in listed
+            if found.sha256 is None:
+                faults.append(Fault(file.name, "known_missing" if is_known else "missing"))
+            elif found.sha256 != file.sha256:
+                is_as_listed = is_known and found.is_as_written
+                faults.append(Fault(file.name, "known_damaged" if is_as_listed else "damaged"))
         rows = (name for name in archive.namelist() if name.startswith("rows/"))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
         return Copied(len(files), tuple(faults))
-
-
-def _find_fault(file: KeptFile, found: "_Member", is_known: bool) -> Fault | None:  # noqa: FBT001
-    if found.sha256 == file.sha256:
-        return None
-    if found.sha256 is None:
-        return Fault(file.name, "known_missing" if is_known else "missing")
-    return Fault(file.name, "known_damaged" if is_known and found.is_as_written else "damaged")
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,29 +294,27 @@ def _read_rest(member: IO[bytes]) -> bytes:
         return b""
 
 
-def restore(
-    settings: Settings,
-    path: Path,
-    identity: Path | None = None,
-) -> Copied:
+def restore(settings: Settings, path: Path, identity: Path | None = None) -> Copied:
     """Restore a backup into an empty database and store, with damaged files as they are.
 
     The files are written first, then all rows in one transaction: an interrupted restore leaves nothing
     visible, and can be repeated. Analyses that ran when the backup was made wait again. What a ledger of
     erasures names (that of the place, of the backup, or beside it) does not come back. Accounts and tokens
     come back; everybody signs in again.
-
-    Raises
-    ------
-    BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway
+    Raises BackupRefused, WrongSchema, NotEmpty, FolderTaken, DiskFull, StoreAway.
     """
     with open_backup(path, identity) as (archive, _):
         with translate_folder_errors(settings.data_dir):
             make_folder(settings.data_dir)
             lock = FolderLock(settings.data_dir)
         try:
-            _restore_secret(settings, archive)
-            copied = _restore(settings, archive, _read_ledgers(path, archive))
+            secret = ServerSecret(settings.data_dir).file
+            if SECRET_FILE in archive.namelist() and not secret.exists():
+                write_durably(secret, archive.read(SECRET_FILE))
+            beside = path.with_name(LEDGER_FILE)
+            ledger = archive.read(LEDGER_FILE) if LEDGER_FILE in archive.namelist() else b""
+            erased = parse_ledger(ledger + b"\n" + (beside.read_bytes() if beside.is_file() else b""))
+            copied = _restore(settings, archive, erased)
             with closing(JobStore(settings)) as store:
                 catch_up(store, open_storage(settings))
                 found = find_accounts(store.reader)
@@ -356,11 +324,7 @@ def restore(
             lock.release()
 
 
-def _restore(
-    settings: Settings,
-    archive: zipfile.ZipFile,
-    erased: frozenset[str],
-) -> Copied:
+def _restore(settings: Settings, archive: zipfile.ZipFile, erased: frozenset[str]) -> Copied:
     """Restore files and rows."""
     engine = connect(settings.database_url)
     try:
@@ -369,29 +333,18 @@ def _restore(
             _check_no_rows(connection)
             storage = open_storage(settings)
             storage.prepare()
-            storage.ledger.add(erased)
-            erased = storage.ledger.find()
+            storage.add_erased(erased)
+            erased = storage.find_erased()
             copied = _restore_files(storage, archive, erased)
-            _drop_tables(connection)
+            for table in reversed(reflect_tables(connection)):
+                table.drop(connection)
+            schema_revision.drop(connection, checkfirst=True)
             _restore_rows(connection, archive, erased)
             number = connection.execute(select(func.count()).select_from(people)).scalar_one()
             record(connection, "store.restored", other={"people": number}, who=AT_MACHINE)
         return copied
     finally:
         engine.dispose()
-
-
-def _read_ledgers(path: Path, archive: zipfile.ZipFile) -> frozenset[str]:
-    """Read the ledgers of erasures in a backup, and beside it."""
-    beside = path.with_name(LEDGER_FILE)
-    found = archive.read(LEDGER_FILE) if LEDGER_FILE in archive.namelist() else b""
-    return parse_ledger(found + b"\n" + (beside.read_bytes() if beside.is_file() else b""))
-
-
-def _restore_secret(settings: Settings, archive: zipfile.ZipFile) -> None:
-    """Restore the secret of the server where there is none."""
-    if SECRET_FILE in archive.namelist() and not ServerSecret(settings.data_dir).file.exists():
-        write_durably(ServerSecret(settings.data_dir).file, archive.read(SECRET_FILE))
 
 
 def _check_no_rows(connection: Connection) -> None:
@@ -408,33 +361,25 @@ def _check_no_rows(connection: Connection) -> None:
             raise NotEmpty(number=number, where=table.name)
 
 
-def _drop_tables(connection: Connection) -> None:
-    for table in reversed(reflect_tables(connection)):
-        table.drop(connection)
-    schema_revision.drop(connection, checkfirst=True)
-
-
 def _restore_files(storage: Storage, archive: zipfile.ZipFile, erased: frozenset[str]) -> Copied:
     files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
     strangers = sorted(present - {file.name for file in files} - beside)
     if strangers:
         raise NotEmpty(number=len(strangers), where=strangers[0])
-    restored = (_restore_file(storage, archive, file, file.name in present) for file in files)
+    restored = (_restore_file(storage, archive, file, is_present=file.name in present) for file in files)
     faults = tuple(fault for fault in restored if fault)
     gone = sum(row["id"] in erased for row in read_rows(archive, "recordings"))
     return Copied(len(files), faults, erased=gone)
 
 
 def _restore_file(
-    storage: Storage,
-    archive: zipfile.ZipFile,
-    file: KeptFile,
-    is_present: bool,  # noqa: FBT001
+    storage: Storage, archive: zipfile.ZipFile, file: KeptFile, *, is_present: bool
 ) -> Fault | None:
     """Restore one file; a damaged copy never replaces a present file."""
-    if is_present and _is_whole(storage, file):
-        return None
+    with suppress(OSError):
+        if is_present and storage.hash(file.name)[0] == file.sha256:
+            return None
     part = storage.root / "uploads" / "restored.part"
     part.unlink(missing_ok=True)
     try:
@@ -450,40 +395,60 @@ def _restore_file(
     return fault
 
 
-def _is_whole(storage: Storage, file: KeptFile) -> bool:
-    try:
-        return storage.hash(file.name)[0] == file.sha256
-    except OSError:
-        return False
-
-
 def _restore_rows(connection: Connection, archive: zipfile.ZipFile, erased: frozenset[str]) -> None:
-    """Add the rows of a backup, but for those of erased recordings."""
+    """Add the rows of a backup, but for those of erased recordings.
+
+    Uploads under way do not come back, for their bytes are in no backup; nor does the id of the rows' store.
+    """
     create_tables(connection)
-    gone = {row["id"] for row in read_rows(archive, analyses.name) if row["recording_id"] in erased}
+    gone = {row["id"] for row in read_rows(archive, analyses.name) if row["recording_id"] in erased} | erased
     for table in reflect_tables(connection):
         rows = [reset_row(table.name, row) for row in read_rows(archive, table.name)]
-        kept = [
-            row
-            for row in rows
-            if _is_restored(table.name, row)
-            # the audit log outlives what it speaks of
-            and (table.name == audit_log.name or not _is_erased(row, erased, gone))
-        ]
-        if kept:
-            connection.execute(insert(table), kept)
+        if table.name == uploads.name:
+            rows = [row for row in rows if row["recording_id"] is not None]
+        elif table.name == facts.name:
+            rows = [row for row in rows if row["name"] != "store"]
+        if table.name != audit_log.name:  # it outlives what it speaks of
+            rows = [
+                row
+                for row in rows
+                if gone.isdisjoint({row.get("id"), row.get("recording_id"), row.get("analysis_id")})
+            ]
+        if rows:
+            connection.execute(insert(table), rows)
     if erased:
         drop_empty_batches(connection)
 
 
-def _is_erased(row: Mapping[str, object], erased: frozenset[str], gone: Collection[str]) -> bool:
-    """Return whether a row is of an erased recording, or of its analyses."""
-    ids = {row.get("id"), row.get("recording_id"), row.get("analysis_id")}
-    return not ids.isdisjoint(erased) or not ids.isdisjoint(gone)
+@dataclass(frozen=True, slots=True)
+class Drilled:
+    """How many files were restored and read, what is wrong with them, and how long it took."""
+
+    files: int
+    faults: tuple[Fault, ...]
+    minutes: float
 
 
-def _is_restored(table: str, row: Mapping[str, object]) -> bool:
-    """Exclude the id of the rows' store, and uploads under way, whose bytes are in no backup."""
-    if table == uploads.name:
-        return row["recording_id"] is not None
-    return table != facts.name or row["name"] != "store"
+def drill(backup: Path, identity: Path | None = None, place: Path | None = None) -> Drilled:
+    """Restore into a temporary folder (in ``place``, else beside the backup), and read every byte.
+
+    Nothing of this installation is used: what the drill cannot open, nobody could after a fire.
+
+    Raises BackupRefused, WrongSchema, DiskFull, NotInstalled.
+    """
+    begun_s = time.monotonic()
+    with tempfile.TemporaryDirectory(
+        prefix="acromion-drill-", dir=place or backup.resolve().parent
+    ) as folder:
+        data_dir = Path(folder)
+        settings = Settings(
+            data_dir=data_dir,
+            database_url=f"sqlite:///{data_dir / 'acromion.sqlite3'}",
+            object_store="",
+            engine="embedded",
+        )
+        restored = restore(settings, backup, identity)
+        kept = find_kept(settings)
+        found = {*restored.faults, *find_faults(settings, kept)}
+        faults = tuple(sorted(found, key=lambda fault: fault.name))
+        return Drilled(len(kept), faults, (time.monotonic() - begun_s) / 60)

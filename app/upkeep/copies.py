@@ -41,12 +41,7 @@ def find_copies(settings: Settings) -> tuple[Path, ...]:
 
 
 def keep_daily_copy(settings: Settings, engine: Engine) -> None:
-    """Write a copy if the newest one is not of the last 24 hours.
-
-    Raises
-    ------
-    DiskFull, OSError
-    """
+    """Write a copy if the newest one is not of the last 24 hours. Raises DiskFull, OSError."""
     with _turn:
         copies = find_copies(settings)
         if copies and abs(time.time() - copies[-1].stat().st_mtime) < DAY_S:
@@ -59,10 +54,7 @@ def keep_daily_copy(settings: Settings, engine: Engine) -> None:
 def renew_copies(settings: Settings, engine: Engine, purged: Collection[str]) -> None:
     """Delete every copy, and write a new one without recordings that are being purged.
 
-    Raises
-    ------
-    DiskFull, OSError
-        The purge is unfinished: call this again before its last rows are deleted.
+    Raises DiskFull, OSError: the purge is unfinished: call this again before its last rows are deleted.
     """
     if engine.dialect.name != "sqlite":
         return

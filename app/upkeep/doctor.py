@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,13 +14,16 @@ from pathlib import Path
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.errors import AppError
+from app.access.accounts import AccountStore
+from app.errors import AccountsLost, AppError
 from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
+from app.storage.server_secret import ServerSecret
+from app.upkeep.account_rows import find_unreadable
 from app.upkeep.place import is_used
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
@@ -45,23 +48,24 @@ class Examination:
 def examine(settings: Settings) -> Iterator[Examination]:
     """Make every check; none depends on another. Where nothing was ever kept, that alone: nothing is made."""
     if not _is_used(settings):
-        return iter(
-            [Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})]
-        )
-    checks: tuple[Callable[[Settings], Examination], ...] = (
-        _examine_folder,
-        _examine_disk,
-        _examine_database,
-        _examine_store,
-        _examine_recordings,
-        _examine_quarantine,
-        _examine_bytes,
-        _examine_cache,
-        _examine_fonts,
-        _examine_clock,
-        _examine_memory,
-    )
-    return (check(settings) for check in checks)
+        yield Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})
+        return
+    yield _examine_folder(settings)
+    yield _examine_disk(settings)
+    yield _examine_database(settings)
+    yield _examine_store(settings)
+    for name, check in (
+        ("accounts", _find_lost_accounts),
+        ("secret", _find_lost_secret),
+        ("recordings", _find_unknown_recordings),
+        ("quarantine", _find_quarantined),
+        ("bytes", _find_damaged),
+    ):
+        yield _examine_kept(settings, name, check)
+    yield _examine_cache()
+    yield _examine_fonts()
+    yield _examine_clock(settings)
+    yield _examine_memory(settings)
 
 
 def _is_used(settings: Settings) -> bool:
@@ -108,89 +112,97 @@ def _examine_database(settings: Settings) -> Examination:
 
 
 def _examine_store(settings: Settings) -> Examination:
-    where = settings.object_store or str(settings.data_dir)
+    facts = {"where": settings.object_store or str(settings.data_dir)}
     try:
         storage = open_storage(settings)
         storage.prepare()
         storage.identify()
     except AppError as refusal:
-        return Examination("store", healthy=False, facts={"where": where, "why": refusal.code})
+        return Examination("store", healthy=False, facts=facts | {"why": refusal.code})
     except OSError as error:
-        return Examination("store", healthy=False, facts={"where": where, "why": error.strerror or ""})
-    return Examination("store", healthy=True, facts={"where": where})
+        return Examination("store", healthy=False, facts=facts | {"why": error.strerror or ""})
+    return Examination("store", healthy=True, facts=facts)
 
 
-def _examine_recordings(settings: Settings) -> Examination:
-    """Check that every stored recording has a row."""
+def _examine_kept(
+    settings: Settings, name: str, find: Callable[[Settings], Mapping[str, str] | None]
+) -> Examination:
+    """Check what is kept: ``find`` gives the facts of what is wrong, {} for nothing, None if it did not look.
+
+    Database and store have checks of their own.
+    """
     try:
-        with closing(JobStore(settings)) as store:
-            unknown = find_unknown(store, open_storage(settings)).recoverable
+        wrong = find(settings)
     except (AppError, SQLAlchemyError, OSError):
-        return Examination("recordings", healthy=True)  # database and store have checks of their own
-    facts = {"number": str(len(unknown))} if unknown else {}
-    return Examination("recordings", not unknown, facts)
+        wrong = {}
+    return Examination(name if wrong is not None else f"{name}_unread", not wrong, wrong or {})
 
 
-def _examine_quarantine(settings: Settings) -> Examination:
-    """Check that quarantine is empty, except for our own copies of side files."""
+def _find_lost_accounts(settings: Settings) -> Mapping[str, str]:
+    """Find that the database holds no account though the folder says that there are any."""
     try:
-        names = find_strange(open_storage(settings))
-    except (AppError, OSError):
-        return Examination("quarantine", healthy=True)
-    if not names:
-        return Examination("quarantine", healthy=True)
+        AccountStore(settings).check_kept()
+    except AccountsLost as lost:
+        return {"file": str(lost.facts["file"])}
+    return {}
+
+
+def _find_lost_secret(settings: Settings) -> Mapping[str, str]:
+    """Find second factors and webhooks that another secret than that of this server has encrypted."""
+    secret = ServerSecret(settings.data_dir)
+    with closing(JobStore(settings)) as store:
+        lost = find_unreadable(store.reader, secret)
+    if not lost.second_factors and not lost.webhooks:
+        return {}
+    counts = {"factors": str(lost.second_factors), "webhooks": str(lost.webhooks)}
+    return counts | {"file": str(secret.file)}
+
+
+def _find_unknown_recordings(settings: Settings) -> Mapping[str, str]:
+    with closing(JobStore(settings)) as store:
+        unknown = find_unknown(store, open_storage(settings)).recoverable
+    return {"number": str(len(unknown))} if unknown else {}
+
+
+def _find_quarantined(settings: Settings) -> Mapping[str, str]:
+    names = find_strange(open_storage(settings))
     folder = str(settings.data_dir.resolve() / "quarantine")
-    return Examination(
-        "quarantine", healthy=False, facts={"number": str(len(names)), "first": names[0], "folder": folder}
-    )
+    return {"number": str(len(names)), "first": names[0], "folder": folder} if names else {}
 
 
-def _examine_bytes(settings: Settings) -> Examination:
-    """Check that every stored file matches its row; a large store is left to ``acromion verify``."""
-    try:
-        files = find_kept(settings)
-        if measure_kept(settings) > MOST_READ_BYTES:
-            return Examination("bytes_unread", healthy=True)
-        faults = [
-            fault.name for fault in find_faults(settings, files) if fault.finding in ("missing", "damaged")
-        ]
-    except (AppError, SQLAlchemyError, OSError):
-        return Examination("bytes", healthy=True)  # database and store have checks of their own
-    facts = {"number": str(len(faults)), "first": faults[0]} if faults else {}
-    return Examination("bytes", not faults, facts)
+def _find_damaged(settings: Settings) -> Mapping[str, str] | None:
+    """Find stored files that differ from their rows; a large store is left to ``acromion verify``."""
+    files = find_kept(settings)
+    if measure_kept(settings) > MOST_READ_BYTES:
+        return None
+    faults = [one.name for one in find_faults(settings, files) if one.finding in ("missing", "damaged")]
+    return {"number": str(len(faults)), "first": faults[0]} if faults else {}
 
 
-def _examine_cache(_settings: Settings) -> Examination:
+def _examine_cache() -> Examination:
     """Check that compiled code can be cached; otherwise each start compiles it again."""
     folder = make_kernel_folder() or Path(tempfile.gettempdir())
     writable = os.access(_find_existing(folder), os.W_OK)
     return Examination("cache", writable, {"folder": str(folder)})
 
 
-def _examine_fonts(_settings: Settings) -> Examination:
+def _examine_fonts() -> Examination:
     fonts = [path for path in (find_template_folder() / "fonts").glob("*") if path.suffix in (".ttf", ".otf")]
     return Examination("fonts", bool(fonts), {"number": str(len(fonts))})
 
 
 def _examine_clock(settings: Settings) -> Examination:
     """Check that the clock is plausible and, where the database has its own clock, agrees with that."""
-    now = datetime.now(UTC)
-    skew_s = 0.0
+    now, skew_s = datetime.now(UTC), 0.0
     if not settings.database_url.startswith("sqlite"):
-        skew_s = _measure_skew_s(settings)
+        with suppress(SQLAlchemyError):  # the check of the database reports that it does not answer
+            engine = connect(settings.database_url)
+            with engine.connect() as connection:
+                theirs_s = connection.execute(text("SELECT extract(epoch FROM clock_timestamp())"))
+                skew_s = time.time() - float(theirs_s.scalar_one())
+            engine.dispose()
     facts = {"clock": now.isoformat(timespec="seconds"), "skew": f"{skew_s:.0f}"}
     return Examination("clock", now > OLDEST_CLOCK and abs(skew_s) < CLOCK_SKEW_S, facts)
-
-
-def _measure_skew_s(settings: Settings) -> float:
-    try:
-        engine = connect(settings.database_url)
-        with engine.connect() as connection:
-            theirs_s = connection.execute(text("SELECT extract(epoch FROM clock_timestamp())")).scalar_one()
-        engine.dispose()
-    except SQLAlchemyError:
-        return 0.0  # the check of the database reports that it does not answer
-    return time.time() - float(theirs_s)
 
 
 def _examine_memory(settings: Settings) -> Examination:
@@ -198,10 +210,8 @@ def _examine_memory(settings: Settings) -> Examination:
     if not hasattr(os, "sysconf"):
         return Examination("memory", healthy=True, facts={"installed": "?"})
     installed_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    needed_bytes = settings.workers * GIB
-    return Examination(
-        "memory", installed_bytes > needed_bytes, {"installed": f"{installed_bytes / GIB:.1f}"}
-    )
+    facts = {"installed": f"{installed_bytes / GIB:.1f}"}
+    return Examination("memory", installed_bytes > settings.workers * GIB, facts)
 
 
 def _find_existing(folder: Path) -> Path:

@@ -29,13 +29,7 @@ class Recipients:
     names: tuple[str, ...] = ()
 
     def parse(self) -> list[Any]:
-        """Give them as the library takes them.
-
-        Raises
-        ------
-        BackupRefused
-            One of them is none.
-        """
+        """Give them as the library takes them. Raises BackupRefused: one of them is none."""
         x25519 = load_extra("pyrage").x25519
         found = []
         for name in self.names:
@@ -50,9 +44,7 @@ class Recipients:
 def write_envelope(path: Path, recipients: Recipients) -> Iterator[IO[bytes]]:
     """Write a file that is there whole at the end of the block, or not at all; it cannot be sought in.
 
-    Raises
-    ------
-    BackupRefused, DiskFull, NotInstalled
+    Raises BackupRefused, DiskFull, NotInstalled.
     """
     if path.exists():
         raise BackupRefused(why=f"{path} exists")
@@ -112,10 +104,7 @@ def _encrypting(file: IO[bytes], recipients: Sequence[Any]) -> Iterator[IO[bytes
 def read_envelope(path: Path, identity: Path | None = None) -> Iterator[IO[bytes]]:
     """Open a file for reading; one that is encrypted is decrypted into a temporary file without a name.
 
-    Raises
-    ------
-    BackupRefused
-        It is encrypted, and no identity is given, or one that does not open it.
+    Raises BackupRefused: it is encrypted, and no identity is given, or one that does not open it.
     """
     with path.open("rb") as file:
         is_encrypted = file.read(len(MAGIC)) == MAGIC

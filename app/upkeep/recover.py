@@ -65,17 +65,14 @@ class Unknown:
 def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     """Compare the entries among the recordings with the rows.
 
-    Raises
-    ------
-    WrongSchema
-        Side files are of another version.
+    Raises WrongSchema: side files are of another version.
     """
     names = storage.find_recordings()  # first: a recording that is stored meanwhile has its row by then
     rows = store.find_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
         return Unknown()
-    erased = storage.ledger.find() & {name.removesuffix(SIDE_SUFFIX) for name in found}
+    erased = storage.find_erased() & {name.removesuffix(SIDE_SUFFIX) for name in found}
     found = {name for name in found if name.removesuffix(SIDE_SUFFIX) not in erased}
     suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
     # a recording that is purged meanwhile loses its side file before its row
@@ -94,10 +91,8 @@ def _check_schema(side: SideFile) -> None:
 def check_known(store: JobStore, storage: Storage) -> Unknown:
     """Check that the database knows every stored recording; gives the other unknown entries.
 
-    Raises
-    ------
-    WrongSchema, UnknownRecordings
-        A recording has a valid side file and no row: the database is lost, older or foreign.
+    Raises WrongSchema, and UnknownRecordings: a recording has a valid side file and no row, so that the
+    database is lost, older or foreign.
     """
     unknown = find_unknown(store, storage)
     if unknown.recoverable:
@@ -122,7 +117,7 @@ def finish_purges(storage: Storage, unknown: Unknown) -> None:
     if not unknown.erased:
         return
     present = {name.split("/")[1] for name in storage.find_names() if name.startswith("analyses/")}
-    for analysis_id in present & storage.ledger.find():
+    for analysis_id in present & storage.find_erased():
         storage.drop_analysis(analysis_id)
     for recording_id in unknown.erased:
         storage.drop_recording(recording_id)
@@ -149,18 +144,14 @@ def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
     newer = 0
     for analysis_id, token in stale:
-        if _counts_by_side_file(store, storage, analysis_id, token):
+        side = read_side_file(storage, store.find_recording(analysis_id))
+        rows = side.rows["analyses"] if side else ()
+        named = {(row["id"], row["token"]) for row in rows if row["state"] == JobState.SUCCEEDED}
+        if (analysis_id, token) in named:
             newer += 1
         else:
             storage.drop_attempt(analysis_id, token)
     return len(stale) - newer, newer
-
-
-def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, token: str) -> bool:
-    side = read_side_file(storage, store.find_recording(analysis_id))
-    rows = side.rows["analyses"] if side else ()
-    named = ((row["id"], row["token"], row["state"]) for row in rows)
-    return (analysis_id, token, JobState.SUCCEEDED) in named
 
 
 def catch_up(store: JobStore, storage: Storage) -> int:
@@ -203,11 +194,7 @@ def recover(settings: Settings) -> Recovered:
 
     Accounts, tokens and webhooks come back with the copy; every session ends. Uploads under way are not
     recovered. A recording whose bytes are gone gets its row, too, so
-    that page and ``acromion verify`` report it.
-
-    Raises
-    ------
-    FolderTaken, StoreMismatch, StoreAway, WrongSchema
+    that page and ``acromion verify`` report it. Raises FolderTaken, StoreMismatch, StoreAway, WrongSchema.
     """
     storage = open_storage(settings)
     storage.prepare()
@@ -231,7 +218,7 @@ def recover(settings: Settings) -> Recovered:
 def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
     unknown = find_unknown(store, storage)
     finish_purges(storage, unknown)
-    for recording_id in storage.ledger.find() & store.find_recordings():
+    for recording_id in storage.find_erased() & store.find_recordings():
         store.mark_purging(recording_id)  # an older database was put back: the next start deletes it again
     names, before = storage.find_recordings(), store.find_recordings()
     results = frozenset(storage.find_names())
@@ -244,7 +231,11 @@ def _recover(store: JobStore, storage: Storage, *, has_copy: bool) -> Recovered:
             _check_schema(side)
             rows, found = _recover_rows(store, storage, side, has_copy=has_copy)
             troubles += [*found, *_find_absent(storage, rows, results)]
-            added += _count(rows)
+            states = Counter(row["state"] for row in rows["analyses"])
+            trashed = sum(row["state"] == TRASHED for row in rows["recordings"])
+            added += Counter(
+                recordings=len(rows["recordings"]), trashed=trashed, reports=states[JobState.SUCCEEDED]
+            )
         elif recording_id in before:
             SideWriter(store.engine, store.reader, storage).mark_side_files_missing([recording_id])
             troubles.append(Trouble(recording_id, "side_damaged"))
@@ -280,12 +271,6 @@ def _recover_rows(
             mark_side_file_stale(connection, side)
     found: list[Finding] = ["newer"] * is_newer + ["trashed_since"] * is_trashed  # type: ignore[assignment]
     return rows, [Trouble(recording_id, finding) for finding in found]
-
-
-def _count(rows: Rows) -> Counter[str]:
-    trashed = [row for row in rows["recordings"] if row["state"] == TRASHED]
-    reports = [row for row in rows["analyses"] if row["state"] == JobState.SUCCEEDED]
-    return Counter(recordings=len(rows["recordings"]), trashed=len(trashed), reports=len(reports))
 
 
 def _find_absent(storage: Storage, rows: Rows, results: frozenset[str]) -> Iterator[Trouble]:

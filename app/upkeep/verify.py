@@ -40,6 +40,8 @@ class KeptFile:
 class Fault:
     """A file that differs from its row, or that has no row; a side file may be behind or ahead of it.
 
+    ``side_waiting``: it is behind its row, and housekeeping is about to write it.
+
     ``known_...``: the backup that holds the file lists the fault itself.
     """
 
@@ -54,6 +56,7 @@ class Fault:
         "side_missing",
         "side_damaged",
         "side_behind",
+        "side_waiting",
         "side_ahead",
         "quarantine",
     ]
@@ -63,21 +66,21 @@ def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator
     """Find every recording and every result that a row promises."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
-        yield _name(f"recordings/{row['id']}", row["sha256"])
+        yield _check_name(KeptFile(f"recordings/{row['id']}", row["sha256"]))
     ids = {row["id"] for row in kept}
     tokens = {row["id"]: row["token"] for row in analyses if row["recording_id"] in ids}
     for row in result_files:
         analysis_id = row["analysis_id"]
-        if analysis_id not in tokens:
-            continue
-        yield _name(f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}", row["sha256"])
+        if analysis_id in tokens:
+            name = f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}"
+            yield _check_name(KeptFile(name, row["sha256"]))
 
 
-def _name(name: str, sha256: str) -> KeptFile:
+def _check_name(file: KeptFile) -> KeptFile:
     """Check a name, which may come from a foreign backup, before it becomes a path."""
-    if not _NAME.fullmatch(name):
-        raise BackupRefused(why=name[:80])
-    return KeptFile(name, sha256)
+    if not _NAME.fullmatch(file.name):
+        raise BackupRefused(why=file.name[:80])
+    return file
 
 
 def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
@@ -117,11 +120,14 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
     suspects = [fault for file in files if (fault := _check(storage, file))]
     still = {file.name for file in find_kept(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
-    at_work = _find_attempts_under_way(settings) if strangers else ()
-    gone = strangers - set(storage.find_names()) if strangers else set()
-    for name in sorted(strangers - still - gone):
-        if not name.startswith(at_work):
-            yield Fault(name, "orphan")
+    if strangers:
+        running = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
+        with _reading(settings) as connection:
+            at_work = tuple(f"analyses/{row.id}/{row.token}/" for row in connection.execute(running))
+        gone = strangers - set(storage.find_names())
+        for name in sorted(strangers - still - gone):
+            if not name.startswith(at_work):
+                yield Fault(name, "orphan")
     yield from _check_side_files(settings, storage)
     yield from (Fault(name, "quarantine") for name in find_strange(storage))
 
@@ -139,30 +145,21 @@ def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
 
 def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
     present = storage.find_recordings()
+    kept = (recordings.c.id, recordings.c.revision, recordings.c.side_revision)
+    with _reading(settings) as connection:
+        rows = connection.execute(select(*kept).where(recordings.c.state != PURGING)).all()
     faults = set()
-    for recording_id, revision in _read_revisions(settings):
+    for recording_id, revision, written in rows:
         name = format_side_file_name(recording_id)
         side = decode_side_file(storage.read_small(name), recording_id)
         if side is None:
             is_there = f"{recording_id}{SIDE_SUFFIX}" in present
             faults.add(Fault(name, "side_damaged" if is_there else "side_missing"))
-        elif side.revision != revision:
-            faults.add(Fault(name, "side_behind" if side.revision < revision else "side_ahead"))
+        elif side.revision > revision:
+            faults.add(Fault(name, "side_ahead"))
+        elif side.revision < revision:
+            faults.add(Fault(name, "side_waiting" if written < revision else "side_behind"))
     return faults
-
-
-def _read_revisions(settings: Settings) -> list[tuple[str, int]]:
-    """Give every recording with the revision of its row."""
-    query = select(recordings.c.id, recordings.c.revision).where(recordings.c.state != PURGING)
-    with _reading(settings) as connection:
-        return [(row.id, row.revision) for row in connection.execute(query)]
-
-
-def _find_attempts_under_way(settings: Settings) -> tuple[str, ...]:
-    """Give the folders of the running attempts, as prefixes of names."""
-    query = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
-    with _reading(settings) as connection:
-        return tuple(f"analyses/{row.id}/{row.token}/" for row in connection.execute(query))
 
 
 @contextmanager

@@ -23,11 +23,11 @@ from scipy.stats import theilslopes
 from fusion.agreement.pairs import (
     Alignment,
     PairedRun,
-    Run,
     Runs,
     WindowLag,
     find_rate_hz,
     interpolate,
+    move_run,
     pair,
 )
 from fusion.agreement.statistics import find_r
@@ -92,7 +92,7 @@ def align(ours: Runs, reference: Runs, clock: ClockSettings | None = None) -> Al
     NothingInCommon
         A side without any valid row.
     """
-    refined = refine(ours, reference, align_roughly(ours, reference, clock or ClockSettings()))
+    refined = _refine(ours, reference, align_roughly(ours, reference, clock or ClockSettings()))
     aligned = replace(refined, r=_correlate_rates(ours, reference, refined))
     if not aligned.is_offset_given and not aligned.r >= LEAST_R:
         raise NotAligned(r=round(aligned.r, 2) if isfinite(aligned.r) else 0.0, least=LEAST_R)
@@ -111,28 +111,18 @@ def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignmen
     """
     if not ours or not reference:
         raise NothingInCommon(s=0.0)
-    first = find_shift(ours, reference) if clock.offset_s is None else _start_given(clock)
+    if clock.offset_s is None:
+        first = _find_shift(ours, reference)
+        middle_s = (ours[0].start_s + ours[-1].end_s) / 2.0  # where a shift found without the drift holds
+    else:
+        first, middle_s = Alignment(clock.offset_s, 0.0, is_offset_given=True), 0.0
     if clock.drift_ppm is not None:
-        first = _hold_drift(first, clock.drift_ppm, ours)
+        offset_s = first.offset_s - clock.drift_ppm / 1e6 * middle_s
+        first = replace(first, offset_s=offset_s, drift_ppm=clock.drift_ppm, is_drift_given=True)
     return _fit_windows(ours, reference, first, clock)
 
 
-def _start_given(clock: ClockSettings) -> Alignment:
-    return Alignment(clock.offset_s or 0.0, clock.drift_ppm or 0.0, nan, is_offset_given=True)
-
-
-def _hold_drift(first: Alignment, drift_ppm: float, ours: Runs) -> Alignment:
-    """Take the given drift; the shift found without it holds in the middle of the recording."""
-    middle_s = 0.0 if first.is_offset_given else _find_middle_s(ours)
-    offset_s = first.offset_s - drift_ppm / 1e6 * middle_s
-    return replace(first, offset_s=offset_s, drift_ppm=drift_ppm, is_drift_given=True)
-
-
-def _find_middle_s(runs: Runs) -> float:
-    return (runs[0].start_s + runs[-1].end_s) / 2.0
-
-
-def sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array:
+def _sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array:
     """Rates of change on an even grid of 10 Hz: the change over one grid step; 0 where there is none."""
     rates = np.zeros(sample_count)
     for run in runs:
@@ -144,7 +134,7 @@ def sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array:
     return np.clip(rates, -FASTEST_DPS, FASTEST_DPS)
 
 
-def find_shift(ours: Runs, reference: Runs) -> Alignment:
+def _find_shift(ours: Runs, reference: Runs) -> Alignment:
     """Find the shift at which the rates of change of both match best; to about 0.05 s, drift taken as 0.
 
     Raises
@@ -153,35 +143,24 @@ def find_shift(ours: Runs, reference: Runs) -> Alignment:
         Too little motion in common there, or another shift is worth nearly as much.
     """
     own_start_s, other_start_s = ours[0].start_s, reference[0].start_s
-    own = sample_rates(ours, own_start_s, _count_steps(ours))
-    other = sample_rates(reference, other_start_s, _count_steps(reference))
+    own = _sample_rates(ours, own_start_s, _count_steps(ours))
+    other = _sample_rates(reference, other_start_s, _count_steps(reference))
     correlation, worth = _score_shifts(own, other)
     best = int(np.argmax(worth))
-    motion_s = _measure_motion_s(own, other, best - (len(own) - 1))
+    lag = best - (len(own) - 1)
+    first, stop = max(0, -lag), min(len(own), len(other) - lag)
+    moving = np.abs(own[first:stop]) > MOVING_DPS
+    moving &= np.abs(other[first + lag : stop + lag]) > MOVING_DPS
+    motion_s = float(np.count_nonzero(moving)) / GRID_HZ
     if motion_s < SURE_MOTION_S or correlation[best] < SURE_R:
-        _check_chance(worth, best, motion_s)
-    lag_s = (best - (len(own) - 1)) / GRID_HZ
-    return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(correlation[best]))
-
-
-def _measure_motion_s(own: Float64Array, other: Float64Array, lag_samples: int) -> float:
-    """How long both move in their common time, ``other`` standing ``lag_samples`` steps to the right."""
-    first, stop = max(0, -lag_samples), min(len(own), len(other) - lag_samples)
-    moving = (np.abs(own[first:stop]) > MOVING_DPS) & (
-        np.abs(other[first + lag_samples : stop + lag_samples]) > MOVING_DPS
-    )
-    return float(np.count_nonzero(moving)) / GRID_HZ
-
-
-def _check_chance(worth: Float64Array, best: int, motion_s: float) -> None:
-    """Refuse a best shift under which both hardly move, or beside which another is worth nearly as much."""
-    if motion_s < LEAST_MOTION_S:
-        raise NotAligned(motion_s=round(motion_s, 1), least_s=LEAST_MOTION_S)
-    reach = int(REACH_S * GRID_HZ)
-    elsewhere = np.concatenate([worth[: max(0, best - reach)], worth[best + reach + 1 :]])
-    rival = float(elsewhere.max(initial=0.0))
-    if rival > MOST_RIVAL * worth[best]:
-        raise NotAligned(best=round(float(worth[best]), 2), rival=round(rival, 2))
+        if motion_s < LEAST_MOTION_S:
+            raise NotAligned(motion_s=round(motion_s, 1), least_s=LEAST_MOTION_S)
+        reach = int(REACH_S * GRID_HZ)
+        elsewhere = np.concatenate([worth[: max(0, best - reach)], worth[best + reach + 1 :]])
+        rival = float(elsewhere.max(initial=0.0))
+        if rival > MOST_RIVAL * worth[best]:
+            raise NotAligned(best=round(float(worth[best]), 2), rival=round(rival, 2))
+    return Alignment(other_start_s - own_start_s + lag / GRID_HZ, 0.0, float(correlation[best]))
 
 
 def _count_steps(runs: Runs) -> int:
@@ -226,13 +205,14 @@ def _fit_windows(ours: Runs, reference: Runs, first: Alignment, clock: ClockSett
 
 
 def _place_windows(ours: Runs, reference: Runs, first: Alignment) -> tuple[WindowLag, ...]:
-    """Give each stretch's own lag, for those that correlate by 0.7 or more."""
+    """Return each stretch's own lag, for those that correlate by 0.7 or more."""
     start_s, end_s = ours[0].start_s, ours[-1].end_s
     length_s = float(np.clip((end_s - start_s) / MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
     count = int(length_s * GRID_HZ)
     reach = int(REACH_S * GRID_HZ)
-    own = sample_rates(ours, start_s, _count_steps(ours))
-    other = sample_rates(_move_back(reference, first), start_s - REACH_S, len(own) + 2 * reach)
+    own = _sample_rates(ours, start_s, _count_steps(ours))
+    moved = tuple(move_run(run, first) for run in reference)
+    other = _sample_rates(moved, start_s - REACH_S, len(own) + 2 * reach)
     found = []
     for at in range(0, len(own) - count + 1, count):
         lag, r = _place(own[at : at + count], other[at : at + count + 2 * reach], reach)
@@ -241,16 +221,8 @@ def _place_windows(ours: Runs, reference: Runs, first: Alignment) -> tuple[Windo
     return tuple(found)
 
 
-def _move_back(reference: Runs, alignment: Alignment) -> Runs:
-    starts_s = alignment.to_recording(np.array([run.start_s for run in reference]))
-    return tuple(
-        Run(float(start), run.rate_hz * alignment.pace, run.values)
-        for start, run in zip(starts_s, reference, strict=True)
-    )
-
-
 def _place(own: Float64Array, other: Float64Array, reach_samples: int) -> tuple[float, float]:
-    """Give the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
+    """Return the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
     energy = float(own @ own)
     if energy <= 0:
         return 0.0, 0.0
@@ -267,7 +239,7 @@ def _place(own: Float64Array, other: Float64Array, reach_samples: int) -> tuple[
     return best - reach_samples + float(shift), float(peak)
 
 
-def refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
+def _refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
     """Least squares over offset, drift (where it is fitted) and bias; what was given stays."""
     free = [not placed.is_offset_given, placed.is_drift_fitted]
     now = placed

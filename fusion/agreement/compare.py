@@ -89,20 +89,6 @@ def _lay(file: AngleFile, values: FloatArray | None) -> Runs:
     return () if values is None else take_runs(resample_file(file, values)[1], file.first_s)
 
 
-def share_calibration(file: AngleFile, ours: Side, rough: Alignment) -> AngleFile:
-    """Calibrate the reference at the moment at which our side was calibrated.
-
-    Raises
-    ------
-    UnknownAxis
-        Our side has no such moment, or the reference did not hang still then.
-    """
-    if ours.calibration_s is None:
-        raise UnknownAxis
-    start_s, end_s = rough.to_reference(np.array(ours.calibration_s))
-    return calibrate_file(file, (float(start_s), float(end_s)))
-
-
 # The error by elevation and by speed, both as the reference measured them.
 
 
@@ -120,17 +106,6 @@ class Stratum:
     upper: float
     percent: float
     agreement: Agreement
-
-
-def divide_by_elevation(pairs: Pairs) -> tuple[Stratum, ...]:
-    """Divide by the reference's elevation."""
-    return _divide(pairs, pairs.reference_deg, ELEVATION_EDGES_DEG)
-
-
-def divide_by_speed(pairs: Pairs) -> tuple[Stratum, ...]:
-    """Divide by the size of the reference's rate of change."""
-    speeds = [measure_speed(run) for run in pairs.runs]
-    return _divide(pairs, np.concatenate(speeds) if speeds else np.zeros(0), SPEED_EDGES_DPS)
 
 
 def measure_speed(run: PairedRun) -> Float64Array:
@@ -174,7 +149,7 @@ class FigureDifference:
         return self.ours - self.reference
 
 
-def compare_exposure(pairs: Pairs) -> tuple[FigureDifference, ...]:
+def _compare_exposure(pairs: Pairs) -> tuple[FigureDifference, ...]:
     """Set the figures of both sides beside each other; the metric filter is applied to both alike."""
     ours, reference = (_list_figures(summarise_exposure(side)) for side in pairs.to_elevations())
     return tuple(FigureDifference(name, ours[name], reference[name]) for name in ours)
@@ -243,14 +218,19 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     UnknownAxis
         An orientation in which the direction of the arm is not known.
     """
-    axis = find_axis(reference)
-    calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.clock)
+    axis: Axis = "angle" if reference.up is None else "segment"
+    calibrated = reference
+    if reference.up is not None and reference.axis is None:
+        axis, calibrated = "common pose", _calibrate_together(ours, reference, settings.clock)
     other = take_angle_file(calibrated)
     alignment = align(ours.runs, other.runs, settings.clock)
     pairs = pair(ours.runs, other.runs, alignment)
     windows = tuple(_place(task, alignment) for task in settings.tasks)
     tasks = _compare_tasks(pairs, windows)
-    counted = _join_tasks(pairs, windows) if windows else pairs
+    counted = pairs
+    if windows:  # every moment that lies in a task, once, in time order
+        spans_s = join_overlapping((window.start_s, window.end_s) for window in windows)
+        counted = join_pairs([pairs.cut(start_s, end_s) for start_s, end_s in spans_s])
     if not counted.runs:
         raise NothingInCommon(s=0.0)
     return Comparison(
@@ -261,25 +241,21 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
         counted,
         _measure(counted),
         tasks,
-        divide_by_elevation(counted),
-        divide_by_speed(counted),
-        compare_exposure(counted),
+        _divide(counted, counted.reference_deg, ELEVATION_EDGES_DEG),
+        _divide(counted, np.concatenate([measure_speed(run) for run in counted.runs]), SPEED_EDGES_DPS),
+        _compare_exposure(counted),
     )
 
 
-def find_axis(reference: AngleFile) -> Axis:
-    """Find where the angle of a file comes from."""
-    if reference.up is None:
-        return "angle"
-    return "common pose" if reference.axis is None else "segment"
-
-
 def _calibrate_together(ours: Side, reference: AngleFile, clock: ClockSettings) -> AngleFile:
-    """Align by how fast the vertical moves, then calibrate both at one moment."""
+    """Align by how fast the vertical moves, then calibrate the reference when our side was calibrated."""
     rough = align_roughly(ours.paths or ours.runs, take_angle_file(reference).paths, clock)
     if not rough.is_offset_given and not rough.r >= LEAST_R:
         raise NotAligned(r=round(rough.r, 2), least=LEAST_R)
-    return share_calibration(reference, ours, rough)
+    if ours.calibration_s is None:
+        raise UnknownAxis
+    start_s, end_s = rough.to_reference(np.array(ours.calibration_s))
+    return calibrate_file(reference, (float(start_s), float(end_s)))
 
 
 def _place(task: TaskWindow, alignment: Alignment) -> TaskWindow:
@@ -299,12 +275,6 @@ def _compare_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> tuple[TaskAgr
         pooled = _measure(join_pairs(parts))
         found.append(TaskAgreement(name, windows[0].paper_task, len(windows), pooled, limits))
     return tuple(found)
-
-
-def _join_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> Pairs:
-    """Every moment that lies in a task, once, in time order."""
-    joined = join_overlapping((task.start_s, task.end_s) for task in tasks)
-    return join_pairs([pairs.cut(start_s, end_s) for start_s, end_s in joined])
 
 
 def _measure(pairs: Pairs) -> Agreement:

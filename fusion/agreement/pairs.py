@@ -64,18 +64,17 @@ def take_paths(elevation: Elevation, first_s: float = 0.0) -> Runs:
     Its rate of change is the same however the sensor sits on the arm: what aligns an orientation whose arm
     axis is not known yet. Empty where the vertical is not known.
     """
-    return tuple(path for segment in elevation.segments for path in _take_segment_paths(segment, first_s))
-
-
-def _take_segment_paths(segment: ElevationSegment, first_s: float) -> Iterator[Run]:
-    if segment.vertical is None:
-        return
-    step = max(1, round(segment.rate_hz / PATH_HZ))
-    for start, values in _cut_valid(segment):
-        path = measure_path(segment.vertical[start : start + len(values)][::step])
-        start_s = first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz
-        if len(path) >= SHORTEST_ROWS:
-            yield Run(start_s, segment.rate_hz / step, path)
+    paths = []
+    for segment in elevation.segments:
+        if segment.vertical is None:
+            continue
+        step = max(1, round(segment.rate_hz / PATH_HZ))
+        for start, values in _cut_valid(segment):
+            path = measure_path(segment.vertical[start : start + len(values)][::step])
+            start_s = first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz
+            if len(path) >= SHORTEST_ROWS:
+                paths.append(Run(start_s, segment.rate_hz / step, path))
+    return tuple(paths)
 
 
 def measure_path(up: FloatArray) -> Float64Array:
@@ -210,12 +209,12 @@ class Pairs:
     @property
     def ours_deg(self) -> Float64Array:
         """All rows, shape (n,)."""
-        return _join([run.ours_deg for run in self.runs])
+        return np.concatenate([np.zeros(0), *(run.ours_deg for run in self.runs)])
 
     @property
     def reference_deg(self) -> Float64Array:
         """All rows, shape (n,)."""
-        return _join([run.reference_deg for run in self.runs])
+        return np.concatenate([np.zeros(0), *(run.reference_deg for run in self.runs)])
 
     @property
     def duration_s(self) -> float:
@@ -228,15 +227,29 @@ class Pairs:
         return max(self.runs, key=len).rate_hz if self.runs else float("nan")
 
     def cut(self, start_s: float, end_s: float) -> "Pairs":
-        """Give the rows from ``start_s`` on and before ``end_s``, recording's clock."""
-        return Pairs(tuple(part for run in self.runs if (part := _cut(run, start_s, end_s)) is not None))
+        """Return the rows from ``start_s`` on and before ``end_s``, recording's clock."""
+        parts = []
+        for run in self.runs:
+            first, stop = (
+                int(np.clip(np.ceil((edge_s - run.start_s) * run.rate_hz - 1e-6), 0, len(run)))
+                for edge_s in (start_s, end_s)
+            )
+            if stop > first:
+                rows = slice(first, stop)
+                start = run.start_s + first / run.rate_hz
+                parts.append(PairedRun(start, run.rate_hz, run.ours_deg[rows], run.reference_deg[rows]))
+        return Pairs(tuple(parts))
 
     def to_elevations(self) -> tuple[Elevation, Elevation]:
-        """Give both sides for the exposure figures: same rows, same holes."""
+        """Return both sides for the exposure figures: same rows, same holes."""
         first_s = self.runs[0].start_s if self.runs else 0.0
-        ours = tuple(_lay(run, run.ours_deg, first_s) for run in self.runs)
-        reference = tuple(_lay(run, run.reference_deg, first_s) for run in self.runs)
-        return Elevation(ours, None), Elevation(reference, None)
+        ours: list[ElevationSegment] = []
+        reference: list[ElevationSegment] = []
+        for run in self.runs:
+            start_us, valid = round((run.start_s - first_s) * MICROSECONDS), np.ones(len(run), np.bool_)
+            for segments, deg in ((ours, run.ours_deg), (reference, run.reference_deg)):
+                segments.append(ElevationSegment(start_us, run.rate_hz, deg.astype(np.float32), valid))
+        return Elevation(tuple(ours), None), Elevation(tuple(reference), None)
 
 
 def join_pairs(parts: Sequence[Pairs]) -> Pairs:
@@ -251,7 +264,7 @@ def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
     ------
     NothingInCommon
     """
-    moved = tuple(_move(run, alignment) for run in reference)
+    moved = tuple(move_run(run, alignment) for run in reference)
     if not ours or not moved:
         raise NothingInCommon(s=0.0)
     if find_rate_hz(ours) <= find_rate_hz(moved):
@@ -264,13 +277,14 @@ def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
     return Pairs(found)
 
 
-def _move(run: Run, alignment: Alignment) -> Run:
+def move_run(run: Run, alignment: Alignment) -> Run:
+    """Bring a run of the reference to the recording's clock."""
     start_s = float(alignment.to_recording(np.array([run.start_s]))[0])
     return Run(start_s, run.rate_hz * alignment.pace, run.values)
 
 
 def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
-    """Give the rows wherever two runs overlap, with the slower side as ours."""
+    """Return the rows wherever two runs overlap, with the slower side as ours."""
     for run in slow:
         for other in fast:
             first = max(0, int(np.ceil((other.start_s - run.start_s) * run.rate_hz - 1e-6)))
@@ -280,25 +294,3 @@ def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
                 values = run.values[first:stop].astype(np.float64)
                 within = np.clip(interpolate(other, time_s), 0.0, 180.0)
                 yield PairedRun(float(time_s[0]), run.rate_hz, values, within)
-
-
-def _cut(run: PairedRun, start_s: float, end_s: float) -> PairedRun | None:
-    first, stop = (
-        int(np.clip(np.ceil((edge_s - run.start_s) * run.rate_hz - 1e-6), 0, len(run)))
-        for edge_s in (start_s, end_s)
-    )
-    if stop <= first:
-        return None
-    start = run.start_s + first / run.rate_hz
-    return PairedRun(start, run.rate_hz, run.ours_deg[first:stop], run.reference_deg[first:stop])
-
-
-def _lay(run: PairedRun, values_deg: Float64Array, first_s: float) -> ElevationSegment:
-    start_us = round((run.start_s - first_s) * MICROSECONDS)
-    return ElevationSegment(
-        start_us, run.rate_hz, values_deg.astype(np.float32), np.ones(len(run), dtype=np.bool_)
-    )
-
-
-def _join(parts: Sequence[Float64Array]) -> Float64Array:
-    return np.concatenate(parts) if parts else np.zeros(0)

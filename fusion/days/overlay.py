@@ -12,8 +12,8 @@ from datetime import datetime
 import numpy as np
 
 from fusion.elevation import Elevation
-from fusion.exposure.bins import CELLS_PER_DEG, find_percentile_cells
-from fusion.exposure.metric_filter import MetricAngle, filter_elevation
+from fusion.exposure.bins import CELLS, CELLS_PER_DEG, find_percentiles
+from fusion.exposure.metric_filter import filter_elevation
 from fusion.recording import MICROSECONDS, Float64Array
 
 QUARTER_S = 900.0
@@ -24,7 +24,6 @@ LEAST_DAYS = 2
 """In a quarter hour, for it to be shown; and at least half of all days."""
 PERCENTS = (10, 25, 50, 75, 90)
 
-_CELLS = 180 * CELLS_PER_DEG
 _DAY_S = 86_400.0
 
 
@@ -63,19 +62,14 @@ def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
         Shape (96, 1800): seconds in each 0.1 deg. Time after midnight lies in the first rows.
     """
     begins_s = (start - start.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds()
-    seconds = np.zeros(QUARTERS * _CELLS)
-    for segment in elevation.segments:
-        if len(segment):
-            seconds += _count(filter_elevation(segment), begins_s)
-    return seconds.reshape(QUARTERS, _CELLS)
-
-
-def _count(run: MetricAngle, begins_s: float) -> Float64Array:
-    rows = np.flatnonzero(run.valid)
-    clock_s = begins_s + run.start_us / MICROSECONDS + rows / run.rate_hz
-    quarter = (clock_s // QUARTER_S).astype(np.int64) % QUARTERS
-    cell = np.minimum((run.elevation_deg[rows] * CELLS_PER_DEG).astype(np.int64), _CELLS - 1)
-    return np.bincount(quarter * _CELLS + cell, minlength=QUARTERS * _CELLS) / run.rate_hz
+    seconds = np.zeros(QUARTERS * CELLS)
+    for run in (filter_elevation(segment) for segment in elevation.segments if len(segment)):
+        rows = np.flatnonzero(run.valid)
+        clock_s = begins_s + run.start_us / MICROSECONDS + rows / run.rate_hz
+        quarter = (clock_s // QUARTER_S).astype(np.int64) % QUARTERS
+        cell = np.minimum((run.elevation_deg[rows] * CELLS_PER_DEG).astype(np.int64), CELLS - 1)
+        seconds += np.bincount(quarter * CELLS + cell, minlength=len(seconds)) / run.rate_hz
+    return seconds.reshape(QUARTERS, CELLS)
 
 
 def overlay_days(days: Sequence[Float64Array]) -> tuple[ClockBand, ...]:
@@ -111,7 +105,5 @@ def _overlay_quarter(quarter: int, days: Sequence[Float64Array]) -> ClockBand:
     shares = [day[quarter] / s for day, s in zip(days, lasted_s, strict=True) if s >= LEAST_ANALYSED_S - 1e-6]
     if len(shares) < max(LEAST_DAYS, len(days) / 2):
         return ClockBand(quarter * QUARTER_S, len(shares), None)
-    pooled = np.sum(shares, axis=0)
-    places = find_percentile_cells(pooled[np.newaxis], np.array(PERCENTS, np.float64))[0]
-    angles = {p: float(place) / CELLS_PER_DEG for p, place in zip(PERCENTS, places, strict=True)}
-    return ClockBand(quarter * QUARTER_S, len(shares), angles)
+    angles_deg = find_percentiles(np.sum(shares, axis=0), PERCENTS)
+    return ClockBand(quarter * QUARTER_S, len(shares), angles_deg)

@@ -132,25 +132,23 @@ def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
     if n < 2:
         return DayMean(n, mean)
     sd = float(np.std(values, ddof=1))
-    return DayMean(n, mean, sd, _find_mean_range(values, most), _find_sd_range(sd, n))
+    sd_range = None
+    if sd > 0.0:
+        sd_range = Interval(
+            *(sd * sqrt((n - 1) / float(chdtri(n - 1, tail))) for tail in (_TAIL, 1.0 - _TAIL))
+        )
+    return DayMean(n, mean, sd, _find_mean_range(values, most), sd_range)
 
 
-def _find_mean_range(values: Sequence[float], most: float) -> Interval | None:
-    """Give the range of a mean; a figure that cannot be negative has no negative end."""
+def _find_mean_range(values: Sequence[float], most: float, least: float = 0.0) -> Interval | None:
+    """Return the range of a mean; a figure that cannot be negative has no negative end."""
     n = len(values)
     if n < 2:
         return None
     mean = float(np.mean(values))
     half = float(stdtrit(n - 1, 1.0 - _TAIL)) * float(np.std(values, ddof=1)) / sqrt(n)
     low = mean - half
-    return Interval(max(low, 0.0) if min(values) >= 0.0 else low, min(mean + half, most))
-
-
-def _find_sd_range(sd: float, n: int) -> Interval | None:
-    if sd == 0.0:
-        return None
-    low, high = (sd * sqrt((n - 1) / float(chdtri(n - 1, tail))) for tail in (_TAIL, 1.0 - _TAIL))
-    return Interval(low, high)
+    return Interval(max(low, least) if min(values) >= 0.0 else low, min(mean + half, most))
 
 
 def find_telling(days: DayMean, published_sd: float) -> Telling:
@@ -172,7 +170,7 @@ def find_telling(days: DayMean, published_sd: float) -> Telling:
 
 
 def find_detectable_between(sd: float, before_days: int, after_days: int) -> float:
-    """Give MDC95 between the means of two numbers of days: 1.96 SD sqrt(1/k1 + 1/k2)."""
+    """Return MDC95 between the means of two numbers of days: 1.96 SD sqrt(1/k1 + 1/k2)."""
     return 1.96 * sd * sqrt(1.0 / before_days + 1.0 / after_days)
 
 
@@ -254,7 +252,7 @@ def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> 
 
 
 def _find_between(series: Sequence[Sequence[float]], within_sd: float) -> float | None:
-    """Give sqrt((MSB - MSW) / n0), n0 = (N - sum of n squared / N) / (a - 1); 0 where negative."""
+    """Return sqrt((MSB - MSW) / n0), n0 = (N - sum of n squared / N) / (a - 1); 0 where negative."""
     people, days = len(series), sum(map(len, series))
     if people < 2:
         return None
@@ -273,10 +271,7 @@ def compare_people(
         return None
     first, second = ([float(np.mean(side[name])) for name in both] for side in (before, after))
     changes = [b - a for a, b in zip(first, second, strict=True)]
-    span = None
-    if len(changes) > 1:
-        half = float(stdtrit(len(both) - 1, 1.0 - _TAIL)) * float(np.std(changes, ddof=1)) / sqrt(len(both))
-        span = Interval(float(np.mean(changes)) - half, float(np.mean(changes)) + half)
+    span = _find_mean_range(changes, inf, -inf)
     return GroupChange(
         len(both), float(np.mean(first)), float(np.mean(second)), float(np.mean(changes)), span
     )

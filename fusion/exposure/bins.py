@@ -1,6 +1,7 @@
 """Time in elevation bins, time above thresholds, and percentiles, all from one 0.1 deg histogram.
 
-EXPOSURE.md A1 and A2. The edges are the union of those of ISO 11226, EN 1005-4, RULA, REBA, Acti4 and OCRA,
+The day is cut at every minute, clock hour and edge of the diary: all its parts are sums of these stretches.
+The edges of the bins are the union of those of ISO 11226, EN 1005-4, RULA, REBA, Acti4 and OCRA,
 so that each convention follows exactly. Time is in integer microseconds: parts add up exactly.
 """
 
@@ -12,16 +13,19 @@ from numpy.typing import NDArray
 
 from fusion.conventions import Convention
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.rows import add_time, find_first_rows, find_touched_parts
+from fusion.exposure.rows import add_time, find_first_rows, find_parts, find_touched_parts
 from fusion.exposure.types import ElevationBin, TimeAbove
 from fusion.numba_kernels import kernel, kernel_making_arrays
-from fusion.recording import MICROSECONDS, IntArray
+from fusion.recording import MICROSECONDS, Float64Array, IntArray
 
 BIN_EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
 THRESHOLDS_DEG = (30, 60, 90)
 PERCENTS = (1, 5, 10, 25, 50, 75, 90, 95, 99)
 CELLS_PER_DEG = 10
 CELLS = 180 * CELLS_PER_DEG
+BLOCK_MINUTES = 5
+
+AnyArray = Float64Array | IntArray | NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +60,78 @@ def count_cells(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
                 counts[part, min(int(angle_deg[i] * CELLS_PER_DEG), CELLS - 1)] += 1
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretches:
+    """Stretches of a minute or less that follow one another.
+
+    ``edges_us`` has shape (s + 1,), ``block_edges_us`` those of the 5-minute blocks; ``minute_of``,
+    ``hour_of`` and ``piece_of``, shape (s,), are the minute, clock hour and piece of the diary that each
+    belongs to (piece 0 without a diary).
+    """
+
+    edges_us: IntArray
+    minute_edges_us: IntArray
+    block_edges_us: IntArray
+    minute_of: IntArray
+    hour_of: IntArray
+    piece_of: IntArray
+
+    @property
+    def block_of(self) -> IntArray:
+        """The 5-minute block that each stretch belongs to, shape (s,)."""
+        return self.minute_of // BLOCK_MINUTES
+
+    def sum_minutes(self, histograms: PartHistograms) -> PartHistograms:
+        """Return the histogram of each minute."""
+        return PartHistograms(self.minute_edges_us, sum_time(histograms.cell_us, self.minute_of))
+
+
+def cut_day(minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: IntArray) -> Stretches:
+    """Cut at all edges; those of the pieces may be missing altogether."""
+    edges_us = np.unique(np.concatenate([minute_edges_us, hour_edges_us, piece_edges_us]))
+    begins_us = edges_us[:-1]
+    return Stretches(
+        edges_us,
+        minute_edges_us,
+        np.append(minute_edges_us[:-1:BLOCK_MINUTES], minute_edges_us[-1]),
+        _find_parts(begins_us, minute_edges_us),
+        _find_parts(begins_us, hour_edges_us),
+        _find_parts(begins_us, piece_edges_us),
+    )
+
+
+def _find_parts(times_us: IntArray, edges_us: IntArray) -> IntArray:
+    """Find the part in which each time lies; what follows the last edge belongs to the last part."""
+    return np.asarray(np.clip(find_parts(edges_us, times_us), 0, max(len(edges_us) - 2, 0)), np.int64)
+
+
+def sum_groups(counts: Float64Array, group_of: IntArray) -> Float64Array:
+    """Sum the columns, shape (..., s), of each group; the groups follow one another."""
+    return np.asarray(np.add.reduceat(counts, _find_first(group_of), axis=-1), np.float64)
+
+
+def sum_time(cell_us: IntArray | NDArray[np.int32], group_of: IntArray) -> IntArray:
+    """Sum the histograms, shape (s, 1800), of each group; the groups follow one another."""
+    first = np.append(_find_first(group_of), len(group_of))
+    summed_us = np.zeros((len(first) - 1, cell_us.shape[1]), np.int64)
+    _sum_rows(cell_us, first, summed_us)
+    return summed_us
+
+
+@kernel
+def _sum_rows(cell_us, first, summed_us):  # type: ignore[no-untyped-def]
+    for group in range(len(first) - 1):
+        for row in range(first[group], first[group + 1]):
+            for cell in range(cell_us.shape[1]):
+                summed_us[group, cell] += cell_us[row, cell]
+
+
+def _find_first(group_of: IntArray) -> IntArray:
+    return np.flatnonzero(np.diff(group_of, prepend=-1))
+
+
 def summarise_bins(cell_us: IntArray) -> tuple[ElevationBin, ...]:
-    """Give the time in each bin [a, b), the last one closed; cells of shape (1800,)."""
+    """Return the time in each bin [a, b), the last one closed; cells of shape (1800,)."""
     ends_us = _sum_below(cell_us)[np.array(BIN_EDGES_DEG) * CELLS_PER_DEG]
     return tuple(
         ElevationBin(lower, upper, *_share(within_us, ends_us[-1]))
@@ -79,19 +153,15 @@ def divide_by_convention(bins: tuple[ElevationBin, ...], convention: Convention)
 
 
 def list_classes(convention: Convention) -> list[tuple[tuple[int, int], list[int]]]:
-    """Give the edges of each class, and the numbers of the bins inside."""
+    """Return the edges of each class, and the numbers of the bins inside."""
     return [
-        (edges, [k for k, bin_edges in enumerate(pairwise(BIN_EDGES_DEG)) if _holds(edges, bin_edges)])
-        for edges in pairwise(convention.edges_deg)
+        ((low, high), [k for k, (a, b) in enumerate(pairwise(BIN_EDGES_DEG)) if low <= a and b <= high])
+        for low, high in pairwise(convention.edges_deg)
     ]
 
 
-def _holds(outer_deg: tuple[int, int], inner_deg: tuple[int, int]) -> bool:
-    return outer_deg[0] <= inner_deg[0] and inner_deg[1] <= outer_deg[1]
-
-
 def summarise_time_above(cell_us: IntArray) -> tuple[TimeAbove, ...]:
-    """Give the time at or above 30, 60 and 90 deg; cells of shape (1800,)."""
+    """Return the time at or above 30, 60 and 90 deg; cells of shape (1800,)."""
     ends_us = _sum_below(cell_us)
     return tuple(
         TimeAbove(threshold, *_share(ends_us[-1] - ends_us[threshold * CELLS_PER_DEG], ends_us[-1]))
@@ -104,12 +174,12 @@ def _sum_below(cell_us: IntArray) -> IntArray:
 
 
 def _share(part_us: np.int64, total_us: np.int64) -> tuple[float, float]:
-    """Give seconds and percent."""
+    """Return seconds and percent."""
     return int(part_us) / MICROSECONDS, 100.0 * int(part_us) / int(total_us)
 
 
-def find_percentiles(cell_us: IntArray, percents: tuple[int, ...] = PERCENTS) -> dict[int, float]:
-    """Give percentiles of elevation, deg: the smallest x with F(x) >= p, linear within a 0.1 deg cell.
+def find_percentiles(cell_us: AnyArray, percents: tuple[int, ...] = PERCENTS) -> dict[int, float]:
+    """Return percentiles of elevation, deg: the smallest x with F(x) >= p, linear within a 0.1 deg cell.
 
     APDF of Jonsson 1982; percentiles of a day come from its pooled cells, never from averaged percentiles.
     """
@@ -119,7 +189,7 @@ def find_percentiles(cell_us: IntArray, percents: tuple[int, ...] = PERCENTS) ->
 
 @kernel_making_arrays
 def find_percentile_cells(weights, percents):  # type: ignore[no-untyped-def]
-    """Give each row's percentiles in cells, shape (rows, percents): 3.5 is the middle of the fourth cell.
+    """Return each row's percentiles in cells, shape (rows, percents): 3.5 is the middle of the fourth cell.
 
     ``percents`` ascend; a row without weight gives NaN.
     """

@@ -1,14 +1,13 @@
-"""Rainflow cycles of elevation (EXPOSURE.md A5; ASTM E1049-85 §5.4.4)."""
+"""Rainflow cycles of elevation (ASTM E1049-85 §5.4.4)."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.resampling import Resampling, find_ranges
-from fusion.exposure.rows import find_part_rows
-from fusion.exposure.types import Cycles, Interval
+from fusion.exposure.resampling import Figures, Resampling
+from fusion.exposure.rows import find_part_rows, find_parts
+from fusion.exposure.types import Cycles
 from fusion.numba_kernels import inner, kernel, kernel_making_arrays
 from fusion.recording import Float64Array, IntArray
 
@@ -17,17 +16,17 @@ RANGE_EDGES_DEG = (10.0, 30.0, 60.0, 90.0, None)
 USUAL_POINTS = 65536
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class CycleTally:
-    """Cycles by error of the angle, 5-minute block and class of range, filled in place: shape (g, b, 4).
+    """Cycles by error of the angle, 5-minute block and class of range: ``counts``, shape (g, b, 4).
 
-    ``errors_deg`` has shape (g,), 0 in the middle. A half cycle counts 0.5; runs of valid rows are
-    counted apart; ranges under 10 deg are in no class. A cycle belongs to the block in which its range ends.
+    A half cycle counts 0.5; runs of valid rows are counted apart; ranges under 10 deg are in no class. A
+    cycle belongs to the block in which its range ends.
     """
 
-    errors_deg: Float64Array
-    edges_us: IntArray
-    counts: Float64Array
+    def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
+        """Start with nothing counted; ``errors_deg``, shape (g,), has 0 in the middle."""
+        self.errors_deg, self.edges_us = errors_deg, edges_us
+        self.counts = np.zeros((len(errors_deg), len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment: with an error b each angle is b lower, but none is under 0 or over 180 deg.
@@ -36,7 +35,7 @@ class CycleTally:
         lie inside others and are in no class.
         """
         points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
-        parts = np.searchsorted(find_part_rows(angle, self.edges_us), rows, side="right") - 1
+        parts = find_parts(find_part_rows(angle, self.edges_us), rows)
         as_read = np.zeros(self.counts.shape[1:])
         _count_ranges(points_deg, runs, parts, as_read)
         lowest, highest = points_deg.min(initial=180.0), points_deg.max(initial=0.0)
@@ -47,24 +46,25 @@ class CycleTally:
                 clipped_deg = np.clip(points_deg - error_deg, 0.0, 180.0)
                 _count_ranges(clipped_deg, runs, parts, self.counts[error])
 
-    def sum_day(self) -> Float64Array:
-        """Give the counts of the angle as it was read, shape (4,)."""
-        return np.asarray(self.counts[len(self.errors_deg) // 2].sum(axis=0))
+    def summarise(self) -> tuple[Cycles, ...]:
+        """Return the counts of the angle as it was read."""
+        counts = self.counts[len(self.errors_deg) // 2].sum(axis=0)
+        return tuple(
+            Cycles(float(lower or 0.0), upper, float(count))
+            for (lower, upper), count in zip(pairwise(RANGE_EDGES_DEG), counts, strict=True)
+        )
 
-    def name_intervals(self, draws: Resampling, block_s: Float64Array) -> dict[str, Interval]:
-        """Give the intervals of the counts: of the sampling of the day, and of an error of the angle.
+    def draw(self, draws: Resampling, block_s: Float64Array) -> Figures:
+        """Draw the counts: the sampling of the day, and an error of the angle.
 
         An error changes a range only where it brings the angle to an end of its scale.
         """
         share = draws.sum(block_s) / block_s.sum()
         drawn = draws.sum_with_error(self.counts, self.errors_deg) / share[:, np.newaxis]
-        return dict(zip(_name_classes(), find_ranges(drawn), strict=True))
-
-
-def start_cycles(errors_deg: Float64Array, edges_us: IntArray) -> CycleTally:
-    """Start with nothing counted."""
-    counts = np.zeros((len(errors_deg), len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
-    return CycleTally(errors_deg, edges_us, counts)
+        ends = [f"{edge:g}" if edge is not None else "up" for edge in RANGE_EDGES_DEG]
+        return {
+            f"cycles_{lower}_{upper}_count": drawn[:, k] for k, (lower, upper) in enumerate(pairwise(ends))
+        }
 
 
 def _count_ranges(points_deg: Float64Array, runs: IntArray, parts: IntArray, counts: Float64Array) -> None:
@@ -76,7 +76,7 @@ def _count_ranges(points_deg: Float64Array, runs: IntArray, parts: IntArray, cou
 
 
 def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[Float64Array, IntArray, IntArray]:
-    """Give the peaks and valleys left after a hysteresis filter, the valid run of each, and its row.
+    """Return the peaks and valleys left after a hysteresis filter, the valid run of each, and its row.
 
     A reversal counts once the angle has come back by the hysteresis; the first and the last extreme of a run
     are turning points.
@@ -129,7 +129,7 @@ def _write_point(points_deg, places, count, point_deg, place):  # type: ignore[n
 
 @kernel_making_arrays
 def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
-    """Give the ranges, their counts (1 or 0.5) and the point that ends each; every run by itself.
+    """Return the ranges, their counts (1 or 0.5) and the point that ends each; every run by itself.
 
     ASTM E1049-85 §5.4.4 with the points still in play on a stack: the last range X closes the one before, Y,
     when X >= Y; a Y that holds the starting point is a half cycle, and so is all that is left at the end.
@@ -162,16 +162,3 @@ def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
                 stack[top - 3] = stack[top - 1]
                 top -= 2
     return ranges[:count], weights[:count], ends[:count]
-
-
-def summarise_cycles(counts: Float64Array) -> tuple[Cycles, ...]:
-    """Name the classes; ``counts`` has shape (4,)."""
-    return tuple(
-        Cycles(float(lower or 0.0), upper, float(count))
-        for lower, upper, count in zip(RANGE_EDGES_DEG[:-1], RANGE_EDGES_DEG[1:], counts, strict=True)
-    )
-
-
-def _name_classes() -> list[str]:
-    ends = [f"{edge:g}" if edge is not None else "up" for edge in RANGE_EDGES_DEG]
-    return [f"cycles_{lower}_{upper}_count" for lower, upper in pairwise(ends)]

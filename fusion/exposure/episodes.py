@@ -1,32 +1,36 @@
-"""Repetitions and sustained stays above a threshold (EXPOSURE.md A4 and A5, CONTRACT.md §5).
+"""Repetitions and sustained stays above a threshold.
 
 Both come from one Schmitt trigger with 10 deg of hysteresis: above once the angle passes c + 5, below once it
 passes c - 5. A run of valid rows that starts above c + 5 starts "above": a stay, but no repetition.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.exposure.bins import THRESHOLDS_DEG, PartHistograms, find_percentile_cells
+from fusion.exposure.bins import (
+    BLOCK_MINUTES,
+    THRESHOLDS_DEG,
+    PartHistograms,
+    Stretches,
+    find_percentile_cells,
+    sum_groups,
+)
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.parts import BLOCK_MINUTES, Stretches, sum_groups
-from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import add_rows, find_part, find_part_rows
-from fusion.exposure.types import Entries, Episodes, Interval
-from fusion.numba_kernels import inner, kernel
+from fusion.exposure.resampling import GROWTH, Figures, Resampling, lower_thresholds, scale_draws
+from fusion.exposure.rows import add_spans, find_part_rows, find_parts
+from fusion.exposure.types import Entries, Episodes
+from fusion.numba_kernels import kernel
+from fusion.numerics.runs import IS_CUT, IS_ENTRY, LEVEL, RUN, START, STOP, find_stays_above
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
 
 HALF_HYSTERESIS_DEG = 5.0
 MERGED_GAP_S = 0.5
 SHORTEST_S = 0.5
-USUAL_STAYS = 16_384
 LONG_S = (5.0, 10.0, 30.0, 60.0)
 BUSY_PER_MINUTE = 2
 LEAST_OF_MINUTE = 0.5
-START, STOP, COUNTED, CENSORED, RUN = range(5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,60 +49,32 @@ class Stays:
 
 def find_stays(angle: MetricAngle, threshold_deg: float) -> Stays:
     """Find the repetitions and episodes of one segment above one threshold."""
-    crossings = _find_crossings(angle, threshold_deg)
-    entries = crossings[crossings[:, COUNTED] == 1, START]
-    start, stop, censored = _merge_and_drop(crossings, angle.rate_hz)
+    crossings = _run_triggers(angle, np.array([float(threshold_deg)]), HALF_HYSTERESIS_DEG)
+    entries = crossings[crossings[:, IS_ENTRY] == 1, START]
+    episodes = _merge_and_drop(crossings, angle.rate_hz)
     return Stays(
         angle.start_us + np.rint(entries * (MICROSECONDS / angle.rate_hz)).astype(np.int64),
-        angle.start_us / MICROSECONDS + start / angle.rate_hz,
-        (stop - start) / angle.rate_hz,
-        censored,
+        angle.start_us / MICROSECONDS + episodes[:, START] / angle.rate_hz,
+        (episodes[:, STOP] - episodes[:, START]) / angle.rate_hz,
+        episodes[:, IS_CUT] == 1,
     )
 
 
-def _find_crossings(angle: MetricAngle, threshold_deg: float) -> IntArray:
-    enter_deg, leave_deg = threshold_deg + HALF_HYSTERESIS_DEG, threshold_deg - HALF_HYSTERESIS_DEG
-    stays = np.empty((USUAL_STAYS, 5), np.int64)
-    count = scan_stays(angle.elevation_deg, angle.valid, enter_deg, leave_deg, stays)
-    if count > len(stays):
-        stays = np.empty((count, 5), np.int64)
-        scan_stays(angle.elevation_deg, angle.valid, enter_deg, leave_deg, stays)
-    return stays[:count]
+def _run_triggers(angle: MetricAngle, levels_deg: Float64Array, half_deg: float) -> IntArray:
+    return find_stays_above(angle.elevation_deg, angle.valid, levels_deg + half_deg, levels_deg - half_deg)
 
 
-@kernel
-def scan_stays(angle_deg, valid, enter_deg, leave_deg, stays):  # type: ignore[no-untyped-def]
-    """Run the trigger; write as many stays as there is room for; return how many there are.
-
-    A stay is (first row, row after the last, counted as entry, censored, number of its valid run).
-    """
-    count, run, start, counted, inside = 0, 0, -1, 0, False
-    for i in range(len(angle_deg) + 1):
-        valid_row = i < len(angle_deg) and valid[i]
-        if start >= 0 and (not valid_row or angle_deg[i] < leave_deg):
-            if count < len(stays):
-                stays[count, START], stays[count, STOP] = start, i
-                stays[count, COUNTED], stays[count, CENSORED] = counted, 0 if valid_row else 1
-                stays[count, RUN] = run
-            count, start = count + 1, -1
-        elif start < 0 and valid_row and angle_deg[i] > enter_deg:
-            start, counted = i, 1 if inside else 0
-        if inside and not valid_row:
-            run += 1
-        inside = valid_row
-    return count
-
-
-def _merge_and_drop(stays: IntArray, rate_hz: float) -> tuple[IntArray, IntArray, BoolArray]:
-    """Merge stays of one valid run over gaps under 0.5 s, then drop those under 0.5 s."""
+def _merge_and_drop(stays: IntArray, rate_hz: float) -> IntArray:
+    """Merge stays of one level and valid run over gaps under 0.5 s, then drop those under 0.5 s."""
     gap = stays[1:, START] - stays[:-1, STOP]
-    same_run = stays[1:, RUN] == stays[:-1, RUN]
-    apart = ~(same_run & _is_under(gap, MERGED_GAP_S, rate_hz))
+    same = (stays[1:, RUN] == stays[:-1, RUN]) & (stays[1:, LEVEL] == stays[:-1, LEVEL])
+    apart = ~(same & _is_under(gap, MERGED_GAP_S, rate_hz))
     first = np.concatenate([[True], apart])[: len(stays)]
     last = np.concatenate([apart, [True]])[: len(stays)]
-    start, stop, censored = stays[first, START], stays[last, STOP], stays[last, CENSORED] == 1
-    kept = ~_is_under(stop - start, SHORTEST_S, rate_hz)
-    return start[kept], stop[kept], censored[kept]
+    merged = stays[last]
+    merged[:, START] = stays[first, START]
+    kept: IntArray = merged[~_is_under(merged[:, STOP] - merged[:, START], SHORTEST_S, rate_hz)]
+    return kept
 
 
 def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> BoolArray:
@@ -114,27 +90,22 @@ def summarise_entries(
     With the day's minutes also the share of them (those with 30 s or more of analysed time) that hold two
     entries or more per minute of it: the frequency at which EN 1005-4 asks for more than the zone.
     """
-    count = sum(len(segment.entry_us) for segment in stays)
-    busy_percent = None if minutes is None else _share_busy(stays, minutes)
-    return Entries(threshold_deg, count, count * 3600.0 / analysed_s, busy_percent)
-
-
-def _share_busy(stays: list[Stays], minutes: PartHistograms) -> float | None:
-    analysed_min = find_analysed_minutes(minutes)
-    kept = analysed_min >= LEAST_OF_MINUTE
-    if not kept.any():
-        return None
     entry_us = np.concatenate([segment.entry_us for segment in stays])
-    counts = np.histogram(entry_us, minutes.edges_us)[0]
-    return 100.0 * float(is_busy(counts, analysed_min)[kept].mean())
+    busy_percent = None
+    if minutes is not None:
+        analysed_min, kept = find_analysed_minutes(minutes)
+        is_busy = find_busy(np.histogram(entry_us, minutes.edges_us)[0], analysed_min)
+        busy_percent = 100.0 * float(is_busy[kept].mean()) if kept.any() else None
+    return Entries(threshold_deg, len(entry_us), len(entry_us) * 3600.0 / analysed_s, busy_percent)
 
 
-def find_analysed_minutes(minutes: PartHistograms) -> Float64Array:
-    """Give how much of each minute was analysed, shape (m,)."""
-    return np.asarray(minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS), np.float64)
+def find_analysed_minutes(minutes: PartHistograms) -> tuple[Float64Array, BoolArray]:
+    """Return how much of each minute was analysed, shape (m,), and whether it counts."""
+    analysed_min = np.asarray(minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS), np.float64)
+    return analysed_min, analysed_min >= LEAST_OF_MINUTE
 
 
-def is_busy(counts: IntArray | Float64Array, analysed_min: Float64Array) -> BoolArray:
+def find_busy(counts: IntArray | Float64Array, analysed_min: Float64Array) -> BoolArray:
     """Find the minutes with two entries or more per minute of analysed time; the last axis is minutes.
 
     Rows do not begin with minutes: one may hold a row more than 60 s, and asks for no third entry.
@@ -165,7 +136,7 @@ def summarise_episodes(threshold_deg: float, stays: list[Stays], analysed_s: flo
     )
 
 
-# Entries and episodes once more, with the angle read a little too high or too low (EXPOSURE.md A12).
+# Entries and episodes once more, with the angle read a little too high or too low.
 
 
 CELLS_PER_OCTAVE = 4
@@ -175,36 +146,8 @@ STAYS, STAY_S, LONGER_S = range(3)
 SUMS = LONGER_S + len(LONG_S)
 
 
-class _Limits(NamedTuple):
-    """What divides the rows of one segment, for the kernels.
-
-    ``levels_deg``, rising, are the thresholds with each error. Lengths are in rows: gaps under
-    ``merged_rows`` are no gaps, stays under ``shortest_rows`` no stays, and ``longer`` are the limits of
-    :data:`LONG_S`.
-    ``stretch_rows`` and ``block_rows`` are the first rows of each stretch and 5-minute block.
-    """
-
-    levels_deg: Float64Array
-    merged_rows: float
-    shortest_rows: float
-    longer: Float64Array
-    stretch_rows: IntArray
-    block_rows: IntArray
-    rate_hz: float
-
-
-class _Counts(NamedTuple):
-    """The arrays of :class:`ShiftedStays`, for the kernels."""
-
-    entries: Float64Array
-    sums: Float64Array
-    cells: NDArray[np.int32]
-    longest_s: Float64Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ShiftedStays:
-    """What was counted at each threshold and error in each part of the day, filled in place.
+    """What is counted at each threshold and error of the angle in each part of the day.
 
     ``levels_deg``, shape (t,), are the thresholds of :data:`THRESHOLDS_DEG` with each error, sorted.
     ``entries``, shape (t, s), are the entries in each stretch; ``sums``, shape (t, b, 6), the episodes of
@@ -212,186 +155,147 @@ class ShiftedStays:
     an octave; ``longest_s``, shape (t,). An episode is counted where it begins, its time where it lies.
     """
 
-    errors_deg: Float64Array
-    stretches: Stretches
-    levels_deg: Float64Array
-    entries: Float64Array
-    sums: Float64Array
-    cells: NDArray[np.int32]
-    longest_s: Float64Array
+    def __init__(self, errors_deg: Float64Array, stretches: Stretches) -> None:
+        """Start with nothing counted; ``errors_deg``, shape (g,), has 0 in the middle."""
+        self.errors_deg, self.stretches = errors_deg, stretches
+        self.levels_deg = np.unique([np.round(c - errors_deg, 9) for c in THRESHOLDS_DEG])
+        levels, blocks = len(self.levels_deg), len(stretches.block_edges_us) - 1
+        self.entries = np.zeros((levels, len(stretches.minute_of)))
+        self.sums = np.zeros((levels, blocks, SUMS))
+        self.cells = np.zeros((levels, blocks, CELLS), np.int32)
+        self.longest_s = np.zeros(levels)
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment."""
-        limits = _Limits(
-            self.levels_deg,
-            MERGED_GAP_S * angle.rate_hz - 1e-3,
-            SHORTEST_S * angle.rate_hz - 1e-3,
-            np.array(LONG_S) * angle.rate_hz + 1e-3,
-            find_part_rows(angle, self.stretches.edges_us),
-            find_part_rows(angle, self.stretches.block_edges_us),
-            angle.rate_hz,
-        )
-        counts = _Counts(self.entries, self.sums, self.cells, self.longest_s)
-        state = np.full((len(self.levels_deg), 2), -1)
-        scan_levels(angle.elevation_deg, angle.valid, limits, state, counts)
+        stays = _run_triggers(angle, self.levels_deg, HALF_HYSTERESIS_DEG)
+        _count_entries(stays, find_part_rows(angle, self.stretches.edges_us), self.entries)
+        block_rows = find_part_rows(angle, self.stretches.block_edges_us)
+        episodes = _merge_and_drop(stays, angle.rate_hz)
+        level, rows = episodes[:, LEVEL], episodes[:, STOP] - episodes[:, START]
+        block = find_parts(block_rows, episodes[:, START])
+        np.add.at(self.sums[:, :, STAYS], (level, block), 1.0)
+        add_spans(episodes, 1.0 / angle.rate_hz, block_rows, self.sums[:, :, STAY_S])
+        for k, limit_s in enumerate(LONG_S):
+            longer = episodes[rows > limit_s * angle.rate_hz + 1e-3]
+            add_spans(longer, 1.0 / angle.rate_hz, block_rows, self.sums[:, :, LONGER_S + k])
+        _count_lengths(level, block, rows / angle.rate_hz, self.cells, self.longest_s)
 
     def pick(self, array: Float64Array | NDArray[np.int32], threshold_deg: int) -> Float64Array:
-        """Give the rows of one threshold in the order of the errors, shape (11, ...)."""
+        """Return the rows of one threshold in the order of the errors, shape (11, ...)."""
         wanted = np.searchsorted(self.levels_deg, np.round(threshold_deg - self.errors_deg, 9))
         return np.asarray(array[wanted], np.float64)
 
     def pick_entries(self, threshold_deg: int, group_of: IntArray) -> Float64Array:
-        """Give the entries of one threshold in each group of stretches, shape (11, groups)."""
-        return sum_groups(self.pick(self.entries, threshold_deg).T, group_of).T
+        """Return the entries of one threshold in each group of stretches, shape (11, groups)."""
+        return sum_groups(self.pick(self.entries, threshold_deg), group_of)
+
+    def draw(self, episodes: tuple[Episodes, ...], draws: Resampling, block_s: Float64Array) -> Figures:
+        """Draw repetitions and episodes; ``block_s``, shape (b,), is the analysed time.
+
+        The draws cover the error of the angle and the sampling of the day; those of the longest episode the
+        error alone, for the longest of other days cannot be drawn from this one.
+        """
+        found: Figures = {}
+        length_h, drawn_h = float(block_s.sum()) / 3600.0, draws.sum(block_s) / 3600.0
+        for item in episodes:
+            c = int(item.threshold_deg)
+            entries = draws.sum_with_error(self.pick_entries(c, self.stretches.block_of), self.errors_deg)
+            sums = draws.sum_with_error(self.pick(self.sums, c), self.errors_deg) / drawn_h[:, np.newaxis]
+            found[f"entries_above_{c}_per_h"] = entries / drawn_h
+            found[f"entries_above_{c}_count"] = entries / drawn_h * length_h
+            found[f"episodes_above_{c}_per_h"] = sums[:, STAYS]
+            found[f"episodes_above_{c}_count"] = sums[:, STAYS] * length_h
+            found[f"episodes_above_{c}_total_s"] = sums[:, STAY_S] * length_h
+            for k, limit_s in enumerate(LONG_S):
+                name = f"episodes_above_{c}_longer_than_{limit_s:g}_s_total_s"
+                found[name] = sums[:, LONGER_S + k] * length_h
+            if item.longest_s and item.median_s is not None and item.p90_s is not None:
+                longest_s = draws.look_up(self.pick(self.longest_s, c), self.errors_deg)
+                found[f"episodes_above_{c}_longest_s"] = longest_s
+                cells = self.pick(self.cells, c)
+                drawn_s = _find_lengths(draws.sum_with_error(cells, self.errors_deg))
+                coarse_s = _find_lengths(cells[len(cells) // 2].sum(axis=0)[np.newaxis])[0]
+                for k, (name, value) in enumerate((("median", item.median_s), ("p90", item.p90_s))):
+                    found[f"episodes_above_{c}_{name}_s"] = scale_draws(value, drawn_s[:, k], coarse_s[k])
+        return found
+
+    def draw_busy(self, minutes: PartHistograms, draws: Resampling) -> Figures:
+        """Draw the share of minutes with two entries or more."""
+        analysed_min, kept = find_analysed_minutes(minutes)
+        block_of = np.arange(len(kept)) // BLOCK_MINUTES
+        drawn_minutes = draws.sum(sum_groups(kept.astype(np.float64), block_of))
+        found: Figures = {}
+        for c in THRESHOLDS_DEG:
+            is_busy = find_busy(self.pick_entries(c, self.stretches.minute_of), analysed_min) & kept
+            drawn = draws.sum_with_error(sum_groups(is_busy.astype(np.float64), block_of), self.errors_deg)
+            with np.errstate(invalid="ignore"):  # a draw without a minute that counts
+                found[f"entries_above_{c}_busy_minutes_percent"] = 100.0 * drawn / drawn_minutes
+        return found
 
 
-def start_shifted_stays(errors_deg: Float64Array, stretches: Stretches) -> ShiftedStays:
-    """Start with nothing counted."""
-    levels_deg = np.unique([np.round(c - errors_deg, 9) for c in THRESHOLDS_DEG])
-    levels, blocks = len(levels_deg), len(stretches.block_edges_us) - 1
-    return ShiftedStays(
-        errors_deg,
-        stretches,
-        levels_deg,
-        np.zeros((levels, len(stretches.minute_of))),
-        np.zeros((levels, blocks, SUMS)),
-        np.zeros((levels, blocks, CELLS), np.int32),
-        np.zeros(levels),
-    )
+def _count_entries(stays: IntArray, part_rows: IntArray, entries: Float64Array) -> None:
+    entered = stays[stays[:, IS_ENTRY] == 1]
+    np.add.at(entries, (entered[:, LEVEL], find_parts(part_rows, entered[:, START])), 1.0)
 
 
 @kernel
-def scan_levels(angle_deg, valid, limits, state, counts):  # type: ignore[no-untyped-def]
-    """Run the triggers of all levels; ``above`` is how many of them, from the lowest, are up.
-
-    ``state``, shape (t, 2), holds the first row and the row after the last of each level's last stay.
-    """
-    levels = limits.levels_deg
-    above, inside, enter, leave = 0, False, levels[0] + HALF_HYSTERESIS_DEG, -np.inf
-    for i in range(len(angle_deg) + 1):
-        if i == len(angle_deg) or not valid[i]:
-            if inside:
-                _close_all(above, i, state, limits, counts)
-                above, inside = 0, False
-                enter, leave = levels[0] + HALF_HYSTERESIS_DEG, -np.inf
-            continue
-        if angle_deg[i] > enter or angle_deg[i] < leave:
-            above = _move(angle_deg[i], i, above if inside else -1, state, limits, counts)
-            enter = levels[above] + HALF_HYSTERESIS_DEG if above < len(levels) else np.inf
-            leave = levels[above - 1] - HALF_HYSTERESIS_DEG if above > 0 else -np.inf
-        inside = True
-
-
-@inner
-def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]
-    """Let levels go up or down to the angle ``x``; at the first row of a run (``above`` -1) uncounted."""
-    levels = limits.levels_deg
-    counted, above = above >= 0, max(above, 0)
-    while above < len(levels) and x > levels[above] + HALF_HYSTERESIS_DEG:
-        if counted:
-            stretch = find_part(limits.stretch_rows, row)
-            counts.entries[above, stretch] += 1
-        if state[above, 0] < 0 or row - state[above, 1] >= limits.merged_rows:
-            _record(above, state, limits, counts)
-            state[above, 0] = row
-        above += 1
-    while above > 0 and x < levels[above - 1] - HALF_HYSTERESIS_DEG:
-        above -= 1
-        state[above, 1] = row
-    return above
-
-
-@inner
-def _close_all(above, row, state, limits, counts):  # type: ignore[no-untyped-def]
-    """End all stays where a run of valid rows ends."""
-    for level in range(len(state)):
-        if level < above:
-            state[level, 1] = row
-        _record(level, state, limits, counts)
-
-
-@inner
-def _record(level, state, limits, counts):  # type: ignore[no-untyped-def]
-    """Count a finished stay, unless it is too short, and forget it."""
-    block_rows, rate_hz = limits.block_rows, limits.rate_hz
-    sums, cells, longest_s = counts.sums, counts.cells, counts.longest_s
-    first, rows = state[level, 0], state[level, 1] - state[level, 0]
-    state[level, 0] = -1
-    if first < 0 or rows < limits.shortest_rows:
-        return
-    seconds = rows / rate_hz
-    block = add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, STAY_S])
-    sums[level, block, STAYS] += 1
-    for k in range(LONGER_S, SUMS):
-        if rows > limits.longer[k - LONGER_S]:
-            add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, k])
-    cell = int(np.log2(max(seconds / SHORTEST_S, 1.0)) * CELLS_PER_OCTAVE)
-    cells[level, block, min(cell, CELLS - 1)] += 1
-    longest_s[level] = max(longest_s[level], seconds)
-
-
-def name_stay_intervals(
-    shifted: ShiftedStays, episodes: tuple[Episodes, ...], draws: Resampling, block_s: Float64Array
-) -> dict[str, Interval]:
-    """Give the intervals of repetitions and episodes; ``block_s``, shape (b,), is the analysed time.
-
-    They cover the error of the angle and the sampling of the day; that of the longest episode the error
-    alone, for the longest of other days cannot be drawn from this one.
-    """
-    found: dict[str, Interval | None] = {}
-    length_h = float(block_s.sum()) / 3600.0
-    drawn_h = draws.sum(block_s) / 3600.0
-    for item in episodes:
-        c = int(item.threshold_deg)
-        entries = shifted.pick_entries(c, shifted.stretches.block_of)
-        entries_per_h = draws.sum_with_error(entries, shifted.errors_deg) / drawn_h
-        per_h = (
-            draws.sum_with_error(shifted.pick(shifted.sums, c), shifted.errors_deg) / drawn_h[:, np.newaxis]
-        )
-        found[f"entries_above_{c}_per_h"] = find_interval(entries_per_h)
-        found[f"entries_above_{c}_count"] = find_interval(entries_per_h * length_h)
-        found[f"episodes_above_{c}_per_h"] = find_interval(per_h[:, STAYS])
-        found[f"episodes_above_{c}_count"] = find_interval(per_h[:, STAYS] * length_h)
-        found[f"episodes_above_{c}_total_s"] = find_interval(per_h[:, STAY_S] * length_h)
-        for k, limit_s in enumerate(LONG_S):
-            name = f"episodes_above_{c}_longer_than_{limit_s:g}_s_total_s"
-            found[name] = find_interval(per_h[:, LONGER_S + k] * length_h)
-        longest_s = draws.look_up(shifted.pick(shifted.longest_s, c), shifted.errors_deg)
-        found[f"episodes_above_{c}_longest_s"] = find_interval(longest_s) if item.longest_s else None
-        found |= _name_lengths(shifted, item, draws)
-    return name_intervals(found)
-
-
-def name_busy_intervals(
-    shifted: ShiftedStays, minutes: PartHistograms, draws: Resampling
-) -> dict[str, Interval]:
-    """Give the intervals of the share of minutes with two entries or more."""
-    analysed_min = find_analysed_minutes(minutes)
-    kept = analysed_min >= LEAST_OF_MINUTE
-    block_of = np.arange(len(kept)) // BLOCK_MINUTES
-    found: dict[str, Interval | None] = {}
-    drawn_minutes = draws.sum(sum_groups(kept.astype(np.float64), block_of))
-    for c in THRESHOLDS_DEG:
-        busy = is_busy(shifted.pick_entries(c, shifted.stretches.minute_of), analysed_min) & kept
-        by_block = sum_groups(busy.T.astype(np.float64), block_of).T
-        drawn = draws.sum_with_error(by_block, shifted.errors_deg)
-        with np.errstate(invalid="ignore"):  # a draw without a minute that counts
-            found[f"entries_above_{c}_busy_minutes_percent"] = find_interval(100.0 * drawn / drawn_minutes)
-    return name_intervals(found)
-
-
-def _name_lengths(shifted: ShiftedStays, item: Episodes, draws: Resampling) -> dict[str, Interval | None]:
-    c = int(item.threshold_deg)
-    cells = shifted.pick(shifted.cells, c)
-    drawn_s = _find_lengths(draws.sum_with_error(cells, shifted.errors_deg))
-    coarse_s = _find_lengths(cells[len(cells) // 2].sum(axis=0)[np.newaxis])[0]
-    return {
-        f"episodes_above_{c}_median_s": scale_interval(item.median_s, drawn_s[:, 0], coarse_s[0]),
-        f"episodes_above_{c}_p90_s": scale_interval(item.p90_s, drawn_s[:, 1], coarse_s[1]),
-    }
+def _count_lengths(level, block, seconds, cells, longest_s):  # type: ignore[no-untyped-def]
+    """Count each episode in the cell of its length, in the block in which it begins."""
+    for k in range(len(level)):
+        cell = int(np.log2(max(seconds[k] / SHORTEST_S, 1.0)) * CELLS_PER_OCTAVE)
+        cells[level[k], block[k], min(cell, CELLS - 1)] += 1
+        longest_s[level[k]] = max(longest_s[level[k]], seconds[k])
 
 
 def _find_lengths(cells: Float64Array) -> Float64Array:
-    """Give median and P90 of lengths from their cells, shape (k, 64): shape (k, 2), NaN without any."""
+    """Return median and P90 of lengths from their cells, shape (k, 64): shape (k, 2), NaN without any."""
     places = find_percentile_cells(cells, np.array([50.0, 90.0]))
     return np.asarray(SHORTEST_S * 2.0 ** (places / CELLS_PER_OCTAVE))
+
+
+# Entries with the one-sided error of the N-pose (:mod:`fusion.exposure.resampling`): both thresholds of the
+# trigger are lowered, which brings them a little nearer to each other.
+
+
+HALF_WIDTHS_DEG = (HALF_HYSTERESIS_DEG / (1.0 + GROWTH), HALF_HYSTERESIS_DEG)
+"""Of the trigger, with the whole of the error and without it."""
+STEP_DEG = 2.5
+"""Between the middles at which rises are counted; between them their number is taken as linear."""
+
+
+class LoweredEntries:
+    """Entries at lowered triggers.
+
+    ``levels_deg``, shape (t,), are the middles of the triggers, evenly spread; ``entries``, shape (2, t, s),
+    the entries in each stretch of the day with each of :data:`HALF_WIDTHS_DEG`.
+    """
+
+    def __init__(self, errors_deg: Float64Array, edges_us: IntArray) -> None:
+        """Start with nothing counted, with all triggers that a draw may ask for."""
+        lowest = lower_thresholds(THRESHOLDS_DEG[0] - errors_deg[-1:], np.ones(1))[0] - STEP_DEG
+        highest = THRESHOLDS_DEG[-1] - errors_deg[0]
+        self.levels_deg = lowest + STEP_DEG * np.arange(np.ceil((highest - lowest) / STEP_DEG) + 1)
+        self.edges_us = edges_us
+        self.entries = np.zeros((len(HALF_WIDTHS_DEG), len(self.levels_deg), len(edges_us) - 1))
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count a segment."""
+        part_rows = find_part_rows(angle, self.edges_us)
+        for half_deg, entries in zip(HALF_WIDTHS_DEG, self.entries, strict=True):
+            _count_entries(_run_triggers(angle, self.levels_deg, half_deg), part_rows, entries)
+
+    def draw(self, threshold_deg: float, blocks: Float64Array, draws: Resampling) -> Float64Array:
+        """Return the entries above a threshold in each draw, shape (200,); blocks as summed from ``entries``,
+        shape (2, t, b).
+        """
+        enter_deg, leave_deg = (
+            lower_thresholds(threshold_deg + half_deg - draws.error_deg, draws.share)
+            for half_deg in (HALF_HYSTERESIS_DEG, -HALF_HYSTERESIS_DEG)
+        )
+        sums = draws.sum(np.moveaxis(blocks, -1, 0))  # shape (200, 2, t)
+        middle = np.interp((enter_deg + leave_deg) / 2, self.levels_deg, np.arange(len(self.levels_deg)))
+        width = np.interp((enter_deg - leave_deg) / 2, HALF_WIDTHS_DEG, (0.0, 1.0))
+        left = np.minimum(middle.astype(np.int64), len(self.levels_deg) - 2)
+        part, draw = middle - left, np.arange(len(sums))
+        narrow, wide = ((1 - part) * sums[draw, k, left] + part * sums[draw, k, left + 1] for k in (0, 1))
+        return np.asarray((1 - width) * narrow + width * wide)

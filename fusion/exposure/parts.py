@@ -1,7 +1,4 @@
-"""The day cut at every minute, clock hour and edge of the diary (EXPOSURE.md A8).
-
-All parts (minutes, hours, periods of the diary) are sums of these stretches.
-"""
+"""The figures of the parts of the day: minutes, clock hours, periods of the diary."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,10 +6,9 @@ from datetime import UTC, datetime, timedelta
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.exposure.bins import (
-    CELLS,
+    AnyArray,
     PartHistograms,
     find_percentile_cells,
     find_percentiles,
@@ -21,96 +17,7 @@ from fusion.exposure.bins import (
 from fusion.exposure.periods import Period, Piece
 from fusion.exposure.rows import EvenRun, find_end_us
 from fusion.exposure.types import MinuteProfile, PartExposure
-from fusion.numba_kernels import kernel
-from fusion.recording import MICROSECONDS, Float64Array, IntArray
-
-BLOCK_MINUTES = 5
-
-AnyArray = Float64Array | IntArray | NDArray[np.int32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Stretches:
-    """Stretches of a minute or less that follow one another.
-
-    ``edges_us`` has shape (s + 1,), ``block_edges_us`` those of the 5-minute blocks; ``minute_of``,
-    ``hour_of`` and ``piece_of``, shape (s,), are the minute, clock hour and piece of the diary that each
-    belongs to (piece 0 without a diary).
-    """
-
-    edges_us: IntArray
-    minute_edges_us: IntArray
-    block_edges_us: IntArray
-    minute_of: IntArray
-    hour_of: IntArray
-    piece_of: IntArray
-
-    @property
-    def block_of(self) -> IntArray:
-        """The 5-minute block that each stretch belongs to, shape (s,)."""
-        return self.minute_of // BLOCK_MINUTES
-
-    def start_histograms(self) -> PartHistograms:
-        """Give an empty histogram for each stretch; the time of a minute fits 32 bits."""
-        return PartHistograms(self.edges_us, np.zeros((len(self.minute_of), CELLS), np.int32))
-
-    def sum_minutes(self, histograms: PartHistograms) -> PartHistograms:
-        """Give the histogram of each minute."""
-        return PartHistograms(self.minute_edges_us, sum_time(histograms.cell_us, self.minute_of))
-
-
-def cut_day(minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: IntArray) -> Stretches:
-    """Cut at all edges; those of the pieces may be missing altogether."""
-    edges_us = np.unique(np.concatenate([minute_edges_us, hour_edges_us, piece_edges_us]))
-    begins_us = edges_us[:-1]
-    return Stretches(
-        edges_us,
-        minute_edges_us,
-        np.append(minute_edges_us[:-1:BLOCK_MINUTES], minute_edges_us[-1]),
-        _find_parts(begins_us, minute_edges_us),
-        _find_parts(begins_us, hour_edges_us),
-        _find_parts(begins_us, piece_edges_us),
-    )
-
-
-def _find_parts(times_us: IntArray, edges_us: IntArray) -> IntArray:
-    """Find the part in which each time lies; what follows the last edge belongs to the last part."""
-    parts = np.searchsorted(edges_us, times_us, side="right") - 1
-    return np.asarray(np.clip(parts, 0, max(len(edges_us) - 2, 0)), np.int64)
-
-
-def sum_groups(rows: Float64Array, group_of: IntArray) -> Float64Array:
-    """Sum the rows, shape (s, ...), of each group; the groups follow one another."""
-    return np.asarray(np.add.reduceat(rows, _find_first(group_of), axis=0), np.float64)
-
-
-def sum_last_groups(counts: Float64Array, group_of: IntArray) -> Float64Array:
-    """Sum the columns, shape (..., s), of each group; the groups follow one another."""
-    return np.asarray(np.add.reduceat(counts, _find_first(group_of), axis=-1), np.float64)
-
-
-def sum_time(cell_us: IntArray | NDArray[np.int32], group_of: IntArray) -> IntArray:
-    """Sum the histograms, shape (s, 1800), of each group; the groups follow one another."""
-    first = np.append(_find_first(group_of), len(group_of))
-    summed_us = np.zeros((len(first) - 1, cell_us.shape[1]), np.int64)
-    _sum_rows(cell_us, first, summed_us)
-    return summed_us
-
-
-@kernel
-def _sum_rows(cell_us, first, summed_us):  # type: ignore[no-untyped-def]
-    for group in range(len(first) - 1):
-        for row in range(first[group], first[group + 1]):
-            for cell in range(cell_us.shape[1]):
-                summed_us[group, cell] += cell_us[row, cell]
-
-
-def _find_first(group_of: IntArray) -> IntArray:
-    return np.flatnonzero(np.diff(group_of, prepend=-1))
-
-
-# Minutes and clock hours, from these stretches.
-
+from fusion.recording import MICROSECONDS, IntArray
 
 PART_PERCENTS = (10, 50, 90)
 MINUTE_US = 60 * MICROSECONDS
@@ -126,7 +33,7 @@ class DayParts:
 
 
 def split_minutes(duration_us: int) -> IntArray:
-    """Give the edges of the minutes from the first sample, the last one as long as need be."""
+    """Return the edges of the minutes from the first sample, the last one as long as need be."""
     return np.arange(-(-duration_us // MINUTE_US) + 1, dtype=np.int64) * MINUTE_US
 
 
@@ -137,26 +44,20 @@ def split_hours(start: datetime | None, duration_us: int) -> DayParts:
     at all); a device clock without one runs on. Labels are "2027-03-14T22:00", or "+01:00" from the
     first sample.
     """
-    first_us = HOUR_US - _measure_into_hour(start)
-    inner = np.arange(first_us, duration_us, HOUR_US, dtype=np.int64)
-    edges_us = np.concatenate([[0], inner, [duration_us]])
-    return DayParts(edges_us, tuple(_name_hour(start, int(edge)) for edge in edges_us[:-1]))
-
-
-def _measure_into_hour(start: datetime | None) -> int:
-    if start is None:
-        return 0
-    return (start.minute * 60 + start.second) * MICROSECONDS + start.microsecond
-
-
-def _name_hour(start: datetime | None, elapsed_us: int) -> str:
-    if start is None:
-        return f"+{elapsed_us // HOUR_US:02d}:00"
-    return read_clock(start, elapsed_us).strftime("%Y-%m-%dT%H:00")
+    into_us = 0 if start is None else (start.minute * 60 + start.second) * MICROSECONDS + start.microsecond
+    full_us = np.arange(HOUR_US - into_us, duration_us, HOUR_US, dtype=np.int64)
+    edges_us = np.concatenate([[0], full_us, [duration_us]])
+    labels = (
+        f"+{edge_us // HOUR_US:02d}:00"
+        if start is None
+        else read_clock(start, edge_us).strftime("%Y-%m-%dT%H:00")
+        for edge_us in edges_us[:-1].tolist()
+    )
+    return DayParts(edges_us, tuple(labels))
 
 
 def read_clock(start: datetime, elapsed_us: int) -> datetime:
-    """Say what the clock of ``start`` shows after a true elapsed time."""
+    """Return what the clock of ``start`` shows after a true elapsed time."""
     elapsed = timedelta(microseconds=elapsed_us)
     if start.tzinfo is None:
         return start + elapsed
@@ -164,7 +65,7 @@ def read_clock(start: datetime, elapsed_us: int) -> datetime:
 
 
 def profile_minutes(minutes: PartHistograms) -> MinuteProfile:
-    """Give each minute's P10, P50 and P90 and its analysed time."""
+    """Return each minute's P10, P50 and P90 and its analysed time."""
     places = find_percentile_cells(minutes.cell_us, np.array(PART_PERCENTS, np.float64)) / 10.0
     analysed_us = minutes.cell_us.sum(axis=1, dtype=np.int64)
     start_s, analysed_s = minutes.edges_us[:-1] / MICROSECONDS, analysed_us / MICROSECONDS
@@ -174,7 +75,7 @@ def profile_minutes(minutes: PartHistograms) -> MinuteProfile:
 def summarise_parts(
     parts: DayParts, histograms: PartHistograms, entry_us: IntArray
 ) -> tuple[PartExposure, ...]:
-    """Give the main figures of each part; ``entry_us`` are the times of the entries above 60 deg."""
+    """Return the main figures of each part; ``entry_us`` are the times of the entries above 60 deg."""
     entries = np.histogram(entry_us, parts.edges_us)[0]
     return tuple(
         summarise_part(label, parts.edges_us[k : k + 2], histograms.cell_us[k], int(entries[k]))
@@ -183,7 +84,7 @@ def summarise_parts(
 
 
 def summarise_part(label: str, edges_us: IntArray, cell_us: IntArray, entries: int) -> PartExposure:
-    """Give the main figures of one part from its cells, shape (1800,), and its entries above 60 deg."""
+    """Return the main figures of one part from its cells, shape (1800,), and its entries above 60 deg."""
     start_s, end_s = (float(edge) / MICROSECONDS for edge in edges_us)
     analysed_s = int(cell_us.sum()) / MICROSECONDS
     if analysed_s == 0.0:
@@ -216,12 +117,12 @@ class DayDivision:
     pieces: tuple[Piece, ...] = ()
 
     def list_edges(self) -> IntArray:
-        """Give the edges of the pieces, shape (p + 1,); none without a diary."""
+        """Return the edges of the pieces, shape (p + 1,); none without a diary."""
         edges_us = [piece.start_us for piece in self.pieces[:1]] + [piece.end_us for piece in self.pieces]
         return np.array(edges_us, np.int64)
 
     def group_by_row(self) -> tuple[Group, ...]:
-        """Give the pieces of each row, in the order of the diary, then those that no row names.
+        """Return the pieces of each row, in the order of the diary, then those that no row names.
 
         A row that others cover wholly is left out.
         """
@@ -230,7 +131,7 @@ class DayDivision:
         return tuple(group for group in owned if group)
 
     def group_by_task(self) -> tuple[Group, ...]:
-        """Give the pieces of all rows of one kind and label, in the order of the first of each.
+        """Return the pieces of all rows of one kind and label, in the order of the first of each.
 
         What is left out and what is analysed stay apart.
         """
@@ -242,7 +143,7 @@ class DayDivision:
         return tuple(tuple(sorted(group)) for group in groups.values())
 
     def name_owner(self, piece: int) -> tuple[str, str]:
-        """Give kind and label of the row that owns a piece."""
+        """Return kind and label of the row that owns a piece."""
         found = self.pieces[piece]
         if found.period < 0:
             return ("outside" if found.reason else REST_KIND), ""
@@ -272,7 +173,7 @@ def _snap(time_us: int, runs: Sequence[EvenRun]) -> int:
 def summarise_group(
     division: DayDivision, group: Group, cell_us: AnyArray, entries: IntArray
 ) -> PartExposure:
-    """Give the main figures of pieces taken together.
+    """Return the main figures of pieces taken together.
 
     ``cell_us``, shape (p, 1800), and ``entries`` above 60 deg, shape (p,), are those of each piece. Time that
     is excluded has no figures, only its length.

@@ -1,16 +1,13 @@
-"""The windows with the most time above 60 deg (EXPOSURE.md A7, CONTRACT.md §5 "Windows")."""
-
-from dataclasses import dataclass
+"""The windows with the most time above 60 deg."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.resampling import Resampling, find_interval, name_intervals
-from fusion.exposure.rows import find_end_us, find_first_rows
-from fusion.exposure.types import Interval, PeakWindow
+from fusion.exposure.resampling import Figures, Resampling
+from fusion.exposure.rows import find_end_us, find_part_rows
+from fusion.exposure.types import PeakWindow
 from fusion.numba_kernels import kernel
-from fusion.recording import MICROSECONDS, Float64Array
+from fusion.recording import MICROSECONDS, Float64Array, IntArray
 
 WINDOWS_S = (60, 900, 3600)
 THRESHOLD_DEG = 60.0
@@ -19,28 +16,32 @@ QUARTER_HOURS = 3
 QUARTER_HOUR_S = 900
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SecondTally:
     """Analysed time and time at or above 60 deg in each second from the first sample.
 
-    Shape (s, 2), seconds, filled in place; the last second may reach past the end of the recording.
+    ``seconds``, shape (s, 2); the last second may reach past the end of the recording.
     """
 
-    seconds: Float64Array
+    def __init__(self, duration_s: int) -> None:
+        """Start with nothing counted."""
+        self.seconds = np.zeros((duration_s, 2))
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment's valid rows."""
-        first = angle.start_us // MICROSECONDS
-        stop = -(-find_end_us(angle) // MICROSECONDS)
-        rows = find_first_rows(angle, np.arange(first, stop + 1) * MICROSECONDS)
-        rows[0], rows[-1] = 0, len(angle)
-        counts = np.zeros((stop - first, 2), np.int64)
-        count_above(angle.elevation_deg, angle.valid, rows, counts)
-        self.seconds[first:stop] += counts / angle.rate_hz
+        seconds, rows = _cut_seconds(angle)
+        counts = np.zeros((len(rows) - 1, 2), np.int64)
+        _count_above(angle.elevation_deg, angle.valid, rows, counts)
+        self.seconds[seconds] += counts / angle.rate_hz
+
+
+def _cut_seconds(angle: MetricAngle) -> tuple[slice, IntArray]:
+    """Return the seconds that a segment touches, and the first row of each."""
+    first, stop = angle.start_us // MICROSECONDS, -(-find_end_us(angle) // MICROSECONDS)
+    return slice(first, stop), find_part_rows(angle, np.arange(first, stop + 1) * MICROSECONDS)
 
 
 @kernel
-def count_above(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
+def _count_above(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
     """Count valid rows, and those at or above 60 deg, in each part."""
     for part in range(len(rows) - 1):
         for i in range(rows[part], rows[part + 1]):
@@ -50,22 +51,22 @@ def count_above(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
                     counts[part, 1] += 1
 
 
-def find_peak_windows(tally: SecondTally, duration_us: int) -> tuple[PeakWindow, ...]:
+def find_peak_windows(seconds: Float64Array, duration_us: int) -> tuple[PeakWindow, ...]:
     """Find the worst windows of 1, 15 and 60 minutes.
 
     A window starts at a whole second, lies inside the recording, runs across holes, and counts where at least
     80 % of it was analysed; of equal ones the earliest.
     """
-    seconds = tally.seconds[: duration_us // MICROSECONDS]
+    seconds = seconds[: duration_us // MICROSECONDS]
     return tuple(_find_peak_window(seconds, length_s) for length_s in WINDOWS_S)
 
 
-def find_quarter_hours(tally: SecondTally, duration_us: int) -> tuple[PeakWindow, ...]:
+def find_quarter_hours(seconds: Float64Array, duration_us: int) -> tuple[PeakWindow, ...]:
     """Find up to three windows of 15 minutes with the most time above 60 deg, none of which overlap.
 
     Each is sought as the worst window is, in what the ones before it leave; none without such time.
     """
-    seconds = tally.seconds[: duration_us // MICROSECONDS]
+    seconds = seconds[: duration_us // MICROSECONDS]
     free = [(0, len(seconds))]
     found: list[PeakWindow] = []
     while free and len(found) < QUARTER_HOURS:
@@ -81,15 +82,15 @@ def find_quarter_hours(tally: SecondTally, duration_us: int) -> tuple[PeakWindow
 
 
 def _find_peak_window(seconds: Float64Array, length_s: int) -> PeakWindow:
-    best, percent = find_worst_window(seconds[:, 0], seconds[:, 1], length_s)
-    if best < 0:
-        return PeakWindow(length_s, None, None)
-    return PeakWindow(length_s, float(best), float(percent))
+    best, percent = _find_worst_window(seconds[:, 0], seconds[:, 1], length_s)
+    return (
+        PeakWindow(length_s, float(best), float(percent)) if best >= 0 else PeakWindow(length_s, None, None)
+    )
 
 
 @kernel
-def find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untyped-def]
-    """Give the first second of the window with the largest share above, and that share; -1 if none."""
+def _find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untyped-def]
+    """Return the first second of the window with the largest share above, and that share; -1 if none."""
     best, highest = -1, -1.0
     analysed, above = 0.0, 0.0
     for i in range(len(analysed_s)):
@@ -105,47 +106,44 @@ def find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untyped
     return best, max(highest, 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ShiftedSeconds:
     """Valid rows of each second by how many of the levels (60 deg less each error) they reach.
 
-    ``errors_deg`` has shape (g,), evenly spread; ``seconds``, shape (s, g + 1), is filled in place.
+    ``errors_deg`` has shape (g,), evenly spread; ``seconds``, shape (s, g + 1).
     """
 
-    errors_deg: Float64Array
-    seconds: NDArray[np.float32]
+    def __init__(self, errors_deg: Float64Array, duration_s: int) -> None:
+        """Start with nothing counted."""
+        self.errors_deg = errors_deg
+        self.seconds = np.zeros((duration_s, len(errors_deg) + 1), np.float32)
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment's valid rows."""
-        first = angle.start_us // MICROSECONDS
-        stop = -(-find_end_us(angle) // MICROSECONDS)
-        rows = find_first_rows(angle, np.arange(first, stop + 1) * MICROSECONDS)
-        rows[0], rows[-1] = 0, len(angle)
+        seconds, rows = _cut_seconds(angle)
         lowest = THRESHOLD_DEG - self.errors_deg[-1]
         step = self.errors_deg[1] - self.errors_deg[0]
         how = (rows, lowest, step, 1.0 / angle.rate_hz)
-        count_levels(angle.elevation_deg, angle.valid, how, self.seconds[first:stop])
+        _count_levels(angle.elevation_deg, angle.valid, how, self.seconds[seconds])
 
-    def name_intervals(self, windows: tuple[PeakWindow, ...], draws: Resampling) -> dict[str, Interval]:
-        """Give the intervals of the worst windows: of the error of the angle alone.
+    def draw(self, windows: tuple[PeakWindow, ...], draws: Resampling) -> Figures:
+        """Draw the worst windows: the error of the angle alone.
 
-        For each error the worst window is sought anew; windows of other days cannot be drawn from this one.
+        For each error the worst window is sought again; windows of other days cannot be drawn from this one.
         """
         analysed_s = self.seconds.sum(axis=1, dtype=np.float64)
         above_s = np.cumsum(self.seconds[:, ::-1], axis=1, dtype=np.float64)[:, :-1]
-        found: dict[str, Interval | None] = {}
+        columns = [np.ascontiguousarray(column) for column in above_s.T]
+        found: Figures = {}
         for window in windows:
             if window.start_s is not None:
-                columns = (np.ascontiguousarray(column) for column in above_s.T)
-                shares = [find_worst_window(analysed_s, column, window.length_s)[1] for column in columns]
+                shares = [_find_worst_window(analysed_s, column, window.length_s)[1] for column in columns]
                 name = f"worst_{window.length_s // 60}_min_above_60_percent"
-                drawn = draws.look_up(np.array(shares), self.errors_deg)
-                found[name] = find_interval(drawn)
-        return name_intervals(found)
+                found[name] = draws.look_up(np.array(shares), self.errors_deg)
+        return found
 
 
 @kernel
-def count_levels(angle_deg, valid, how, seconds):  # type: ignore[no-untyped-def]
+def _count_levels(angle_deg, valid, how, seconds):  # type: ignore[no-untyped-def]
     """Count valid rows by the number of evenly spread levels that they reach."""
     rows, lowest, step, period_s = how
     levels = seconds.shape[1] - 1

@@ -1,6 +1,6 @@
 """What the day consisted of: shift, tasks, breaks, not worn; placed on the recording, without overlap.
 
-A diary may give clock times or seconds. What its rows mean for the time account (CONTRACT.md §5 "Time"):
+A diary may give clock times or seconds. What its rows mean for the time account:
 breaks, time not worn and time outside the shift leave the denominator; everything else is analysed, under
 its own name. Arm supported and seated are analysed unless the row says otherwise (Palm et al. 2018: a sensor
 cannot tell a supported arm from an unsupported one; EXPOSURE.md A10).
@@ -8,7 +8,7 @@ cannot tell a supported arm from an unsupported one; EXPOSURE.md A10).
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, date, datetime, time, timedelta
+from datetime import UTC, datetime, time, timedelta
 from itertools import pairwise
 
 from fusion.caveats import Caveat
@@ -97,8 +97,8 @@ def find_diary_poses(
     """
     poses = (
         replace(entry, end=after.start if entry.end is None and after else entry.end)
-        for entry, after in pairwise([*diary, None])
-        if entry is not None and entry.kind == "pose"
+        for entry, after in _pair_with_next(diary)
+        if entry.kind == "pose"
     )
     placed = (place_diary([pose], start, duration_us).periods[0] for pose in poses)
     return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
@@ -110,7 +110,7 @@ def _bound_all(
     """Bound every row, and refuse with all that cannot be placed."""
     bounds: list[tuple[int, int]] = []
     slips: list[UnusableDiary] = []
-    for entry, following in _pair_up(entries):
+    for entry, following in _pair_with_next(entries):
         try:
             bounds.append(_bound(entry, following, start, duration_us))
         except UnusableDiary as slip:
@@ -131,7 +131,7 @@ def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
 
 
 def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tuple[int, int]]:
-    """Give what two lists in order of time share, more than a second at a time."""
+    """Return what two lists in order of time share, more than a second at a time."""
     first = 0
     for period in away:
         while first < len(named) and named[first].end_us <= period.start_us:
@@ -144,8 +144,8 @@ def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tupl
                 yield start_us, end_us
 
 
-def _pair_up(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
-    yield from pairwise([*entries, None])
+def _pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
+    return zip(entries, [*entries[1:], None], strict=False)
 
 
 def _make_period(entry: DiaryEntry, start_us: int, end_us: int) -> Period:
@@ -158,7 +158,7 @@ def _make_period(entry: DiaryEntry, start_us: int, end_us: int) -> Period:
 def _bound(
     entry: DiaryEntry, following: DiaryEntry | None, start: datetime | None, duration_us: int
 ) -> tuple[int, int]:
-    """Give the first microsecond of a row and the first after it, not yet cut to the recording."""
+    """Return the first microsecond of a row and the first after it, not yet cut to the recording."""
     start_us = place_moment(entry.start, entry.line, start, duration_us)
     if entry.end is not None:
         end_us = place_moment(entry.end, entry.line, start, duration_us)
@@ -192,16 +192,12 @@ def place_moment(moment: float | str, line: int, start: datetime | None, duratio
         return _measure_from(start, _set_zone(datetime.fromisoformat(moment), start, line))
     hour = time.fromisoformat(moment)
     days = range(-1, duration_us // (86400 * MICROSECONDS) + 3)
-    places = [_measure_from(start, _on_day(start, hour, day)) for day in days]
+    dates = [start.date() + timedelta(days=day) for day in days]
+    places = [_measure_from(start, datetime.combine(on, hour, tzinfo=start.tzinfo)) for on in dates]
     nearest = sorted(places, key=lambda place_us: max(-place_us, place_us - duration_us, 0))
     if 0 <= nearest[0] < duration_us and 0 <= nearest[1] < duration_us:
         raise UnusableDiary(line=line, why="which day", cure="date", value=moment)
     return nearest[0]
-
-
-def _on_day(start: datetime, hour: time, day: int) -> datetime:
-    on: date = start.date() + timedelta(days=day)
-    return datetime.combine(on, hour, tzinfo=start.tzinfo)
 
 
 def _set_zone(moment: datetime, start: datetime, line: int) -> datetime:
@@ -214,7 +210,7 @@ def _set_zone(moment: datetime, start: datetime, line: int) -> datetime:
 
 
 def _measure_from(start: datetime, moment: datetime) -> int:
-    """Give the true time from ``start``; where the clock has a zone, across its change of clocks."""
+    """Return the true time from ``start``; where the clock has a zone, across its change of clocks."""
     if start.tzinfo is not None:
         start, moment = start.astimezone(UTC), moment.astimezone(UTC)
     return (moment - start) // timedelta(microseconds=1)
@@ -247,23 +243,17 @@ def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]
     pieces: list[Piece] = []
     for start_us, end_us in pairwise(edges):
         owners = [k for k in ranked if periods[k].start_us <= start_us < periods[k].end_us]
-        piece = _own(start_us, end_us, owners, periods, has_shift=has_shift)
+        piece = Piece(start_us, end_us, -1, REASONS["outside"] if has_shift else "")
+        if owners:
+            piece = replace(piece, period=owners[-1], reason=periods[owners[-1]].reason)
         if pieces and (pieces[-1].period, pieces[-1].reason) == (piece.period, piece.reason):
             piece = replace(piece, start_us=pieces.pop().start_us)
         pieces.append(piece)
     return tuple(pieces)
 
 
-def _own(
-    start_us: int, end_us: int, owners: list[int], periods: Sequence[Period], *, has_shift: bool
-) -> Piece:
-    if owners:
-        return Piece(start_us, end_us, owners[-1], periods[owners[-1]].reason)
-    return Piece(start_us, end_us, -1, REASONS["outside"] if has_shift else "")
-
-
 def find_left_out(pieces: Sequence[Piece]) -> tuple[Span, ...]:
-    """Give the stretches that the diary takes out of the analysed time."""
+    """Return the stretches that the diary takes out of the analysed time."""
     return tuple(
         Span(piece.start_us, piece.end_us - piece.start_us, piece.reason) for piece in pieces if piece.reason
     )

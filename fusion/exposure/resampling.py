@@ -1,18 +1,24 @@
-"""Resampled days: 5-minute blocks drawn again, with an error of the angle (CONTRACT §5).
+"""Resampled days: 5-minute blocks drawn again, with an error of the angle and of the pose.
 
 200 draws. Draw k takes the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as
 the day has analysed ones, with replacement, by PCG64(0): the same recording always gives the same interval.
-For the N-pose the same draws once more, with a share of its one-sided error that runs through [0, 1].
+
+For the N-pose the same draws once more, with a share of its one-sided error that runs through [0, 1]. With
+the arm along the body as the reference, elevations read up to 15 deg low at a raised arm (Bioengineering
+2025;12:50). That the error grows in proportion to the angle, from 0 at a hanging arm to 15 deg at 90 deg, is
+our assumption. Angles keep their order: time above a threshold is time that was read above a lower one.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
 import numpy as np
 
-from fusion.exposure.parts import AnyArray
+from fusion.conventions import NPOSE_ERROR_DEG
+from fusion.exposure.bins import CELLS_PER_DEG, AnyArray
 from fusion.exposure.types import Interval
-from fusion.numba_kernels import kernel
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import BoolArray, Float64Array
 
 DRAWS = 200
@@ -27,12 +33,18 @@ STRIDE = 147
 LEAST_BLOCKS = 6
 """Fewer blocks than these, drawn again, are no range by themselves: an error of the angle must be known."""
 
+FULL_AT_DEG = 90.0
+GROWTH = NPOSE_ERROR_DEG / FULL_AT_DEG
+
+Figures = dict[str, Float64Array]
+"""Figures in every draw, shape (200,), by name; NaN if a draw lacks the figure."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampling:
     """The draws. ``kept``, shape (b,), are the blocks with analysed time; ``times``, shape (200, kept),
     how often each is in a draw; ``error_deg``, shape (200,), the error of the angle; ``share``, shape (200,),
-    how much of the N-pose's error the read angles are raised by (:mod:`fusion.exposure.pose_error`).
+    how much of the N-pose's error the read angles are raised by.
     """
 
     kept: BoolArray
@@ -40,8 +52,8 @@ class Resampling:
     error_deg: Float64Array
     share: Float64Array = field(default_factory=lambda: np.zeros(DRAWS))
 
-    def raise_read(self) -> "Resampling":
-        """Give the same draws with the error of the N-pose: every 200th of [0, 1] is one draw's share."""
+    def with_npose_error(self) -> "Resampling":
+        """Return the same draws with the error of the N-pose: every 200th of [0, 1] is one draw's share."""
         return replace(self, share=(np.arange(DRAWS) * STRIDE % DRAWS + 0.5) / DRAWS)
 
     def sum(self, blocks: AnyArray) -> Float64Array:
@@ -61,7 +73,7 @@ class Resampling:
         return np.asarray((1 - share) * sums[draw, left] + share * sums[draw, left + 1])
 
     def look_up(self, figure: Float64Array, grid_deg: Float64Array) -> Float64Array:
-        """Give a figure known at each error of a grid, shape (g,), at each draw's error: shape (200,)."""
+        """Return a figure known at each error of a grid, shape (g,), at each draw's error: shape (200,)."""
         return np.asarray(np.interp(self.error_deg, grid_deg, figure))
 
 
@@ -77,7 +89,7 @@ def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
 
 
 def spread_errors(sigma_deg: float) -> Float64Array:
-    """Give the errors, shape (11,), between those of the first and the last draw."""
+    """Return the errors, shape (11,), between those of the first and the last draw."""
     furthest = max(sigma_deg * NormalDist().inv_cdf(1 - 0.5 / DRAWS), 1e-6)  # an exact angle too has a grid
     return np.linspace(-furthest, furthest, ERRORS)
 
@@ -92,38 +104,125 @@ def draw_blocks(analysed: AnyArray, sigma_deg: float) -> Resampling:
 
 
 def draw_errors(sigma_deg: float) -> Float64Array:
-    """Give the error of each draw in order: the quantiles of a normal distribution, shape (200,)."""
+    """Return the error of each draw in order: the quantiles of a normal distribution, shape (200,)."""
     errors = NormalDist()
     return np.array([sigma_deg * errors.inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)])
 
 
 def can_draw(analysed: AnyArray, sigma_deg: float) -> bool:
-    """Whether blocks, shape (b,), are enough for a range: half an hour of them where no error is known."""
+    """Return whether blocks, shape (b,), are enough: half an hour of them if no error is known."""
     return sigma_deg > 0 or int((analysed > 0).sum()) >= LEAST_BLOCKS
 
 
-def find_interval(figures: Float64Array) -> Interval | None:
-    """Give the 2.5th and 97.5th percentiles of the draws; None where over 5 % of them lack the figure."""
-    known = figures[~np.isnan(figures)]
-    if len(known) < 0.95 * len(figures):
-        return None
-    low, high = np.percentile(known, LOW_HIGH_PERCENT)
-    return Interval(float(low), float(high))
+def raise_angles(read_deg: Float64Array, share: Float64Array) -> Float64Array:
+    """Raise read angles by a share of the N-pose's error, from 0 to 1."""
+    return np.asarray(read_deg + share * NPOSE_ERROR_DEG * np.minimum(1.0, read_deg / FULL_AT_DEG))
 
 
-def find_ranges(figures: Float64Array) -> list[Interval]:
-    """Give the interval of each column of figures that every draw has, shape (200, k)."""
-    low, high = np.percentile(figures, LOW_HIGH_PERCENT, axis=0)
-    return [Interval(float(a), float(b)) for a, b in zip(low, high, strict=True)]
+def lower_thresholds(raised_deg: Float64Array, share: Float64Array) -> Float64Array:
+    """Return the read angles that are raised to these: the inverse of :func:`raise_angles`."""
+    return np.maximum(raised_deg / (1.0 + GROWTH * share), raised_deg - share * NPOSE_ERROR_DEG)
 
 
-def scale_interval(value: float | None, drawn: Float64Array, coarse: float) -> Interval | None:
-    """Give the interval of a figure whose draws were taken from coarser classes than the figure itself."""
-    if value is None or not coarse > 0:
-        return None if value is None else find_interval(drawn)
-    return find_interval(value / coarse * drawn)
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnDistribution:
+    """The time below each edge of the 0.1 deg cells in each block, shape (1801, b), and the draws.
+
+    The time below an angle in a draw is a sum over blocks at that angle alone. Times are whole microseconds,
+    whose sums are exact in any order.
+    """
+
+    below: Float64Array
+    draws: Resampling
+
+    def find_shares(self, angles_deg: Sequence[float]) -> Float64Array:
+        """Return the share of each draw's time below angles, shape (k,), read with its errors: (200, k)."""
+        error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
+        cells = lower_thresholds(np.array(angles_deg, np.float64) - error_deg, share) * CELLS_PER_DEG
+        shares = np.empty(cells.shape)
+        _read_shares(self.below, self.draws.times, np.clip(cells, 0.0, len(self.below) - 1.0), shares)
+        return shares
+
+    def find_percentiles(self, percents: Sequence[int]) -> Float64Array:
+        """Return percentiles of each draw, read with its errors and kept inside the scale, shape (200, p)."""
+        places = np.empty((len(self.draws.times), len(percents)))
+        _find_places(self.below, self.draws.times, np.array(percents) / 100.0, places)
+        error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
+        return np.clip(raise_angles(places / CELLS_PER_DEG, share) + error_deg, 0.0, 180.0)
+
+    def with_npose_error(self) -> "DrawnDistribution":
+        """Return the same with the error of the N-pose in the draws."""
+        return replace(self, draws=self.draws.with_npose_error())
 
 
-def name_intervals(found: dict[str, Interval | None]) -> dict[str, Interval]:
-    """Leave out the figures without an interval."""
-    return {name: interval for name, interval in found.items() if interval is not None}
+def sum_below(blocks: AnyArray, draws: Resampling) -> DrawnDistribution:
+    """Cumulate the histograms of blocks, shape (b, 1800)."""
+    kept = blocks[draws.kept]
+    below = np.zeros((blocks.shape[1] + 1, len(kept)))
+    np.cumsum(kept.T, axis=0, dtype=np.float64, out=below[1:])
+    return DrawnDistribution(below, draws)
+
+
+@inner
+def _add_up(below, times):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for block in range(len(times)):
+        total += times[block] * below[block]
+    return total
+
+
+@kernel
+def _read_shares(below, times, cells, shares):  # type: ignore[no-untyped-def]
+    """Read each draw's share below its places, linear within a cell."""
+    for draw in range(len(times)):
+        whole = _add_up(below[-1], times[draw])
+        for k in range(cells.shape[1]):
+            left = min(int(cells[draw, k]), len(below) - 2)
+            lower, upper = _add_up(below[left], times[draw]), _add_up(below[left + 1], times[draw])
+            shares[draw, k] = (lower + (cells[draw, k] - left) * (upper - lower)) / whole
+
+
+@kernel
+def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
+    """Find by halving the cell in which each draw's time below reaches each share, linear within it."""
+    for draw in range(len(times)):
+        whole = _add_up(below[-1], times[draw])
+        for k in range(len(wanted)):
+            left, right = 0, len(below) - 1
+            lower, upper = 0.0, whole
+            while right - left > 1:
+                middle = (left + right) // 2
+                reached = _add_up(below[middle], times[draw])
+                # a trillionth of the whole keeps a sum that should be equal from being a hair too small
+                if reached >= whole * (wanted[k] - 1e-12):
+                    right, upper = middle, reached
+                else:
+                    left, lower = middle, reached
+            places[draw, k] = left + (whole * wanted[k] - lower) / (upper - lower)
+
+
+def scale_draws(value: float, drawn: Float64Array, coarse: float) -> Float64Array:
+    """Scale draws that were taken from coarser classes than the figure itself."""
+    return value / coarse * drawn if coarse > 0 else drawn
+
+
+def find_intervals(drawn: Figures, raised: Mapping[str, Float64Array] | None = None) -> dict[str, Interval]:
+    """Return the 2.5th and 97.5th percentiles of each figure; none if over 5 % of the draws lack it.
+
+    ``raised`` are figures with the error of the N-pose: their intervals widen the second pair of ends.
+    """
+    if not drawn:
+        return {}
+    found: dict[str, Interval] = {}
+    ends = np.percentile(np.stack(list(drawn.values()), axis=1), LOW_HIGH_PERCENT, axis=0)
+    for name, (low, high) in zip(drawn, ends.T.tolist(), strict=True):
+        known = drawn[name][~np.isnan(drawn[name])]
+        if len(known) == DRAWS:
+            found[name] = Interval(low, high)
+        elif len(known) >= 0.95 * DRAWS:
+            found[name] = Interval(*np.percentile(known, LOW_HIGH_PERCENT).tolist())
+    for name, interval in find_intervals(dict(raised)).items() if raised else ():
+        if name in found:
+            ends_deg = min(found[name].low, interval.low), max(found[name].high, interval.high)
+            found[name] = replace(found[name], low_pose=ends_deg[0], high_pose=ends_deg[1])
+    return found

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fusion.numba_kernels import inner, kernel
-from fusion.numerics.runs import find_runs
+from fusion.numerics.runs import LEVEL, START, STOP, find_runs
 from fusion.recording import MICROSECONDS, BoolArray, IntArray, Span
 
 
@@ -30,19 +31,19 @@ class EvenRun(Protocol):
 
 
 def find_end_us(run: EvenRun) -> int:
-    """Give the first microsecond after the last row's period."""
+    """Return the first microsecond after the last row's period."""
     return run.start_us + round(len(run) * MICROSECONDS / run.rate_hz)
 
 
 def find_first_rows(run: EvenRun, times_us: IntArray) -> IntArray:
-    """Give, for each time, the first row that begins then or later (``len(run)`` if there is none)."""
+    """Return, for each time, the first row that begins then or later (``len(run)`` if there is none)."""
     position = (times_us - run.start_us) * (run.rate_hz / MICROSECONDS)
     rows = np.ceil(position - run.rate_hz / MICROSECONDS)
     return np.asarray(np.clip(rows, 0, len(run)), np.int64)
 
 
 def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
-    """Give the first row of each part between successive edges; the first and last part take all the rest."""
+    """Return the first row of each part between successive edges; the outer parts take all the rest."""
     rows = find_first_rows(run, edges_us)
     rows[0], rows[-1] = 0, len(run)
     return rows
@@ -50,7 +51,7 @@ def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
 
 @inner
 def find_part(edges, value):  # type: ignore[no-untyped-def]
-    """Give the last of the ascending edges that is not above the value; -1 where there is none.
+    """Return the last of the ascending edges that is not above the value; -1 where there is none.
 
     numpy's own search would load half of the compiler into every process: 0.2 s.
     """
@@ -76,8 +77,20 @@ def add_rows(first, stop, worth, part_rows, sums):  # type: ignore[no-untyped-de
     return begun
 
 
+def find_parts(edges: IntArray, values: ArrayLike) -> IntArray:
+    """Return the part between successive ascending edges in which each value lies."""
+    return np.asarray(np.searchsorted(edges, values, side="right") - 1, np.int64)
+
+
+@kernel
+def add_spans(stays, worth, part_rows, sums):  # type: ignore[no-untyped-def]
+    """Add what the rows of each stay (:mod:`fusion.numerics.runs`) are worth to its level, shape (t, p)."""
+    for k in range(len(stays)):
+        add_rows(stays[k, START], stays[k, STOP], worth, part_rows, sums[stays[k, LEVEL]])
+
+
 def find_touched_rows(run: EvenRun, start_us: int, end_us: int) -> slice:
-    """Give the rows whose period overlaps [start, end)."""
+    """Return the rows whose period overlaps [start, end)."""
     tolerance = run.rate_hz / MICROSECONDS
     first = np.floor((start_us - run.start_us) * (run.rate_hz / MICROSECONDS) + tolerance)
     stop = np.ceil((end_us - run.start_us) * (run.rate_hz / MICROSECONDS) - tolerance)
@@ -86,7 +99,7 @@ def find_touched_rows(run: EvenRun, start_us: int, end_us: int) -> slice:
 
 
 def list_touched_rows(run: EvenRun, spans: Sequence[Span]) -> list[slice]:
-    """Give the rows of each span, of some in time order and apart, that overlaps the run."""
+    """Return the rows of each span, of some in time order and apart, that overlaps the run."""
     first = bisect_right(spans, run.start_us, key=lambda span: span.end_us)
     stop = bisect_left(spans, find_end_us(run), first, key=lambda span: span.start_us)
     touched = (find_touched_rows(run, span.start_us, span.end_us) for span in spans[first:stop])
@@ -94,7 +107,7 @@ def list_touched_rows(run: EvenRun, spans: Sequence[Span]) -> list[slice]:
 
 
 def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:
-    """Give the parts between successive edges that hold rows of the run."""
+    """Return the parts between successive edges that hold rows of the run."""
     first = int(np.searchsorted(edges_us, run.start_us, side="right")) - 1
     stop = int(np.searchsorted(edges_us, find_end_us(run), side="left"))
     return slice(max(first, 0), min(max(stop, 0), len(edges_us) - 1))
@@ -114,7 +127,7 @@ def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
 
 
 def find_valid_samples(valid: BoolArray, samples: int) -> BoolArray:
-    """Give the samples that lie wholly in valid rows, shape (samples,); rows share the samples evenly."""
+    """Return the samples that lie wholly in valid rows, shape (samples,); rows share the samples evenly."""
     rows = len(valid)
     if rows == samples:
         return valid

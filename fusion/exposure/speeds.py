@@ -1,4 +1,4 @@
-"""Four speeds of the upper arm, deg/s (EXPOSURE.md A3). They are not interchangeable.
+"""Four speeds of the upper arm, deg/s They are not interchangeable.
 
 - ``inclination``: change of elevation. Blind to axial rotation, turning round and circumduction.
 - ``generalised``: speed of the vertical on the unit sphere, seen from the sensor (Hansson 2001).
@@ -8,7 +8,6 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,9 @@ from numpy.typing import NDArray
 from fusion.elevation import ElevationSegment
 from fusion.exposure.bins import find_percentile_cells
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import EvenRun, find_part, find_part_rows
-from fusion.exposure.types import Frequency, Interval, Velocity
+from fusion.exposure.resampling import Figures, Resampling, scale_draws
+from fusion.exposure.rows import EvenRun, find_part, find_part_rows, find_parts
+from fusion.exposure.types import Frequency, Velocity
 from fusion.numba_kernels import kernel, kernel_making_arrays
 from fusion.numerics.low_pass import filter_rows
 from fusion.numerics.runs import find_runs
@@ -33,7 +32,7 @@ MARGIN_S = 2.0  # what a cut does to the filter at 5 Hz has died down to 1e-19 a
 
 
 def filter_blocks(vectors: Vertical, rate_hz: float) -> Iterator[tuple[int, Float64Array]]:
-    """Give the filtered vectors, shape (n, 3), as blocks (first row, vectors).
+    """Return the filtered vectors, shape (n, 3), as blocks (first row, vectors).
 
     Each block but the first begins with the last row of the one before, so that steps can be taken inside
     blocks. The sum over blocks is that of filtering the whole.
@@ -46,7 +45,7 @@ def filter_blocks(vectors: Vertical, rate_hz: float) -> Iterator[tuple[int, Floa
         yield first, filtered[first - around.start : stop - around.start]
 
 
-# How fast the arm goes to and fro: mean power frequency and zero-crossings of its speed (EXPOSURE.md A5).
+# How fast the arm goes to and fro: mean power frequency and zero-crossings of its speed.
 #
 # Both of the signed derivative of elevation; that of elevation itself would differ strongly (0.24 against
 # 0.99 Hz for the same two-tone movement), so the name says which.
@@ -58,23 +57,17 @@ HIGHEST_HZ = 5.0
 DEAD_BAND_DPS = 10.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class FrequencyTally:
-    """``sums``, shape (2,): MPF times seconds, and seconds with an MPF; filled in place.
+    """Crossings and power of the speed of inclination in each 5-minute block.
 
-    Of each 5-minute block: ``crossings``, shape (b,), and ``moments``, shape (b, 2), what
-    :func:`find_power_moments` gives for the windows whose middle lies in it.
+    ``sums``, shape (2,): MPF times seconds, and seconds with an MPF. Of each block ``crossings``, shape (b,),
+    and ``moments``, shape (b, 2): those of :func:`find_power_moments` for windows whose middle lies in it.
     """
 
-    edges_us: IntArray
-    crossings: Float64Array = field(init=False)
-    moments: Float64Array = field(init=False)
-    sums: Float64Array = field(default_factory=lambda: np.zeros(2))
-
-    def __post_init__(self) -> None:
-        blocks = len(self.edges_us) - 1
-        object.__setattr__(self, "crossings", np.zeros(blocks))
-        object.__setattr__(self, "moments", np.zeros((blocks, 2)))
+    def __init__(self, edges_us: IntArray) -> None:
+        """Start with nothing counted."""
+        self.edges_us, self.sums = edges_us, np.zeros(2)
+        self.crossings, self.moments = np.zeros(len(edges_us) - 1), np.zeros((len(edges_us) - 1, 2))
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment."""
@@ -89,49 +82,42 @@ class FrequencyTally:
                 np.add.at(self.moments, self._find_blocks(angle, first, len(moments)), moments)
 
     def _find_blocks(self, angle: MetricAngle, first_row: int, windows: int) -> IntArray:
-        """Give the block of the middle of each window; windows overlap by half."""
+        """Return the block of the middle of each window; windows overlap by half."""
         middles_s = first_row / angle.rate_hz + (np.arange(windows) + 1) * (WINDOW_STEPS / 2 / GRID_HZ)
         middles_us = angle.start_us + middles_s * MICROSECONDS
-        blocks = np.searchsorted(self.edges_us, middles_us, side="right") - 1
-        return np.asarray(np.clip(blocks, 0, len(self.moments) - 1), np.int64)
+        return np.asarray(np.clip(find_parts(self.edges_us, middles_us), 0, len(self.moments) - 1), np.int64)
 
     def summarise(self, analysed_s: float) -> Frequency:
-        """Give the mean over the unbroken runs of a minute or more, and crossings per hour."""
+        """Return the mean over the unbroken runs of a minute or more, and crossings per hour."""
         weighted, seconds = (float(value) for value in self.sums)
         crossings = float(self.crossings.sum())
         return Frequency(weighted / seconds if seconds else None, crossings * 3600.0 / analysed_s)
 
-    def name_intervals(
-        self, frequency: Frequency, draws: Resampling, block_s: Float64Array
-    ) -> dict[str, Interval]:
-        """Give the intervals: of the sampling of the day, for no constant error changes a speed."""
+    def draw(self, frequency: Frequency, draws: Resampling, block_s: Float64Array) -> Figures:
+        """Draw the figures: the sampling of the day, for no constant error changes a speed."""
+        found: Figures = {}
+        if frequency.mean_power_hz is not None:
+            drawn = draws.sum(self.moments)
+            drawn_hz = drawn[:, 0] / np.where(drawn[:, 1] > 0, drawn[:, 1], np.nan)
+            coarse_hz = divide_moments(self.moments) or 0.0
+            found["inclination_velocity_mpf_hz"] = scale_draws(frequency.mean_power_hz, drawn_hz, coarse_hz)
         drawn_per_h = draws.sum(self.crossings) * 3600.0 / draws.sum(block_s)
-        drawn = draws.sum(self.moments)
-        power = np.where(drawn[:, 1] > 0, drawn[:, 1], np.nan)
-        coarse_hz = divide_moments(self.moments) or 0.0
-        return name_intervals(
-            {
-                "inclination_velocity_mpf_hz": scale_interval(
-                    frequency.mean_power_hz, drawn[:, 0] / power, coarse_hz
-                ),
-                "inclination_velocity_zero_crossings_per_h": find_interval(drawn_per_h),
-            }
-        )
+        return {**found, "inclination_velocity_zero_crossings_per_h": drawn_per_h}
 
 
 def find_mean_power_frequency(angle_deg: Float64Array, rate_hz: float) -> float | None:
-    """Give sum(f P) / sum(P) of the speed of inclination; None under a minute or without movement."""
+    """Return sum(f P) / sum(P) of the speed of inclination; None under a minute or without movement."""
     return divide_moments(find_power_moments(angle_deg, rate_hz))
 
 
 def divide_moments(moments: Float64Array) -> float | None:
-    """Give the mean power frequency of all windows, shape (w, 2); None without power."""
+    """Return the mean power frequency of all windows, shape (w, 2); None without power."""
     weighted, power = moments.sum(axis=0)
     return float(weighted / power) if power > 0.0 else None
 
 
 def find_power_moments(angle_deg: Float64Array, rate_hz: float) -> Float64Array:
-    """Give sum(f P) and sum(P) of each window of the speed of inclination, 0 to 5 Hz, shape (w, 2).
+    """Return sum(f P) and sum(P) of each window of the speed of inclination, 0 to 5 Hz, shape (w, 2).
 
     Welch: Hann windows of 60 s that overlap by half, each less its mean, of the speed on a 20 Hz grid; what
     the difference between grid points takes off high frequencies is put back. Under a minute: no window.
@@ -195,38 +181,29 @@ CELLS = 400_000
 PERCENTS = (10, 50, 90, 99)
 
 WIDENING = 1.02
+WHOLE_US = np.array([0, 1 << 62], np.int64)
 DEG_PER_HALF_RAD = 360.0 / np.pi
 
 
-def _widen_cells() -> NDArray[np.int32]:
-    """Give the coarse cell of each cell: the first is its own, the others widen by 2 %."""
-    cells = np.arange(1, CELLS + 1)
-    coarse = 1 + np.floor(np.log(cells) / np.log(WIDENING))
-    return np.concatenate([[0], coarse]).astype(np.int32)
-
-
-COARSE_OF_CELL = _widen_cells()
+COARSE_OF_CELL: NDArray[np.int32] = np.concatenate(
+    [[0], 1 + np.floor(np.log(np.arange(1, CELLS + 1)) / np.log(WIDENING))]
+).astype(np.int32)
+"""The coarse cell of each cell: the first is its own, the others widen by 2 %."""
 COARSE_CELLS = int(COARSE_OF_CELL[-1]) + 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SpeedTally:
-    """Seconds in each 0.01 deg/s cell, filled in place; the first cell holds speeds of exactly 0.
+    """Seconds in each 0.01 deg/s cell, ``cell_s``; the first cell holds speeds of exactly 0.
 
-    ``edges_us`` are 5-minute blocks; ``block_s``, shape (b, 654), holds the same seconds once more, for each
-    block and in cells that widen by 2 %; ``way_deg``, shape (b,), is the way turned. Speeds past
-    4000 deg/s share the last cell.
+    ``block_s``, shape (b, 654), holds the same seconds once more, for each 5-minute block and in cells that
+    widen by 2 %; ``way_deg``, shape (b,), is the way turned. Speeds past 4000 deg/s share the last cell.
     """
 
-    edges_us: IntArray = field(default_factory=lambda: np.array([0, 1 << 62], np.int64))
-    cell_s: Float64Array = field(default_factory=lambda: np.zeros(CELLS + 1))
-    block_s: Float64Array = field(init=False)
-    way_deg: Float64Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        blocks = len(self.edges_us) - 1
-        object.__setattr__(self, "block_s", np.zeros((blocks, COARSE_CELLS)))
-        object.__setattr__(self, "way_deg", np.zeros(blocks))
+    def __init__(self, edges_us: IntArray = WHOLE_US) -> None:
+        """Start with nothing counted; by default in one block."""
+        self.edges_us, self.cell_s = edges_us, np.zeros(CELLS + 1)
+        self.block_s = np.zeros((len(edges_us) - 1, COARSE_CELLS))
+        self.way_deg = np.zeros(len(edges_us) - 1)
 
     def add(self, run: EvenRun, first_row: int, speeds_dps: Float64Array, rate_hz: float) -> None:
         """Count speeds (NaN: none) of a run's rows from ``first_row`` on at a rate of their own."""
@@ -260,7 +237,7 @@ class SpeedTally:
             self.add(segment, first, speeds_dps, segment.rate_hz)
 
     def summarise(self) -> Velocity | None:
-        """Give percentiles and mean, None where no speed was counted."""
+        """Return percentiles and mean, None where no speed was counted."""
         total_s = float(self.cell_s.sum())
         if total_s == 0.0:
             return None
@@ -269,9 +246,30 @@ class SpeedTally:
         p10, p50, p90, p99 = (float(speed) for speed in speeds_dps)
         return Velocity(p10, p50, p90, p99, float(self.way_deg.sum()) / total_s)
 
+    def draw(self, kind: str, velocity: Velocity, draws: Resampling) -> Figures:
+        """Draw the speeds of one kind: the sampling of the day; a constant error changes no speed."""
+        drawn_s = draws.sum(self.block_s)
+        drawn, coarse = _find_speeds(drawn_s), _find_speeds(self.block_s.sum(axis=0)[np.newaxis])[0]
+        values = (velocity.p10_dps, velocity.p50_dps, velocity.p90_dps, velocity.p99_dps)
+        total_s = drawn_s.sum(axis=1)
+        lacking = np.full(len(total_s), np.nan)  # a draw of nothing but short pieces has no speed
+        means = np.divide(draws.sum(self.way_deg), total_s, out=lacking, where=total_s > 0.0)
+        found = {
+            f"{kind}_velocity_p{p}_dps": scale_draws(value, drawn[:, k], coarse[k])
+            for k, (p, value) in enumerate(zip(PERCENTS, values, strict=True))
+        }
+        return {**found, f"{kind}_velocity_mean_dps": means}
+
+
+def _find_speeds(block_s: Float64Array) -> Float64Array:
+    """Return P10, P50, P90 and P99 from cells that widen by 2 %, shape (k, 654): shape (k, 4), deg/s."""
+    edges_dps = np.concatenate([[0.0, 0.0], CELL_DPS * WIDENING ** np.arange(1, COARSE_CELLS)])
+    places = find_percentile_cells(block_s, np.array(PERCENTS, np.float64))
+    return np.asarray(np.interp(places, np.arange(len(edges_dps)), edges_dps))
+
 
 def measure_generalised(segment: ElevationSegment, valid: BoolArray) -> Iterator[tuple[int, Float64Array]]:
-    """Give how fast a segment's filtered, renormalised vertical moves: (first row, speeds) block by block.
+    """Return how fast a segment's filtered, renormalised vertical moves: (first row, speeds) block by block.
 
     The speed of a row is that of the step to it; NaN where there is none.
     """
@@ -304,7 +302,7 @@ def _tally_speeds(speeds_dps, period_s, where, cells):  # type: ignore[no-untype
 
 @kernel_making_arrays
 def measure_inclination(angle_deg, valid, rate_hz):  # type: ignore[no-untyped-def]
-    """Give the speed of each step between successive valid rows, NaN for the others."""
+    """Return the speed of each step between successive valid rows, NaN for the others."""
     speeds_dps = np.full(len(angle_deg), np.nan)
     for i in range(1, len(angle_deg)):
         if valid[i] and valid[i - 1]:
@@ -314,7 +312,7 @@ def measure_inclination(angle_deg, valid, rate_hz):  # type: ignore[no-untyped-d
 
 @kernel_making_arrays
 def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
-    """Give the angle between the directions of successive valid rows, from the chord of the unit sphere."""
+    """Return the angle between the directions of successive valid rows, from the chord of the unit sphere."""
     speeds_dps = np.full(len(vectors), np.nan)
     bx, by, bz, before = 0.0, 0.0, 0.0, False
     for i in range(len(vectors)):
@@ -337,7 +335,7 @@ def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
 
 @kernel_making_arrays
 def measure_magnitude(rates_dps, bias_dps, valid):  # type: ignore[no-untyped-def]
-    """Give the length of each valid row's vector less the offset."""
+    """Return the length of each valid row's vector less the offset."""
     speeds_dps = np.full(len(rates_dps), np.nan)
     for i in range(len(rates_dps)):
         if valid[i]:

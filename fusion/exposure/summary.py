@@ -1,18 +1,23 @@
 """From elevation to all figures of a recording: one segment at a time, then the day."""
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fusion.conventions import CONVENTIONS, MAIN_THRESHOLD_DEG
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.bins import divide_by_convention, find_percentiles, summarise_bins, summarise_time_above
-from fusion.exposure.cycles import summarise_cycles
+from fusion.exposure.bins import (
+    divide_by_convention,
+    find_percentiles,
+    sum_time,
+    summarise_bins,
+    summarise_time_above,
+)
 from fusion.exposure.episodes import summarise_entries, summarise_episodes
 from fusion.exposure.eva import summarise_eva_matrix
 from fusion.exposure.intervals import add_intervals, describe_hours
@@ -21,17 +26,25 @@ from fusion.exposure.parts import (
     DayDivision,
     Group,
     profile_minutes,
-    sum_time,
     summarise_group,
     summarise_parts,
 )
 from fusion.exposure.peaks import find_peak_windows, find_quarter_hours
 from fusion.exposure.rows import find_end_us, find_valid_samples
-from fusion.exposure.tally import Count, DayTally, start_day
-from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartExposure
+from fusion.exposure.tally import Count, DayTally
+from fusion.exposure.types import (
+    LEAST_RANGED_S,
+    ElevationBin,
+    Entries,
+    Episodes,
+    Exposure,
+    PartExposure,
+    TimeAbove,
+)
 from fusion.numerics.low_pass import CORNER_HZ
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment
 
+Value = TypeVar("Value", ElevationBin, TimeAbove, Entries, Episodes, PartExposure)
 UNDIVIDED = DayDivision()
 ROWS_FOR_TWO = 100_000
 """Fewer rows are counted before a thread has begun."""
@@ -66,19 +79,22 @@ def summarise_exposure(
         The periods of the diary, for the figures by period; what they leave out must not be valid.
     is_npose
         Whether the arm's axis is that of the N-pose, whose one-sided error then widens the intervals of time
-        above, bins from 30 deg, percentiles and entries (:mod:`fusion.exposure.pose_error`).
+        above, bins from 30 deg, percentiles and entries (:mod:`fusion.exposure.resampling`).
 
     Raises
     ------
     TooShort
         When there is no valid row at all.
     """
-    day = start_day(_measure_length(elevation, samples), start, division, bias_sigma_deg, is_npose=is_npose)
+    ends_us = [find_end_us(segment) for segment in elevation.segments]
+    duration_us = max([*ends_us, samples.duration_us if samples else 0, 1])
+    day = DayTally(duration_us, start, division, bias_sigma_deg, is_npose=is_npose)
     segments = {segment.start_us: segment for segment in samples.segments} if samples else {}
     for segment in elevation.segments:
         if len(segment) > 0:
             _add_segment(day, segment, segments.get(segment.start_us), gyro_bias_dps)
-    exposure = _summarise_day(day, _name_filter(elevation))
+    filtered = any(is_filtered(segment.rate_hz) for segment in elevation.segments)
+    exposure = _summarise_day(day, CORNER_HZ if filtered else None)
     if day.errors is None:
         return exposure
     return replace(add_intervals(exposure, day, day.errors), angle_sigma_deg=bias_sigma_deg)
@@ -96,28 +112,13 @@ def _add_segment(
     if sampled is not None and abs(find_end_us(sampled) - find_end_us(segment)) <= 1:
         valid = find_valid_samples(angle.valid, len(sampled))
         counts.insert(1, partial(day.speeds.add_samples, sampled, gyro_bias_dps, valid))
-    _count(counts, len(segment))
-
-
-def _count(counts: Sequence[Count], rows: int) -> None:
-    """Count one thing after the other, of many rows two at a time: the kernels let go of the interpreter."""
-    if rows < ROWS_FOR_TWO:
+    if len(segment) < ROWS_FOR_TWO:
         for count in counts:
             count()
         return
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(2) as pool:  # two at a time: the kernels let go of the interpreter
         for counted in [pool.submit(count) for count in counts]:
             counted.result()
-
-
-def _measure_length(elevation: Elevation, samples: Recording | None) -> int:
-    ends_us = [find_end_us(segment) for segment in elevation.segments]
-    return max([*ends_us, samples.duration_us if samples else 0, 1])
-
-
-def _name_filter(elevation: Elevation) -> float | None:
-    filtered = any(is_filtered(segment.rate_hz) for segment in elevation.segments)
-    return CORNER_HZ if filtered else None
 
 
 def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
@@ -136,12 +137,12 @@ def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
         time_above=summarise_time_above(cell_us),
         percentiles_deg=percentiles_deg,
         entries=tuple(summarise_entries(c, stays, analysed_s, minutes) for c, stays in day.stays.items()),
-        cycles=summarise_cycles(day.cycles.sum_day()),
+        cycles=day.cycles.summarise(),
         episodes=tuple(summarise_episodes(c, stays, analysed_s) for c, stays in day.stays.items()),
-        velocity_dps=day.speeds.summarise(),
+        velocity_dps={kind: tally.summarise() for kind, tally in day.speeds.kinds.items()},
         elevation_p99_deg=percentiles_deg[99],
-        peak_windows=find_peak_windows(day.by_second, day.duration_us),
-        quarter_hours=find_quarter_hours(day.by_second, day.duration_us),
+        peak_windows=find_peak_windows(day.by_second.seconds, day.duration_us),
+        quarter_hours=find_quarter_hours(day.by_second.seconds, day.duration_us),
         eva=eva,
         by_hour=by_hour,
         by_period=(),
@@ -180,26 +181,25 @@ def withhold_short(exposure: Exposure) -> Exposure:
     if exposure.analysed_s >= LEAST_RANGED_S:
         return exposure
     recovery, frequency = exposure.recovery, exposure.frequency
+    no_rates: dict[str, Any] = {"intervals": {}, "entries_above_60_per_h": None}
     return replace(
         exposure,
-        bins=_drop_intervals(exposure.bins),
-        time_above=tuple(replace(above, interval=None) for above in exposure.time_above),
-        entries=tuple(replace(entries, per_hour=None) for entries in exposure.entries),
-        episodes=tuple(replace(stays, per_hour=None) for stays in exposure.episodes),
+        bins=_replace_each(exposure.bins, interval=None),
+        time_above=_replace_each(exposure.time_above, interval=None),
+        entries=_replace_each(exposure.entries, per_hour=None),
+        episodes=_replace_each(exposure.episodes, per_hour=None),
         eva=replace(exposure.eva, intervals=()),
-        by_hour=_withhold_parts(exposure.by_hour),
-        by_period=_withhold_parts(exposure.by_period),
-        by_task=_withhold_parts(exposure.by_task),
+        by_hour=_replace_each(exposure.by_hour, **no_rates),
+        by_period=_replace_each(exposure.by_period, **no_rates),
+        by_task=_replace_each(exposure.by_task, **no_rates),
         intervals={},
         recovery=recovery and replace(recovery, neutral_slow_per_hour=None, slow_per_hour=None),
         frequency=frequency and replace(frequency, crossings_per_hour=None),
-        conventions={key: _drop_intervals(classes) for key, classes in exposure.conventions.items()},
+        conventions={
+            key: _replace_each(classes, interval=None) for key, classes in exposure.conventions.items()
+        },
     )
 
 
-def _drop_intervals(bins: tuple[ElevationBin, ...]) -> tuple[ElevationBin, ...]:
-    return tuple(replace(part, interval=None) for part in bins)
-
-
-def _withhold_parts(parts: tuple[PartExposure, ...]) -> tuple[PartExposure, ...]:
-    return tuple(replace(part, intervals={}, entries_above_60_per_h=None) for part in parts)
+def _replace_each(values: tuple[Value, ...], **changes: Any) -> tuple[Value, ...]:
+    return tuple(replace(value, **changes) for value in values)

@@ -1,4 +1,4 @@
-"""Where the recording's time went (CONTRACT.md §5 "Time")."""
+"""Where the recording's time went."""
 
 import math
 from bisect import bisect_right
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.elevation import Elevation, ElevationSegment
+from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.rows import (
     find_end_us,
@@ -22,9 +22,7 @@ from fusion.exposure.rows import (
 from fusion.numba_kernels import kernel
 from fusion.numerics.runs import find_runs
 from fusion.orientation.angle_rows import AngleRows, lay_rows
-from fusion.pose.calibrate import Calibration
 from fusion.pose.windows import Blocks, reduce_recording
-from fusion.quality.pose_flags import flag_window
 from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,
@@ -34,12 +32,11 @@ from fusion.recording import (
     Segment,
     Span,
     find_missing,
-    flag_spans,
 )
 from fusion.sensor.self_calibration import find_limits
 from fusion.still_limits import OFF_THE_ARM
 
-# Where a sensor was driven to the end of its range (RELIABILITY.md 88).
+# Where a sensor was driven to the end of its range.
 
 
 MARGIN_S = 0.1
@@ -47,7 +44,7 @@ MARGIN_S = 0.1
 FloatMatrix = NDArray[np.float32]
 
 
-def find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
+def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
     """Find the stretches with a clipped sample (:func:`fusion.sensor.self_calibration.find_limits`).
 
     They are widened by 100 ms (in whole rows) on each side.
@@ -88,12 +85,13 @@ def _widen(segment: Segment, clipped: NDArray[np.intp]) -> list[Span]:
     return [Span(start_us, end_us - start_us, "clipped") for start_us, end_us in times_us.tolist()]
 
 
-# What is left out of the analysis, and why (CONTRACT.md §5 "Time").
+# What is left out of the analysis, and why.
 
 
 SHORTEST_SEGMENT_US = MICROSECONDS
 SHORTEST_RECORDING_US = 10 * MICROSECONDS
-READY_ANGLES = "angles"
+WITHOUT_MINIMUM = ("angles", "mvn")
+"""Devices of ready angles, any length of which can be analysed."""
 
 
 def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple[Span, ...]:
@@ -111,18 +109,16 @@ def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple
         for segment in recording.segments
         if segment.duration_us < SHORTEST_SEGMENT_US
     ]
-    clipped = find_clipped(recording, blocks or reduce_recording(recording))
+    clipped = _find_clipped(recording, blocks or reduce_recording(recording))
     spans = [*clipped, *short, *recording.excluded]
-    return make_disjoint(_widen_to_rows(spans, recording), recording.duration_us)
+    coarse = [rows for rows in map(lay_rows, recording.segments) if rows.per_row > 1]
+    if coarse:
+        spans = [_widen_to_rows(span, coarse) for span in spans]
+    return make_disjoint(spans, recording.duration_us)
 
 
-def _widen_to_rows(spans: list[Span], recording: Recording) -> list[Span]:
-    """Let spans begin and end with a row of the angle where several samples make a row."""
-    runs = [rows for rows in map(lay_rows, recording.segments) if rows.per_row > 1]
-    return [_widen_span(span, runs) for span in spans] if runs else spans
-
-
-def _widen_span(span: Span, runs: Sequence[AngleRows]) -> Span:
+def _widen_to_rows(span: Span, runs: Sequence[AngleRows]) -> Span:
+    """Let a span begin and end with a row of the angle where several samples make a row."""
     start_us, end_us = span.start_us, span.end_us
     for edge_us in (start_us, end_us):
         place = bisect_right(runs, edge_us, key=lambda run: run.start_us) - 1
@@ -142,7 +138,7 @@ def refuse_short(recording: Recording) -> None:
     TooShort
     """
     present_us = sum(segment.duration_us for segment in recording.segments)
-    if present_us < SHORTEST_RECORDING_US and recording.device not in (READY_ANGLES, "mvn"):
+    if present_us < SHORTEST_RECORDING_US and recording.device not in WITHOUT_MINIMUM:
         raise TooShort(s=round(present_us / MICROSECONDS, 3), **_find_cause(recording.flags))
 
 
@@ -155,89 +151,31 @@ def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
     for k, (start_us, end_us) in enumerate(bounds):
         owners[np.searchsorted(edges, start_us) : np.searchsorted(edges, end_us)] = k
     reasons = [kept[owner].reason if owner >= 0 else None for owner in owners]
-    pieces = zip(edges[:-1].tolist(), edges[1:].tolist(), reasons, strict=True)
-    return tuple(_join_equal(pieces))
-
-
-def _join_equal(pieces: Iterable[tuple[int, int, str | None]]) -> Iterable[Span]:
-    for reason, group in groupby(pieces, key=lambda piece: piece[2]):
-        run = list(group)
-        if reason is not None and run[-1][1] > run[0][0]:
-            yield Span(run[0][0], run[-1][1] - run[0][0], reason)
+    joined = []
+    for reason, group in groupby(range(len(reasons)), key=lambda k: reasons[k]):
+        pieces = list(group)
+        start_us, end_us = int(edges[pieces[0]]), int(edges[pieces[-1] + 1])
+        if reason is not None and end_us > start_us:
+            joined.append(Span(start_us, end_us - start_us, reason))
+    return tuple(joined)
 
 
 def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
     """Mark the rows that the exclusions, apart and in time order, touch as not valid; the angle is shared."""
     if not exclusions:
         return elevation
-    segments = tuple(_leave_out(segment, exclusions) for segment in elevation.segments)
-    return replace(elevation, segments=segments)
-
-
-def _leave_out(segment: ElevationSegment, exclusions: tuple[Span, ...]) -> ElevationSegment:
-    touched = list_touched_rows(segment, exclusions)
-    if not touched:
-        return segment
-    valid = segment.valid.copy()
-    for rows in touched:
-        valid[rows] = False
-    return replace(segment, valid=valid)
-
-
-# Where samples were recorded but the fusion did not trust their direction.
-
-
-def flag_untrusted(
-    recording: Recording, elevation: Elevation, exclusions: Sequence[Span]
-) -> tuple[QualityFlag, ...]:
-    """Flag, with their times, the stretches that count as missing though samples are there.
-
-    ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
-    part of that hole, and what is excluded is not missing. Less than a second in all is not flagged.
-    """
-    bridged = {segment.start_us: _list_bridged_rows(segment) for segment in recording.segments}
-    spans: list[Span] = []
+    segments = []
     for segment in elevation.segments:
-        doubted = ~segment.valid
-        for rows in (*bridged.get(segment.start_us, ()), *list_touched_rows(segment, exclusions)):
-            doubted[rows] = False
-        times_us = segment.start_us + np.rint(find_runs(doubted) * (MICROSECONDS / segment.rate_hz))
-        spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
-    if sum(span.duration_us for span in spans) < MICROSECONDS:
-        return ()
-    return flag_spans(Caveat.UNTRUSTED, spans)
-
-
-def _list_bridged_rows(segment: Segment) -> list[slice]:
-    """Give the rows of the angle with a sample that was put in over a hole."""
-    rows = lay_rows(segment)
-    return [rows.hold(first, stop) for first, stop in segment.bridged]
-
-
-def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
-    """Flag a calibration window of which at most half is trusted: all angles rest on it (W-POSE-DOUBT)."""
-    return tuple(
-        flag_window(Caveat.POSE_DOUBT, still)
-        for still in calibration.windows
-        if 2.0 * _trust(elevation, still.start_s, still.end_s) <= 1.0
-    )
-
-
-def _trust(elevation: Elevation, first_s: float, end_s: float) -> float:
-    """Share of the rows between two times that are valid; 1 where there is none."""
-    valid = []
-    for segment in elevation.segments:
-        from_start = (MICROSECONDS * np.array([first_s, end_s]) - segment.start_us) / segment.period_us
-        first, stop = np.clip(np.rint(from_start), 0, len(segment)).astype(np.int64)
-        valid.append(segment.valid[first:stop])
-    rows = np.concatenate(valid)
-    return float(rows.mean()) if len(rows) else 1.0
+        touched = list_touched_rows(segment, exclusions)
+        valid = segment.valid.copy() if touched else segment.valid
+        for rows in touched:
+            valid[rows] = False
+        segments.append(replace(segment, valid=valid))
+    return replace(elevation, segments=tuple(segments))
 
 
 Account = Literal["analysed", "excluded", "missing"]
 
-SHORTEST_ANALYSED_US = 10 * MICROSECONDS
-WITHOUT_MINIMUM = (READY_ANGLES, "mvn")
 SAID_BY_A_PERSON = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
 
 
@@ -263,9 +201,14 @@ def account_time(
         When less than 10 s are analysed (ready angles: when nothing is).
     """
     analysed_us = sum(
-        round(_count_analysed(segment) * MICROSECONDS / segment.rate_hz) for segment in elevation.segments
+        round(
+            int(np.count_nonzero(segment.valid & np.isfinite(segment.elevation_deg)))
+            * MICROSECONDS
+            / segment.rate_hz
+        )
+        for segment in elevation.segments
     )
-    least_us = 1 if recording.device in WITHOUT_MINIMUM else SHORTEST_ANALYSED_US
+    least_us = 1 if recording.device in WITHOUT_MINIMUM else SHORTEST_RECORDING_US
     if analysed_us < least_us:
         present_us = sum(segment.duration_us for segment in recording.segments)
         largest = _describe_largest(exclusions, present_us - analysed_us)
@@ -320,15 +263,19 @@ def divide_time(
     missing_us = {"missing": time.missing_us - untrusted_us}
     if untrusted_us:
         missing_us["untrusted"] = untrusted_us
-    excluded_us: dict[str, int] = {}
-    for span in exclusions:
-        excluded_us[span.reason] = excluded_us.get(span.reason, 0) + span.duration_us
     parts = (
         *_build_parts("analysed", analysed_us, time.analysed_us),
-        *_build_parts("excluded", excluded_us, time.excluded_us),
+        *_build_parts("excluded", _sum_by_reason(exclusions), time.excluded_us),
         *_build_parts("missing", missing_us, time.missing_us),
     )
     return replace(time, parts=parts)
+
+
+def _sum_by_reason(exclusions: Iterable[Span]) -> dict[str, int]:
+    lengths_us: dict[str, int] = {}
+    for span in exclusions:
+        lengths_us[span.reason] = lengths_us.get(span.reason, 0) + span.duration_us
+    return lengths_us
 
 
 def _build_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int) -> Iterable[TimePart]:
@@ -351,9 +298,7 @@ def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dic
 
     ``left_out_us``: of the samples; what no exclusion explains was not trusted.
     """
-    lengths_us: dict[str, int] = {}
-    for span in exclusions:
-        lengths_us[span.reason] = lengths_us.get(span.reason, 0) + span.duration_us
+    lengths_us = _sum_by_reason(exclusions)
     untrusted_us = left_out_us - sum(lengths_us.values())
     if untrusted_us >= MICROSECONDS:
         lengths_us["untrusted"] = untrusted_us
@@ -366,30 +311,24 @@ def _describe_largest(exclusions: tuple[Span, ...], left_out_us: int = 0) -> dic
     return told
 
 
-def _count_analysed(segment: ElevationSegment) -> int:
-    return int(np.count_nonzero(segment.valid & np.isfinite(segment.elevation_deg)))
-
-
-# Where the sensor may have lain on a desk: proposed to the person, never applied (EXPOSURE.md A15).
+# Where the sensor may have lain on a desk: proposed to the person, never applied.
 
 
 SHORTEST_S = 600.0
 
 
 def propose_nonwear(recording: Recording, left_out: tuple[Span, ...] = ()) -> tuple[Span, ...]:
-    """Give the stretches in which the sensor may not have been worn.
+    """Return the stretches in which the sensor may not have been worn.
 
-    ``left_out`` are stretches that are not analysed anyway; a proposal that lies wholly in them is dropped.
+    ``left_out`` are stretches that are not analysed anyway; a proposal is dropped if
+    too little of it lies outside them.
     """
-    found = (span for segment in recording.segments for span in _find_still(segment))
-    return tuple(span for span in found if not _is_covered(span, left_out))
-
-
-def _is_covered(span: Span, left_out: tuple[Span, ...]) -> bool:
-    """Whether less than the shortest proposal is left of a stretch."""
-    shared_us = (min(span.end_us, other.end_us) - max(span.start_us, other.start_us) for other in left_out)
-    left_us = span.duration_us - sum(max(us, 0) for us in shared_us)
-    return left_us < SHORTEST_S * MICROSECONDS
+    kept = []
+    for span in (span for segment in recording.segments for span in _find_still(segment)):
+        shared_us = (min(span.end_us, out.end_us) - max(span.start_us, out.start_us) for out in left_out)
+        if span.duration_us - sum(max(us, 0) for us in shared_us) >= SHORTEST_S * MICROSECONDS:
+            kept.append(span)
+    return tuple(kept)
 
 
 def _find_still(segment: Segment) -> list[Span]:
@@ -398,7 +337,7 @@ def _find_still(segment: Segment) -> list[Span]:
     if windows * OFF_THE_ARM.window_s < SHORTEST_S:
         return []
     still = np.zeros(windows, np.bool_)
-    mark_still(segment.acc_g, rows, OFF_THE_ARM.acc_sd_g, still)
+    _mark_still(segment.acc_g, rows, OFF_THE_ARM.acc_sd_g, still)
     runs = find_runs(still)
     long_enough = runs[(runs[:, 1] - runs[:, 0]) * rows >= SHORTEST_S * segment.rate_hz - 1e-3 * rows]
     times_us = segment.start_us + np.rint(long_enough * (rows * MICROSECONDS / segment.rate_hz))
@@ -406,7 +345,7 @@ def _find_still(segment: Segment) -> list[Span]:
 
 
 @kernel
-def mark_still(acc_g: Any, rows: int, still_g: float, still: Any) -> None:  # pragma: no cover
+def _mark_still(acc_g: Any, rows: int, still_g: float, still: Any) -> None:  # pragma: no cover
     """Mark the windows of ``rows`` rows in which every axis' standard deviation is under ``still_g``."""
     for k in range(len(still)):
         still[k] = True

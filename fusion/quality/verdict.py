@@ -1,98 +1,15 @@
-"""Good, caution or poor, and why (EXPOSURE.md A15, RELIABILITY.md §1.1)."""
+"""Good, caution or poor, and why."""
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
-from fusion.checks.rests import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.exposure.types import LEAST_RANGED_S, Exposure
+from fusion.exposure.types import LEAST_RANGED_S
 from fusion.numerics.intervals import find_uncovered
 from fusion.pose.calibrate import Calibration
 from fusion.quality.time_account import count_beside_us
 from fusion.quality.types import Quality, TimeAccount, Verdict
-from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Span, flag_spans
-from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.model import GyroBias
-from fusion.sensor.stillness import QuietTable
-
-# Caveats on the figures themselves: a gyroscope that drifted, a method that cannot follow the drift, an arm
-# raised for most of the day.
-
-
-LARGEST_DRIFT_DPS = 1.0
-"""EXPOSURE.md A15: the gyroscope's offset should keep within 1 deg/s from one still moment to another."""
-
-RAISED_DEG = 90.0
-LEAST_ANALYSED_S = 3600.0
-
-
-def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
-    """Flag the drift of the axis that wandered most, from one extreme to the other (W-GYRO-DRIFT).
-
-    The fusion follows the offset; the drift casts doubt on the sensor (or on its temperature).
-    """
-    spread_dps = np.ptp(bias.bias_dps, axis=0)
-    axis = int(np.argmax(spread_dps))
-    if spread_dps[axis] < LARGEST_DRIFT_DPS:
-        return ()
-    places = (int(np.argmin(bias.bias_dps[:, axis])), int(np.argmax(bias.bias_dps[:, axis])))
-    first_s, last_s = sorted(float(bias.time_s[place]) for place in places)
-    facts = {"dps": round(float(spread_dps[axis]), 2)}
-    return (QualityFlag(Caveat.GYRO_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
-
-
-SAME_DEG, FEWEST_RESTS, LEAST_DRIFT_G = 10.0, 8, 0.015
-"""Recordings in hand read up to 4 mg apart, simulated devices up to 7; from 25 mg on time is lost."""
-
-
-def flag_accelerometer_drift(
-    stills: QuietTable, accelerometer: AccelerometerCorrection
-) -> tuple[QualityFlag, ...]:
-    """Flag an accelerometer that reads another length at the end, at rest in one direction (W-ACC-DRIFT).
-
-    The first and the last quarter of the still moments of each direction are compared. What stands still all
-    along, offset and gain, is taken off before: within a direction it would pass for a change.
-    """
-    read_g = (stills.gravity_g - accelerometer.mean_offset_g) @ accelerometer.gain
-    length_g = np.linalg.norm(read_g, axis=1)
-    direction = number_directions(read_g / np.maximum(length_g, 1e-9)[:, None], SAME_DEG)
-    found = (0.0, 0.0, 0.0)
-    for rows in (np.flatnonzero(direction == number) for number in range(direction.max(initial=-1) + 1)):
-        if len(rows) < FEWEST_RESTS:
-            continue
-        few = len(rows) // 4
-        change_g = float(np.median(length_g[rows[-few:]]) - np.median(length_g[rows[:few]]))
-        first_s, last_s = float(stills.start_s[rows[0]]), float(stills.start_s[rows[-1]])
-        found = max(found, (abs(change_g), first_s, last_s))
-    change_g, first_s, last_s = found
-    if change_g < LEAST_DRIFT_G:
-        return ()
-    facts = {"mg": round(1000.0 * change_g)}
-    return (QualityFlag(Caveat.ACC_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
-
-
-def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:
-    """Flag `published`: it takes the offset once (``static_dps``, (3,)) and loses slow turns (W-PUBLISHED).
-
-    Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
-    """
-    farthest_dps = float(np.linalg.norm(bias.bias_dps - static_dps, axis=1).max())
-    return (QualityFlag(Caveat.PUBLISHED, facts={"dps": round(farthest_dps, 2)}),)
-
-
-def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
-    """Flag an arm above level for half of an hour or more (W-UPSIDE).
-
-    No work does that. Either the sensor was turned end for end after the pose, or the pose was another one
-    than the request says.
-    """
-    if exposure.analysed_s < LEAST_ANALYSED_S or exposure.percentiles_deg[50] <= RAISED_DEG:
-        return ()
-    facts = {"deg": round(exposure.percentiles_deg[50], 1)}
-    return (QualityFlag(Caveat.UPSIDE, 1, exposure.analysed_s, facts=facts),)
-
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 
 HOUR_S = 3600.0
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
@@ -107,7 +24,7 @@ def assess_quality(
     exclusions: tuple[Span, ...],
     calibration_flags: tuple[QualityFlag, ...] = (),
 ) -> Quality:
-    """Collect every caveat and give the verdict with the codes of all that count, the gravest first.
+    """Collect every caveat and return the verdict with the codes of all that count, the gravest first.
 
     Poor: less than 2 h or half of the recording analysed, no pose held still, a pose in a stretch that is not
     trusted, more than 30 deg from walking or known no better than 10 deg, a sensor that sat otherwise for
@@ -120,14 +37,14 @@ def assess_quality(
     told = {flag.code for flag in given}
     own = _find_own_flags(recording, calibration, time, exclusions)
     flags = [*given, *(flag for flag in own if flag.code not in told)]
-    flags = sorted(flags, key=lambda flag: (-grade_flag(flag, time), -find_lost_s(flag)))  # else as read
-    worst = max((grade_flag(flag, time) for flag in flags), default=Grade.NOTE)
-    reasons = dict.fromkeys(flag.code for flag in flags if grade_flag(flag, time) > Grade.NOTE)
+    flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -_find_lost_s(flag)))  # else as read
+    worst = max((_grade(flag, time) for flag in flags), default=Grade.NOTE)
+    reasons = dict.fromkeys(flag.code for flag in flags if _grade(flag, time) > Grade.NOTE)
     return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
 
 
-def grade_flag(flag: QualityFlag, time: TimeAccount) -> Grade:
-    """Give the grade that is declared for a caveat, or the next where it passes its limit."""
+def _grade(flag: QualityFlag, time: TimeAccount) -> Grade:
+    """Return the grade that is declared for a caveat, or the next where it passes its limit."""
     caveat = Caveat(flag.code)
     is_graver = (
         flag.seconds * MICROSECONDS >= caveat.limit.from_share * time.recorded_us
@@ -136,8 +53,8 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> Grade:
     return Grade(caveat.grade + is_graver)
 
 
-def find_lost_s(flag: QualityFlag) -> float:
-    """Give the seconds that were not analysed because of a caveat; 0 where it cost none."""
+def _find_lost_s(flag: QualityFlag) -> float:
+    """Return the seconds that were not analysed because of a caveat; 0 where it cost none."""
     return flag.seconds if flag.code in TIME_LOST else 0.0
 
 
@@ -159,7 +76,7 @@ def _find_diary_spans(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
 
 
 def find_holes(recording: Recording, left_out: tuple[Span, ...] = ()) -> list[Span]:
-    """Give the stretches between segments that neither the device nor the diary accounts for."""
+    """Return the stretches between segments that neither the device nor the diary accounts for."""
     if not recording.holds_samples:
         return []  # its segments hold no samples; the reader of angles tells its holes
     known = [(segment.start_us, segment.end_us) for segment in recording.segments]

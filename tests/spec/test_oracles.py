@@ -14,10 +14,11 @@ from scipy.stats import norm
 
 from fusion.exposure import summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
-from fusion.exposure.cycles import count_rainflow, start_cycles
-from fusion.exposure.episodes import find_stays, scan_stays, summarise_entries, summarise_episodes
+from fusion.exposure.cycles import CycleTally, count_rainflow
+from fusion.exposure.episodes import find_stays, summarise_entries, summarise_episodes
 from fusion.exposure.metric_filter import MetricAngle, filter_angle
 from fusion.exposure.parts import split_hours
+from fusion.numerics.runs import START, STOP, find_stays_above
 from tests.factories import elevate
 from tests.spec.curves import block, constant, sample, square, swing, tally_cells, triangle
 
@@ -65,19 +66,19 @@ def test_5_each_swing_is_one_entry_above_60_deg() -> None:
 def test_6_each_stay_above_60_deg_lasts_what_the_sine_gives(
     enter_deg: float, leave_deg: float, duration_s: float
 ) -> None:
-    angle, stays = sample(swing, 600, rate_hz=2000.0), np.empty((200, 5), np.int64)
-    count = scan_stays(angle.elevation_deg, angle.valid, enter_deg, leave_deg, stays)
+    angle = sample(swing, 600, rate_hz=2000.0)
+    stays = find_stays_above(angle.elevation_deg, angle.valid, np.array([enter_deg]), np.array([leave_deg]))
 
-    lengths_s = (stays[:count, 1] - stays[:count, 0]) / 2000.0
-    assert (count, lengths_s.mean()) == (150, pytest.approx(duration_s, abs=0.001))
+    lengths_s = (stays[:, STOP] - stays[:, START]) / 2000.0
+    assert (len(stays), lengths_s.mean()) == (150, pytest.approx(duration_s, abs=0.001))
 
 
 def test_8_150_swings_of_80_deg_are_149_and_a_half_cycles() -> None:
-    cycles = start_cycles(np.zeros(1), np.array([0, 10**12]))
+    cycles = CycleTally(np.zeros(1), np.array([0, 10**12]))
     cycles.add(sample(swing, 600))
 
     # the first and the last quarter swing: a half cycle of 40 each
-    assert cycles.sum_day().tolist() == [0.0, 1.0, 149.5, 0.0]
+    assert [cycle.count for cycle in cycles.summarise()] == [0.0, 1.0, 149.5, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -155,10 +156,10 @@ def test_15_a_ripple_on_a_slow_swing_is_not_a_repetition(
         slow, ripple = np.sin(2 * np.pi * 0.05 * time_s), np.sin(2 * np.pi * 2 * time_s)
         return np.asarray(60 + 30 * slow + 2 * ripple, np.float64)
 
-    angle, stays = sample(rippled, 600), np.empty((1000, 5), np.int64)
-    found = scan_stays(angle.elevation_deg, angle.valid, enter_deg, leave_deg, stays)
+    angle = sample(rippled, 600)
+    stays = find_stays_above(angle.elevation_deg, angle.valid, np.array([enter_deg]), np.array([leave_deg]))
 
-    assert found == count
+    assert len(stays) == count
 
 
 def test_16_the_example_of_the_rainflow_standard_is_counted_as_printed_there() -> None:

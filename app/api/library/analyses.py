@@ -38,8 +38,7 @@ from app.errors import Busy
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
 from app.jobs.recordings import StoredRow
-from app.jobs.regeneration import find_or_add, retry
-from app.jobs.results import check_succeeded
+from app.jobs.results import check_succeeded, find_or_add, retry
 from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.crate import CRATE, Made, encode_crate

@@ -290,7 +290,7 @@ def finish_purge(services: Services, *begun: Purged) -> None:
     """
     if not begun:
         return
-    services.storage.ledger.add([one for purged in begun for one in (*purged.recordings, *purged.analyses)])
+    services.storage.add_erased([one for purged in begun for one in (*purged.recordings, *purged.analyses)])
     for purged in begun:
         for analysis_id in purged.analyses:
             services.storage.drop_analysis(analysis_id)

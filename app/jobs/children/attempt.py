@@ -34,8 +34,7 @@ from app.jobs.children.fork_server import NotStarted, choose_context, end_child,
 from app.jobs.children.preparing import tell_preparing
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
-from app.storage.known import NOTHING_KNOWN, KnownLogs
-from app.storage.store import ResultFile, describe_files, translate_disk_full
+from app.storage.store import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
@@ -225,10 +224,13 @@ def _run_child(attempt: Attempt, pipe: Connection, level: int) -> None:
     logging.getLogger("app").setLevel(level)  # ours alone: what a library tells may name a file
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
-    result = _make_files(attempt, tell_preparing(partial(_send_stage, pipe)))
+
+    def send_stage(stage: Stage, fraction: float) -> None:
+        _send(pipe, {"stage": stage, "fraction": fraction})
+
+    result = _make_files(attempt, tell_preparing(send_stage))
     if isinstance(result, Finished):
-        files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
-        _send(pipe, {"files": files})
+        _send(pipe, {"files": [(file.name, file.sha256, file.size_bytes) for file in result.files]})
     else:
         _send(pipe, {"code": result.code, "facts": dict(result.facts)})
     pipe.close()
@@ -253,10 +255,6 @@ def _refuse(error: AttemptFailed) -> Refused:
     return Refused(error.code, error.facts)
 
 
-def _send_stage(pipe: Connection, stage: Stage, fraction: float) -> None:
-    _send(pipe, {"stage": stage, "fraction": fraction})
-
-
 def _send(pipe: Connection, message: Mapping[str, object]) -> None:
     pipe.send_bytes(json.dumps(message).encode())
 
@@ -274,12 +272,8 @@ def _apply_limits(limits: Limits) -> None:
     if sys.platform == "win32":
         return
     cpu_s = round(limits.wall_s * (os.cpu_count() or 1)) + 1
-    _lower_limit(resource.RLIMIT_AS, limits.memory_bytes)
-    _lower_limit(resource.RLIMIT_CPU, cpu_s)
-    _lower_limit(resource.RLIMIT_CORE, 0)
-
-
-def _lower_limit(which: int, value: int) -> None:
-    _, hard = resource.getrlimit(which)
-    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
-    resource.setrlimit(which, (value, value))
+    wanted = {resource.RLIMIT_AS: limits.memory_bytes, resource.RLIMIT_CPU: cpu_s, resource.RLIMIT_CORE: 0}
+    for which, value in wanted.items():
+        _, hard = resource.getrlimit(which)
+        lowered = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(which, (lowered, lowered))

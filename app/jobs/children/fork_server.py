@@ -83,12 +83,7 @@ def warm_up_and_wait() -> None:
 
 
 def start_child(child: BaseProcess) -> None:
-    """Start a child, by a new fork server where the first is dead or does not answer.
-
-    Raises
-    ------
-    NotStarted
-    """
+    """Start a child, by a new fork server where the first is dead or does not answer. Raises NotStarted."""
     for _ in range(START_TRIES):
         try:
             with _ending_hung_server():

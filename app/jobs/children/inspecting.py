@@ -63,34 +63,18 @@ class Inspector:
             threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
 
     def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Inspect a whole recording.
-
-        Raises
-        ------
-        RecordedProblem
-            With the code of the refusal.
-        """
+        """Inspect a whole recording. Raises RecordedProblem, with the code of the refusal."""
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
     def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
-        """Inspect the first bytes of a recording.
-
-        Raises
-        ------
-        RecordedProblem
-        """
+        """Inspect the first bytes of a recording. Raises RecordedProblem."""
         with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
             file.write(head)
             file.flush()
             return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Give the names of a table's columns, and what they may be.
-
-        Raises
-        ------
-        RecordedProblem
-        """
+        """Give the names of a table's columns, and what they may be. Raises RecordedProblem."""
         return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
 
     def write_angles(self, parquet: Path) -> bytes:

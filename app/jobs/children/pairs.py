@@ -72,11 +72,8 @@ class PairedJobs:
     def identify(self) -> str:
         """Hash attempts, request and software: the same three give the same report."""
         asked = self.request
-        tokens = tuple(job.token for job in self.jobs)
         stated = (asked.same_subject, asked.mixed_methods)
-        choices = (asked.offset_s, asked.trunk_offset_s, asked.paper, *stated)
-        parts = (asked.kind, tokens, *choices, software_revision())
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+        return _identify(self, (asked.offset_s, asked.trunk_offset_s, asked.paper, *stated))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +86,15 @@ class ProfiledJobs:
     def identify(self) -> str:
         """Hash attempts, request and software, as :meth:`PairedJobs.identify`."""
         asked = self.request
-        tokens = tuple(job.token for job in self.jobs)
-        choices = (asked.before_count, asked.paper, asked.same_subject, asked.mixed_methods)
-        parts = (asked.kind, tokens, *choices, software_revision())
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+        return _identify(self, (asked.before_count, asked.paper, asked.same_subject, asked.mixed_methods))
 
 
 AskedJobs = PairedJobs | ProfiledJobs
+
+
+def _identify(asked: AskedJobs, choices: tuple[object, ...]) -> str:
+    parts = (asked.request.kind, tuple(job.token for job in asked.jobs), *choices, software_revision())
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +173,15 @@ class PairReports:
         make_folder(staging)
         make_folder(out)
         try:
-            sources = tuple(self._copy(job, staging / str(n)) for n, job in enumerate(asked.jobs))
-            self._run(asked, sources, out)
+            sources = tuple(staging / str(number) for number in range(len(asked.jobs)))
+            for job, folder in zip(asked.jobs, sources, strict=True):  # as ``acromion run`` makes them
+                folder.mkdir()
+                for name in NEEDED:
+                    with self.results.borrow(job, name) as path:
+                        shutil.copyfile(path, folder / name)
+            make = partial(load_and_make_pair, sources, asked.request)
+            limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
+            make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
             digests = {path.name: hash_file(path) for path in out.iterdir()}
             (out / DIGESTS).write_text(json.dumps(digests))
             self._publish(asked, out, kept)
@@ -185,37 +191,21 @@ class PairReports:
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
-    def _copy(self, job: Job, folder: Path) -> Path:
-        """Copy what a report of two is made from, as it stands in a folder that ``acromion run`` made."""
-        folder.mkdir()
-        for name in NEEDED:
-            with self.results.borrow(job, name) as path:
-                shutil.copyfile(path, folder / name)
-        return folder
-
-    def _run(self, asked: AskedJobs, sources: tuple[Path, ...], out: Path) -> None:
-        make = partial(load_and_make_pair, sources, asked.request)
-        limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
-        make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
-
     def _publish(self, asked: AskedJobs, out: Path, kept: Path) -> None:
         """Keep what was made, unless one of the analyses was deleted meanwhile."""
         with self._publishing:
             self._check_there(asked)
             shutil.rmtree(kept, ignore_errors=True)
             out.rename(kept)
-            self._make_room()
+            entries = [path for path in self.folder.iterdir() if path.suffix != ".part"]
+            entries.sort(key=lambda path: path.stat().st_mtime)
+            for path in entries[:-MOST_KEPT]:
+                shutil.rmtree(path, ignore_errors=True)
 
     def _check_there(self, asked: AskedJobs) -> None:
         """Raise NotHere where one of the analyses was deleted meanwhile."""
         for job in asked.jobs:
             self.results.store.get(job.id)
-
-    def _make_room(self) -> None:
-        entries = [path for path in self.folder.iterdir() if path.suffix != ".part"]
-        entries.sort(key=lambda path: path.stat().st_mtime)
-        for path in entries[:-MOST_KEPT]:
-            shutil.rmtree(path, ignore_errors=True)
 
 
 def _is_whole(report: PairReport) -> bool:

@@ -29,8 +29,13 @@ def prepare_beside() -> None:
         return
     try:
         if os.fork() == 0:
-            _leave_terminal()
-            _prepare()
+            os.setsid()
+            nothing = os.open(os.devnull, os.O_RDWR)
+            for stream in range(3):  # keep no output open whose end somebody may wait for
+                os.dup2(nothing, stream)
+            folder: Path = importlib.import_module("fusion.numba_kernels").make_kernel_folder()
+            if _take_turn(folder):
+                importlib.import_module("fusion.prepare").prepare()
     finally:
         os._exit(0)
 
@@ -38,20 +43,6 @@ def prepare_beside() -> None:
 def _measure_progress() -> float:
     progress: float = importlib.import_module("fusion.numba_kernels").measure_progress()
     return progress
-
-
-def _leave_terminal() -> None:
-    """Keep no output open whose end somebody may wait for."""
-    os.setsid()
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for stream in range(3):
-        os.dup2(nothing, stream)
-
-
-def _prepare() -> None:
-    folder: Path = importlib.import_module("fusion.numba_kernels").make_kernel_folder()
-    if _take_turn(folder):
-        importlib.import_module("fusion.prepare").prepare()
 
 
 def _take_turn(folder: Path) -> bool:

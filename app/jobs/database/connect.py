@@ -15,14 +15,7 @@ from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspe
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
-from app.errors import (
-    AppError,
-    DatabaseAway,
-    DatabaseDamaged,
-    DatabaseLocked,
-    DiskFull,
-    WrongSchema,
-)
+from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
 from app.jobs.audit_log import keep_audit_log
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings
@@ -31,6 +24,7 @@ from app.storage.store import check_folder, translate_folder_errors
 
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
+_REQUEST_LOCK = 0x61637271  # whoever holds this one looks for a requested analysis and adds it
 _CONNECT_TIMEOUT_S = 10
 BUSY_TIMEOUT_S = 30
 _WRITE_LOCK_BYTE = 120  # of SQLite's file "-shm" (sqlite.org/walformat.html, "WAL locks")
@@ -42,17 +36,16 @@ UNWRITABLE = ("unable to open", "readonly database")
 
 
 def open_database(url: str) -> Engine:
-    """Connect, and create the tables of a database that has none.
-
-    Raises
-    ------
-    WrongSchema
-    """
+    """Connect, and create the tables of a database that has none. Raises WrongSchema."""
     engine = connect(url)
     try:
         with engine.begin() as connection:
             lock_tables(connection)
-            _check_revision(connection)
+            found = read_revision(connection)
+            if found is None and not inspect(connection).has_table(analyses.name):
+                create_tables(connection)
+            elif found != REVISION:
+                raise WrongSchema(found=found or "-", needed=REVISION)
     except BaseException:
         engine.dispose()
         raise
@@ -62,11 +55,7 @@ def open_database(url: str) -> Engine:
 def bring_up_to_date(settings: Settings) -> None:
     """Migrate the tables if they are of an earlier revision of ours.
 
-    Only for the server and the recovery, before they open the database.
-
-    Raises
-    ------
-    WrongSchema
+    Only for the server and the recovery, before they open the database. Raises WrongSchema.
     """
     engine = connect(settings.database_url)
     try:
@@ -84,26 +73,21 @@ def connect(url: str) -> Engine:
 
     Its errors hold no subject code.
     """
-    engine = _connect(url)
-    keep_audit_log(engine)
-    return engine
-
-
-def _connect(url: str) -> Engine:
-    if make_url(url).get_backend_name() != "sqlite":
+    if make_url(url).get_backend_name() == "sqlite":
+        engine = _connect_sqlite(create_engine(url, hide_parameters=True))
+    else:
         timeout = {"connect_timeout": _CONNECT_TIMEOUT_S}
-        return create_engine(
+        engine = create_engine(
             url, pool_size=20, pool_pre_ping=True, connect_args=timeout, hide_parameters=True
         )
-    return _connect_sqlite(create_engine(url, hide_parameters=True))
+    keep_audit_log(engine)
+    return engine
 
 
 def check_writable(url: str, timeout_s: int) -> None:
     """Check that rows could be written now; writes none, and waits at most ``timeout_s`` for a lock.
 
-    Raises
-    ------
-    DatabaseAway, DatabaseLocked, DatabaseDamaged, DiskFull
+    Raises DatabaseAway, DatabaseLocked, DatabaseDamaged, DiskFull.
     """
     if make_url(url).get_backend_name() == "sqlite":
         engine = _connect_sqlite(create_engine(url, poolclass=NullPool))
@@ -118,12 +102,7 @@ def check_writable(url: str, timeout_s: int) -> None:
 
 
 def check_whole(url: str) -> None:
-    """Check the whole file of a SQLite database; it is not changed.
-
-    Raises
-    ------
-    DatabaseDamaged
-    """
+    """Check the whole file of a SQLite database; it is not changed. Raises DatabaseDamaged."""
     file = find_database_file(url)
     if file is None or not Path(file).exists():
         return
@@ -168,7 +147,8 @@ def classify_error(error: DBAPIError, url: str) -> AppError | None:
     if any(sign in words for sign in DAMAGED):
         return DatabaseDamaged(file=file, why=words)
     if LOCKED in words:
-        return _explain_lock(file)
+        pid = _find_lock_holder(Path(f"{file}-shm"))
+        return DatabaseLocked(file=file, pid=str(pid)) if pid else DatabaseLocked(file=file)
     if any(sign in words for sign in UNWRITABLE):
         return _explain_unwritable(Path(file)) or DatabaseAway(why=words)
     return DatabaseAway(why=words) if "disk I/O error" in words else None
@@ -189,6 +169,20 @@ def lock_tables(connection: Connection) -> None:
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _TABLES_LOCK})
 
 
+@contextmanager
+def one_request_at_a_time(engine: Engine) -> Iterator[None]:
+    """Let one server of a PostgreSQL database at a time look for an analysis and add it.
+
+    SQLite has one server, which takes turns by itself.
+    """
+    if engine.dialect.name != "postgresql":
+        yield
+        return
+    with engine.begin() as connection:
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _REQUEST_LOCK})
+        yield
+
+
 def read_revision(connection: Connection) -> str | None:
     """Read the revision of the tables; None when none was ever recorded."""
     if not inspect(connection).has_table(schema_revision.name):
@@ -204,21 +198,6 @@ def create_tables(connection: Connection) -> None:
     connection.execute(schema_revision.insert().values(version_num=REVISION))
 
 
-def _check_revision(connection: Connection) -> None:
-    found = read_revision(connection)
-    if found is None and not inspect(connection).has_table(analyses.name):
-        create_tables(connection)
-    elif found != REVISION:
-        raise WrongSchema(found=found or "-", needed=REVISION)
-
-
-def _create_private(path: Path) -> None:
-    """Create the file of a new database with our mode; SQLite gives its log the same mode."""
-    make_folder(path.parent)
-    with suppress(OSError):  # it exists already, or SQLite reports why it cannot
-        create_file(path).close()
-
-
 def _explain_unwritable(file: Path) -> AppError | None:
     try:
         check_folder(file.parent)
@@ -228,14 +207,11 @@ def _explain_unwritable(file: Path) -> AppError | None:
         return refusal
 
 
-def _explain_lock(file: str) -> DatabaseLocked:
-    """Build the refusal, with the process that holds the write lock where it can be found (Linux)."""
-    pid = _find_lock_holder(Path(f"{file}-shm"))
-    return DatabaseLocked(file=file, pid=str(pid)) if pid else DatabaseLocked(file=file)
-
-
 def _find_lock_holder(file: Path) -> int | None:
-    """Look the holder up in the system's list; to open and close the file would release locks of our own."""
+    """Find the process that holds the write lock (Linux).
+
+    The system's list is read: to open and close the file would release locks of our own.
+    """
     try:
         inode = file.stat().st_ino
         rows = [line.split() for line in Path("/proc/locks").read_text().splitlines() if "->" not in line]
@@ -246,7 +222,11 @@ def _find_lock_holder(file: Path) -> int | None:
 
 
 def _connect_sqlite(engine: Engine) -> Engine:
-    _create_private(Path(str(engine.url.database)))
+    """Prepare each connection; a new database gets a file of our mode, and SQLite gives its log the same."""
+    file = Path(str(engine.url.database))
+    make_folder(file.parent)
+    with suppress(OSError):  # it exists already, or SQLite reports why it cannot
+        create_file(file).close()
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine

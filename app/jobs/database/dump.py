@@ -28,14 +28,6 @@ def reflect_tables(connection: Connection) -> tuple[Table, ...]:
     return tuple(table for table in found.sorted_tables if table.name in metadata.tables)
 
 
-def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
-    """Return every row of a table as a line of JSON."""
-    order = tuple(table.primary_key.columns)
-    found = connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order))
-    for row in found:
-        yield json.dumps(row._asdict(), ensure_ascii=False, default=_write_bytes).encode() + b"\n"
-
-
 def _write_bytes(value: object) -> dict[str, str]:
     if not isinstance(value, bytes | memoryview):
         raise TypeError(type(value).__name__)
@@ -48,21 +40,18 @@ def _read_bytes(value: dict[str, Any]) -> object:
 
 def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
     """Write every table that is copied as a member of its own, ``rows/<table>.jsonl``."""
-    for table in reflect_tables(connection):
-        if table.name in LEFT_OUT:
-            continue
+    tables = [table for table in reflect_tables(connection) if table.name not in LEFT_OUT]
+    streamed = connection.execution_options(yield_per=ROWS_AT_ONCE)
+    for table in tables:
         with archive.open(f"rows/{table.name}.jsonl", "w", force_zip64=True) as member:
-            for line in write_rows(connection, table):
-                member.write(line)
+            for row in streamed.execute(table.select().order_by(*table.primary_key.columns)):
+                line = json.dumps(row._asdict(), ensure_ascii=False, default=_write_bytes)
+                member.write(line.encode() + b"\n")
 
 
 def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
     """Give the rows of a table in a backup; none when the backup has no such table."""
-    return read_lines(archive, f"rows/{table}.jsonl")
-
-
-def read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[dict[str, Any]]:
-    """Give the rows of a member; none when there is no such member."""
+    name = f"rows/{table}.jsonl"
     if name in archive.namelist():
         with archive.open(name) as member:
             for line in member:

@@ -18,10 +18,7 @@ from app.jobs.database.tables import REVISION
 def upgrade(connection: Connection, found: str) -> None:
     """Run the missing migrations in the transaction of the connection: all of them happen, or none.
 
-    Raises
-    ------
-    WrongSchema
-        Our migrations do not know the revision; nothing is changed.
+    Raises WrongSchema: our migrations do not know the revision; nothing is changed.
     """
     config = configure(connection)
     if found not in {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}:

@@ -355,8 +355,5 @@ link_uses = Table(
 )
 
 facts = Table(
-    "facts",
-    metadata,
-    Column("name", String(32), primary_key=True),
-    Column("value", Text, nullable=False),
+    "facts", metadata, Column("name", String(32), primary_key=True), Column("value", Text, nullable=False)
 )

@@ -67,25 +67,18 @@ class AggregateStore(RowStore):
         return tuple(group for group in groups if group.blocks)
 
     def publish(self, study_id: str) -> StudyGroup:
-        """Give the blocks of a study, with a new one where enough people are in none.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give the blocks of a study, with a new one where enough people are in none. Raises NotHere."""
         row = self._read_one(select(batches).where(batches.c.id == study_id))
         if row is None:
             raise NotHere(id=study_id)
-        if self._count_new(study_id) >= FEWEST_PEOPLE:
+        with self._reader.connect() as connection:
+            is_due = len(_read_new_people(connection, study_id)) >= FEWEST_PEOPLE
+        if is_due:
             self._add_block(study_id)
         mine = select(aggregate_blocks).where(aggregate_blocks.c.study_id == study_id)
         rows = self._read_all(mine.order_by(aggregate_blocks.c.published_at, aggregate_blocks.c.id))
         blocks = tuple(Block(one.id, one.published_at, **json.loads(one.figures)) for one in rows)
         return StudyGroup(row.id, row.name if blocks else "", blocks)
-
-    def _count_new(self, study_id: str) -> int:
-        with self._reader.connect() as connection:
-            return len(_read_new_people(connection, study_id))
 
     def _add_block(self, study_id: str) -> None:
         with self._engine.begin() as connection:

@@ -4,9 +4,9 @@ A release is a row of its own, and is taken back by a further row: the bytes of 
 """
 
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
-from sqlalchemy import Row, insert, select
+from sqlalchemy import insert, select
 
 from app.errors import NoSuchFile
 from app.jobs.audit_log import Act, record
@@ -30,6 +30,9 @@ class Release:
     is_taken_back: bool
 
 
+_COLUMNS = tuple(field.name for field in fields(Release))
+
+
 class ReleaseStore(RowStore):
     """Rows of releases."""
 
@@ -37,15 +40,15 @@ class ReleaseStore(RowStore):
         """Give the release of an analysis; None where it was never released, or that was taken back."""
         query = select(releases).where(releases.c.analysis_id == analysis_id)
         rows = self._read_all(query.order_by(releases.c.at.desc(), releases.c.id.desc()).limit(1))
-        return _read_release(rows[0]) if rows and not rows[0].is_taken_back else None
+        if not rows or rows[0].is_taken_back:
+            return None
+        columns = rows[0]._asdict()
+        return Release(**{name: columns[name] for name in _COLUMNS} | {"is_taken_back": False})
 
     def release(self, job: Job, who: str) -> Release | None:
         """Release the report of an analysis; one that is released already stays so.
 
-        Raises
-        ------
-        NoSuchFile
-            There is no report, or another has replaced it.
+        Raises NoSuchFile: there is no report, or another has replaced it.
         """
         known = self.find(job.id)
         return known if known is not None else self._add(job, who, "report.released")
@@ -71,8 +74,3 @@ class ReleaseStore(RowStore):
             increment_revision(connection, job.recording_id)
             record(connection, act, job.recording_id, job.id)
         return self.find(job.id)
-
-
-def _read_release(row: Row[tuple[str, str, str, str, str, str, int]]) -> Release:
-    about = (row.analysis_id, row.who, row.at, row.method_version, row.report_id)
-    return Release(*about, bool(row.is_taken_back))

@@ -41,12 +41,7 @@ class RetentionStore(RowStore):
         return {kind: rows.get(kind) for kind in KINDS}
 
     def put(self, kind: str, days: int | None) -> None:
-        """Change the term of a kind; None keeps it for good.
-
-        Raises
-        ------
-        BadParameter
-        """
+        """Change the term of a kind; None keeps it for good. Raises BadParameter."""
         if kind not in KINDS:
             raise BadParameter(name="kind", value=kind[:20], allowed=", ".join(KINDS))
         if days is not None and not 1 <= days <= LONGEST_DAYS:

@@ -6,14 +6,13 @@ The headline figures serve search and lists; the result files remain the source 
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from sqlalchemy import Connection, Row, insert, select, update
+from sqlalchemy import Connection, select, update
 
 from app.jobs.audit_log import record
-from app.jobs.database.tables import analyses, answers, recordings
+from app.jobs.database.tables import analyses, recordings
 from app.jobs.queries import format_diary, read_diary
 from app.report.figures import load_results
 from app.request import ReportRequest
@@ -39,27 +38,21 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
     asked = ReportRequest.from_json(row.request)
     if row.way_in != "web" or asked.reference is not None:
         return
-    changed = _find_changed(connection, row, asked)
+    present = {"subject": row.subject, "side": row.side, "diary": read_diary(row.diary)}
+    corrected = {name: getattr(asked, name) for name in FIELDS}
+    if present == corrected:
+        return
+    every = connection.execute(select(analyses.c.request).where(analyses.c.recording_id == row.id)).scalars()
+    requests = [ReportRequest.from_json(text) for text in every]
+    known = {name: {getattr(request, name) for request in requests} for name in FIELDS}
+    changed = {name: corrected[name] for name in FIELDS if corrected[name] != present[name] in known[name]}
+    if "diary" in changed:
+        changed["diary"] = format_diary(asked.diary)
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
         connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
         names = dict.fromkeys(changed, "adopted")
         record(connection, "recording.changed", row.id, analysis_id, other=names)
-
-
-def _find_changed(connection: Connection, row: Row[Any], asked: ReportRequest) -> dict[str, object]:
-    """Give the columns that the recording is to take over."""
-    present = {"subject": row.subject, "side": row.side, "diary": read_diary(row.diary)}
-    corrected = {name: getattr(asked, name) for name in FIELDS}
-    if present == corrected:
-        return {}
-    query = select(analyses.c.request).where(analyses.c.recording_id == row.id)
-    every = [ReportRequest.from_json(text) for text in connection.execute(query).scalars()]
-    known = {name: {getattr(request, name) for request in every} for name in FIELDS}
-    changed = {name: corrected[name] for name in FIELDS if corrected[name] != present[name] in known[name]}
-    if "diary" in changed:
-        changed["diary"] = format_diary(asked.diary)
-    return changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +103,3 @@ def summarise_day(medians_deg: Sequence[float | None]) -> str:
     steps = (medians_deg[first : first + width] for first in range(0, len(medians_deg), width))
     known = ([angle for angle in step if angle is not None] for step in steps)
     return ",".join(f"{statistics.median(step):.0f}" if step else "" for step in known)
-
-
-def insert_headline(connection: Connection, analysis_id: str, headline: HeadlineFigures) -> None:
-    """Write the row of a finished analysis."""
-    connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))

@@ -10,18 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from sqlalchemy import (
-    ColumnElement,
-    Engine,
-    Select,
-    and_,
-    case,
-    delete,
-    func,
-    insert,
-    or_,
-    select,
-)
+from sqlalchemy import ColumnElement, Engine, Select, and_, case, delete, func, insert, or_, select, true
 
 from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, answers, recordings, saved_views
@@ -94,11 +83,11 @@ class Took:
     took_s: float
 
 
-class Library:
+class Library(RowStore):
     """The queries of the library; it only reads."""
 
     def __init__(self, reader: Engine) -> None:
-        self._reader = reader
+        super().__init__(reader, reader)
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
@@ -114,8 +103,7 @@ class Library:
     def find_took(self) -> tuple[Took, ...]:
         """Say how long the last analyses took, by which the time left of others is judged."""
         query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
-        with self._reader.connect() as connection:
-            jobs = [read_job(row) for row in connection.execute(query.limit(JUDGED_BY))]
+        jobs = [read_job(row) for row in self._read_all(query.limit(JUDGED_BY))]
         return tuple(
             Took(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
             for job in jobs
@@ -125,23 +113,15 @@ class Library:
     def find_tags(self) -> tuple[str, ...]:
         """Give every tag, by the alphabet."""
         query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
-        with self._reader.connect() as connection:
-            found = connection.execute(query).scalars()
-            return sort_tags(tag for text in found for tag in read_tags(text))
+        return sort_tags(tag for row in self._read_all(query) for tag in read_tags(row.tags))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
         """Count the recordings of each group, among those that text and days let through."""
-        parts = _select(replace(wanted, group="all")).subquery()
-        older = _is_older(parts.c.method_version)
-        columns = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None), case((older, 1), else_=0))
-        kinds = select(*columns, func.count()).group_by(*columns)
-        counts = dict.fromkeys(GROUPS, 0)
+        rows = _select(replace(wanted, group="all")).subquery()
+        groups = [_is_in_group(group, rows.c, rows.c, rows.c.report_id) for group in GROUPS]
+        query = select(*(func.count().filter(group) for group in groups)).select_from(rows)
         with self._reader.connect() as connection:
-            for state, verdict, has_report, is_older, number in connection.execute(kinds):
-                for group in _find_groups(JobState(state), verdict, has_report=bool(has_report)):
-                    counts[group] += number
-                counts["older"] += number if is_older else 0
-        return counts
+            return dict(zip(GROUPS, connection.execute(query).one(), strict=True))
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
         """Find other recordings of the same subject that have a report, the newest first.
@@ -170,8 +150,7 @@ class Library:
         return _read_shown_id(first), _read_shown_id(second)
 
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
-        with self._reader.connect() as connection:
-            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted))).all()
+        rows = self._read_all(_select(wanted).order_by(*_choose_order(wanted)))
         shown = [_read_shown_id(row) for row in rows]
         here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
         if here is None:
@@ -185,8 +164,7 @@ class Library:
         newest = select(analyses.c.created_at, analyses.c.id).where(
             analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None)
         )
-        with self._reader.connect() as connection:
-            row = connection.execute(newest.order_by(*_newest_first()).limit(1)).one()
+        (row,) = self._read_all(newest.order_by(*_newest_first()).limit(1))
         return row.created_at, row.id
 
     def _read(self, query: Select[Any]) -> tuple[Entry, ...]:
@@ -242,48 +220,39 @@ def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
 def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
     about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256, recordings.c.tags)
     headline = (answers.c[field.name] for field in fields(HeadlineFigures))
-    is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(),)
+    is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(analyses.alias()),)
     if wanted.batch:
         is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
-    report_id = _select_own_report() if wanted.batch else _select_report()
+    report_id = _select_report(is_own=bool(wanted.batch))
+    # coalesce hides the index of the trash, so that SQLite walks the analyses by age
+    state = func.coalesce(recordings.c.state, "") if is_walked else recordings.c.state
     query = (
         select(analyses, *about, *headline, report_id.label("report_id"))
         .join(recordings, analyses.c.recording_id == recordings.c.id)
         .outerjoin(answers, answers.c.analysis_id == report_id)
-        .where(_is_stored(is_walked=is_walked), *is_shown)
+        .where(state == STORED, *is_shown)
     )
-    return query.where(*_build_conditions(wanted))
+    return query.where(*_build_conditions(wanted, report_id))
 
 
-def _is_stored(*, is_walked: bool) -> ColumnElement[bool]:
-    """Exclude the trash; ``is_walked`` hides its index, so that SQLite walks the analyses by age."""
-    return (func.coalesce(recordings.c.state, "") if is_walked else recordings.c.state) == STORED
-
-
-def _select_newest() -> Any:
-    """Select the newest analysis of the same recording that was not replaced."""
+def _select_report(*, is_own: bool) -> ColumnElement[Any]:
+    """Select the analysis of the current report: this one, or the newest that succeeded unless ``is_own``."""
     other = analyses.alias()
-    counts = (other.c.recording_id == analyses.c.recording_id, other.c.replaced_by.is_(None))
-    newest = select(other.c.id).where(*counts)
-    return newest.order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1).scalar_subquery()
+    newest = None if is_own else _select_newest(other, other.c.state == JobState.SUCCEEDED)
+    return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest)
 
 
-def _select_own_report() -> ColumnElement[Any]:
-    return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id))
+def _select_newest(other: Any, *conditions: ColumnElement[bool]) -> Any:
+    """Select the newest analysis of the same recording that was not replaced and meets the conditions."""
+    same = (other.c.recording_id == analyses.c.recording_id, other.c.replaced_by.is_(None), *conditions)
+    newest_first = other.c.created_at.desc(), other.c.id.desc()
+    return select(other.c.id).where(*same).order_by(*newest_first).limit(1).scalar_subquery()
 
 
-def _select_report() -> ColumnElement[Any]:
-    """Select the analysis of the current report: this one, or the newest that succeeded."""
-    other = analyses.alias()
-    good = (other.c.recording_id == analyses.c.recording_id, other.c.state == JobState.SUCCEEDED)
-    counting = select(other.c.id).where(*good, other.c.replaced_by.is_(None))
-    newest = counting.order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1)
-    return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest.scalar_subquery())
-
-
-def _build_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
-    report_id = _select_own_report() if wanted.batch else _select_report()
-    conditions = [_is_in_group(wanted.group, report_id)] if wanted.group != "all" else []
+def _build_conditions(wanted: LibraryFilter, report_id: ColumnElement[Any]) -> list[ColumnElement[bool]]:
+    conditions = []
+    if wanted.group != "all":
+        conditions.append(_is_in_group(wanted.group, analyses.c, answers.c, report_id))
     if wanted.text:
         named = (func.lower(recordings.c[name]) for name in ("subject", "file_name"))
         conditions.append(or_(*(name.contains(wanted.text.lower(), autoescape=True) for name in named)))
@@ -297,49 +266,30 @@ def _build_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
     return conditions
 
 
-def _is_in_group(group: Group, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
-    failed = analyses.c.state == JobState.FAILED
-    states: Mapping[str, ColumnElement[bool]] = {
-        "active": analyses.c.state.in_(_ACTIVE),
-        "failed": and_(failed, report_id.is_(None)),
-        "cancelled": and_(analyses.c.state == JobState.CANCELLED, report_id.is_(None)),
-        "older": _is_older(answers.c.method_version),
-        "attention": or_(failed, answers.c.verdict.in_(_DOUBTFUL)),
+def _is_in_group(group: Group, job: Any, headline: Any, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
+    """Build the condition of a group from the columns of analyses and answers."""
+    failed, has_no_report = job.state == JobState.FAILED, report_id.is_(None)
+    conditions: Mapping[str, ColumnElement[bool]] = {
+        "all": true(),
+        "active": job.state.in_(_ACTIVE),
+        "failed": and_(failed, has_no_report),
+        "cancelled": and_(job.state == JobState.CANCELLED, has_no_report),
+        # made by an older method; what came as ready angles has none
+        "older": headline.method_version.between(1, int(METHOD_VERSION) - 1),
+        "attention": or_(failed, headline.verdict.in_(_DOUBTFUL)),
     }
-    return states.get(group, answers.c.verdict == group)
-
-
-def _is_older(method_version: ColumnElement[Any]) -> ColumnElement[bool]:
-    """Build the condition that a report was made by an older method; what came as ready angles has none."""
-    return method_version.between(1, int(METHOD_VERSION) - 1)
-
-
-def _find_groups(state: JobState, verdict: str | None, *, has_report: bool) -> list[Group]:
-    groups: list[Group] = ["all"]
-    if state in _ACTIVE:
-        groups.append("active")
-    if state is JobState.CANCELLED and not has_report:
-        groups.append("cancelled")
-    if state is JobState.FAILED and not has_report:
-        groups.append("failed")
-    if state is JobState.FAILED or verdict in _DOUBTFUL:
-        groups.append("attention")
-    groups += [group for group in GROUPS if group == verdict]
-    return groups
+    return conditions.get(group, headline.verdict == group)
 
 
 def _read_entry(row: Any, report: Job | None) -> Entry:
-    headline = _read_headline(row) if row.verdict else None
-    tags = read_tags(row.tags)
+    headline, tags = None, read_tags(row.tags)
+    if row.verdict:
+        figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
+        made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
+        headline = HeadlineFigures(*figures, *made)
     if report is None:
         return Entry(read_job(row), headline, tags=tags)
     return Entry(report, headline, read_job(row), tags)
-
-
-def _read_headline(row: Any) -> HeadlineFigures:
-    figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
-    made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
-    return HeadlineFigures(*figures, *made)
 
 
 @dataclass(frozen=True, slots=True)

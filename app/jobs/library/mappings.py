@@ -6,15 +6,15 @@ the next file with that header. Once a person has confirmed it, files with that 
 
 from dataclasses import dataclass, replace
 
-from sqlalchemy import ColumnElement, Connection, Row, delete, exists, insert, select, update
+from sqlalchemy import ColumnElement, Row, delete, exists, insert, select, update
 
 from app.errors import NotHere
-from app.jobs.audit_log import Act, record
+from app.jobs.audit_log import record
 from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.versions import identify_work, renumber, settle_conclusion
+from app.jobs.versions import build_item, identify_work, renumber
 from app.request import ReportRequest
 
 UNNAMED = "-"
@@ -51,16 +51,11 @@ class MappingStore(RowStore):
             row = {"header": header, "created_at": format_now(), "name": known or name, "profile": profile}
             confirmed = int(is_confirmed and not header.startswith(UNNAMED))
             connection.execute(insert(column_mappings).values(row | {"is_confirmed": confirmed}))
-            self._record(connection, "columns.named", header)
+            record(connection, "columns.named", other={"header": header})
         return self.get(header)
 
     def get(self, header: str) -> ColumnMapping:
-        """Give the mapping of a header.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Give the mapping of a header. Raises NotHere."""
         found = self.find(header)
         if found is None:
             raise NotHere(id=header)
@@ -77,33 +72,23 @@ class MappingStore(RowStore):
         return tuple(_read_mapping(row) for row in self._read_all(select(column_mappings).order_by(*newest)))
 
     def change(self, header: str, **values: str | int) -> ColumnMapping:
-        """Change the name of a mapping, or whether it is confirmed.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Change the name of a mapping, or whether it is confirmed. Raises NotHere."""
         if header.startswith(UNNAMED):
             values.pop("is_confirmed", None)
         if values:
             with self._engine.begin() as connection:
                 mine = update(column_mappings).where(column_mappings.c.header == header)
                 if connection.execute(mine.values(values)).rowcount == 1:
-                    self._record(connection, "columns.changed", header)
+                    record(connection, "columns.changed", other={"header": header})
         return self.get(header)
 
     def drop(self, header: str) -> None:
-        """Forget a mapping; the reports made by it stay.
-
-        Raises
-        ------
-        NotHere
-        """
+        """Forget a mapping; the reports made by it stay. Raises NotHere."""
         with self._engine.begin() as connection:
             gone = delete(column_mappings).where(column_mappings.c.header == header)
             if connection.execute(gone).rowcount != 1:
                 raise NotHere(id=header)
-            self._record(connection, "columns.dropped", header)
+            record(connection, "columns.dropped", other={"header": header})
 
     def count_waiting(self, header: str) -> int:
         """Count the recordings with this header that could not be read and wait for their columns."""
@@ -119,14 +104,7 @@ class MappingStore(RowStore):
             wanted = select_jobs().where(_waits(waiting_for)).order_by(analyses.c.created_at, analyses.c.id)
             found = connection.execute(wanted.with_for_update(of=analyses)) if waiting_for else ()
             jobs = [job, *(other for other in map(read_job, found) if other.id != job.id)]
-            items = [
-                (
-                    one.recording_id,
-                    one.sha256,
-                    settle_conclusion(connection, one, replace(one.request, profile=profile)),
-                )
-                for one in jobs
-            ]
+            items = [build_item(connection, one, replace(one.request, profile=profile)) for one in jobs]
             repeated = enqueue_all(connection, items, "web")
             for one, again in zip(jobs, repeated, strict=True):
                 if one.state is JobState.FAILED:
@@ -154,9 +132,6 @@ class MappingStore(RowStore):
             renumber(connection, analysis_id)
             numbered = connection.execute(select(analyses.c.request).where(*mine)).scalar_one()
         return ReportRequest.from_json(numbered)
-
-    def _record(self, connection: Connection, act: Act, header: str) -> None:
-        record(connection, act, other={"header": header})
 
 
 def _waits(header: str) -> ColumnElement[bool]:

@@ -52,13 +52,7 @@ def _begin(connection: Connection, name: str) -> str:
     """Write the row of the study unless it is there, and lock it; gives its id."""
     study_id = identify_study(name)
     make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    row = {
-        "id": study_id,
-        "name": name,
-        "item_count": 0,
-        "created_at": format_now(),
-        "duplicate_count": 0,
-    }
+    row = {"id": study_id, "name": name, "item_count": 0, "created_at": format_now(), "duplicate_count": 0}
     connection.execute(make_insert(batches).values(row).on_conflict_do_nothing())
     connection.execute(select(batches.c.id).where(batches.c.id == study_id).with_for_update())
     return study_id

@@ -16,7 +16,7 @@ from functools import partial
 from procrastinate import App, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
 from procrastinate.schema import SchemaManager
-from sqlalchemy import Connection, inspect, text
+from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
@@ -24,13 +24,7 @@ from app.jobs.children.attempt import MakeReport
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
 from app.jobs.processes.leader import REVIVAL, Leader
-from app.jobs.worker import (
-    TROUBLE_S,
-    Bench,
-    open_bench,
-    return_expired,
-    run_next_patiently,
-)
+from app.jobs.worker import TROUBLE_S, Bench, open_bench, return_expired, run_next_patiently
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
@@ -62,16 +56,11 @@ def install(url: str) -> None:
     engine = connect(url)
     with engine.begin() as connection:
         lock_tables(connection)
-        if not inspect(connection).has_table("procrastinate_jobs"):
-            _execute(connection, SchemaManager.get_schema())
-        _execute(connection, _TRIGGER)
+        has_tables = inspect(connection).has_table("procrastinate_jobs")
+        for script in (_TRIGGER,) if has_tables else (SchemaManager.get_schema(), _TRIGGER):
+            connection.exec_driver_sql(script.replace("%", "%%"))
         connection.execute(_TOP_UP)
     engine.dispose()
-
-
-def _execute(connection: Connection, script: str) -> None:
-    """Run several statements in the transaction of the connection."""
-    connection.exec_driver_sql(script.replace("%", "%%"))
 
 
 def run_cluster_worker(
@@ -106,7 +95,10 @@ async def _work(bench: Bench, parent_pid: int | None) -> None:
 
 async def _listen_on(bench: Bench) -> None:
     """Listen for jobs; start again when the database was away."""
-    engine = _make_engine(bench)
+    address = make_url(bench.settings.database_url).set(drivername="postgresql")
+    connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
+    engine = App(connector=connector)  # it does one job at a time
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
     while True:
         try:
             await asyncio.to_thread(install, bench.settings.database_url)
@@ -115,15 +107,6 @@ async def _listen_on(bench: Bench) -> None:
         except (ConnectorException, OperationalError, OSError):
             logger.exception("the database does not answer; listening again soon")
             await asyncio.sleep(TROUBLE_S)
-
-
-def _make_engine(bench: Bench) -> App:
-    """Make Procrastinate's application: it does one job at a time."""
-    address = make_url(bench.settings.database_url).set(drivername="postgresql")
-    connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
-    engine = App(connector=connector)
-    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
-    return engine
 
 
 async def _listen(bench: Bench, engine: App) -> None:
@@ -163,13 +146,10 @@ async def _revive_for_ever(bench: Bench, engine: App, leader: Leader) -> None:
     while True:
         try:
             if await asyncio.to_thread(revive_if_leading, bench, leader):
-                await _retry_stalled(engine)
+                manager = engine.job_manager
+                stalled = await manager.get_stalled_jobs(queue=QUEUE, seconds_since_heartbeat=STALLED_S)
+                for job in stalled:  # those of dead workers wait again
+                    await manager.retry_job(job)
         except OperationalError:
             logger.warning("nothing revived: the database does not answer")
         await asyncio.sleep(REVIVE_S)
-
-
-async def _retry_stalled(engine: App) -> None:
-    """Make Procrastinate's jobs of dead workers wait again."""
-    for job in await engine.job_manager.get_stalled_jobs(queue=QUEUE, seconds_since_heartbeat=STALLED_S):
-        await engine.job_manager.retry_job(job)

@@ -42,10 +42,7 @@ class Leader:
     def is_leader(self) -> bool:
         """Tell whether this process leads; it becomes the leader where there is none.
 
-        Raises
-        ------
-        OperationalError
-            The connection is cut; this process leads no more.
+        Raises OperationalError: the connection is cut; this process leads no more.
         """
         if self.engine.dialect.name != "postgresql":
             return True

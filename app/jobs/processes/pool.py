@@ -13,6 +13,8 @@ from app.settings import Settings
 CHECK_S = 0.5
 STOP_S = 10.0
 SLOWEST_RESTART_S = 30.0
+LONGEST_STOPPED_S = 30.0
+"""A worker that a signal (SIGSTOP) has stopped for so long is ended, and replaced."""
 _NOT_THEIRS = "ACROMION_OIDC_"
 """Settings that hold how people log in: a process that reads strangers' files is not told."""
 
@@ -48,7 +50,14 @@ class WorkerPool:
 
     def _supervise(self) -> None:
         pause_s = CHECK_S
+        stopped_s: dict[int, float] = {}
         while not self._stopping.wait(pause_s):
+            stopped = {worker.pid for worker in self._workers if _is_stopped(worker.pid)}
+            stopped_s = {pid: stopped_s.get(pid, 0.0) + pause_s for pid in stopped}
+            for worker in self._workers:
+                if stopped_s.get(worker.pid, 0.0) >= LONGEST_STOPPED_S:
+                    logger.warning("worker %d stands still and is ended", worker.pid)
+                    worker.kill()
             lost = [place for place, worker in enumerate(self._workers) if worker.poll() is not None]
             for place in lost:
                 worker = self._workers[place]
@@ -65,3 +74,11 @@ class WorkerPool:
         passed = {name: value for name, value in os.environ.items() if not name.startswith(_NOT_THEIRS)}
         environment = passed | self._settings.as_environment() | {"PYTHONPATH": path}
         return subprocess.Popen([*command, *arguments], env=environment, start_new_session=True)  # noqa: S603 - our own program
+
+
+def _is_stopped(pid: int) -> bool:
+    """Return whether a signal has stopped a process; False if the system does not say (only Linux does)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].startswith("T")
+    except OSError:
+        return False

@@ -18,8 +18,8 @@ from app.api.trust import find_names, find_person_name
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.jobs.library.listing import Entry
-from app.jobs.regeneration import can_regenerate
-from app.jobs.regeneration import retry as retry_job
+from app.jobs.results import can_regenerate
+from app.jobs.results import retry as retry_job
 from app.jobs.store import JobFilter
 from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact

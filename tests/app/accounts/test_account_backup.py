@@ -212,3 +212,37 @@ def test_verify_finds_a_damaged_row_of_the_accounts(move: Move, add_person: AddP
     found = find_damage(move.file)
 
     assert [(fault.name, fault.finding) for fault in found.faults] == [("rows/people.jsonl", "damaged")]
+
+
+@pytest.mark.parametrize("language", ["en", "fr"])
+def test_the_doctor_names_lost_accounts_and_the_cure(
+    settings: Settings, accounts: AccountStore, add_person: AddPerson, language: str
+) -> None:
+    add_person()
+    accounts.exist()
+    accounts.database.close()
+    lose_database(settings)
+
+    done = CliRunner().invoke(app, ["doctor", "--data", str(settings.data_dir), "--lang", language])
+
+    assert done.exit_code == 1
+    assert str(settings.data_dir / "has_accounts") in done.output
+    assert "acromion account add" in done.output
+
+
+@pytest.mark.parametrize("key", [None, b"x" * 45])
+def test_the_doctor_names_a_server_key_that_fits_no_second_factor_and_the_cure(
+    settings: Settings, add_person: AddPerson, key: bytes | None
+) -> None:
+    add_person()
+    doctor = ["doctor", "--data", str(settings.data_dir)]
+    before = CliRunner().invoke(app, doctor)
+    secret = settings.data_dir / "server.key"
+    secret.unlink() if key is None else secret.write_bytes(key)
+
+    done = CliRunner().invoke(app, doctor)
+
+    assert "ok    server.key reads" in before.output
+    assert done.exit_code == 1
+    assert f"(not with {secret}: second factors 1, webhooks 0)" in done.output
+    assert "acromion account reset LOGIN --second-factor" in done.output

@@ -9,6 +9,9 @@ from app.access.accounts import AccountStore
 from app.access.logins import Caller, Logins
 from app.errors import SecondFactorLost
 from app.jobs.database.tables import people, tickets
+from app.jobs.store import JobStore
+from app.jobs.webhooks import WebhookStore
+from app.main import create_app
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
@@ -107,3 +110,33 @@ def test_a_secret_does_not_open_as_another_persons(
 
     with pytest.raises(SecondFactorLost):
         log_in(logins, clock)
+
+
+def test_a_start_warns_of_a_lost_key_and_names_the_cure(
+    settings: Settings, store: JobStore, add_person: AddPerson, caplog: pytest.LogCaptureFixture
+) -> None:
+    secret = ServerSecret(settings.data_dir)
+    add_person()
+    WebhookStore(store.engine, store.reader).add("https://a.example", ("batch.finished",), secret)
+    create_app(settings)
+    is_quiet_with_its_key = "E-SECRET" not in caplog.text
+    secret.file.unlink()
+
+    create_app(settings)
+
+    assert is_quiet_with_its_key
+    assert f"E-SECRET The secret of this server cannot read this. {secret.file}" in caplog.text
+    assert "Second factors: 1; webhooks: 1. Put server.key back from a backup" in caplog.text
+
+
+def test_the_warning_comes_again_with_a_key_that_a_login_has_made(
+    settings: Settings, logins: Logins, add_person: AddPerson, caplog: pytest.LogCaptureFixture
+) -> None:
+    add_person()
+    ServerSecret(settings.data_dir).file.unlink()
+    logins.give_password("clara", PASSWORD, HERE)
+
+    create_app(settings)
+
+    assert ServerSecret(settings.data_dir).file.exists()
+    assert "E-SECRET" in caplog.text

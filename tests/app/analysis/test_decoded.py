@@ -11,7 +11,7 @@ import pytest
 from app.request import ReportRequest
 from app.roads.analyse import make_report
 from app.storage.decoded import DecodedCache, hash_entry_key
-from app.storage.known import KnownLogs
+from app.storage.store import KnownLogs
 from fusion.recording import QualityFlag, Recording, Span
 from fusion.simulation import write_recordings
 from tests.factories import hold

@@ -7,6 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from app.errors import StaleVersion
 from app.jobs import versions
 from app.jobs.database.tables import audit_log
 from app.jobs.job import Job
@@ -126,6 +127,21 @@ def test_a_draft_that_is_dismissed_while_its_analysis_waits_stays_dismissed(
     store.dismiss_draft(waiting.id)
 
     assert finish(store, waiting).request.draft is None
+
+
+def test_a_conclusion_for_a_version_that_is_not_the_current_one_is_refused(
+    store: JobStore, first: Job, concluded: Job
+) -> None:
+    with pytest.raises(StaleVersion):
+        store.conclude(first, replace(SAID, text="Of the version before."))
+    with pytest.raises(StaleVersion):
+        store.conclude(first, None)
+
+    assert {job.id for job in store.find_newest()} == {first.id, concluded.id}
+
+
+def test_the_same_conclusion_sent_twice_is_one_version(store: JobStore, first: Job, concluded: Job) -> None:
+    assert store.conclude(first, SAID).id == concluded.id
 
 
 def test_a_conclusion_that_is_taken_away_leaves_no_draft(store: JobStore, concluded: Job) -> None:

@@ -13,8 +13,7 @@ from app.jobs.job import JobState
 from app.main import create_app
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.upkeep.backup import back_up, restore
-from app.upkeep.drill import drill
+from app.upkeep.backup import back_up, drill, restore
 from app.upkeep.envelope import Recipients
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, do_next, on_both_set_ups

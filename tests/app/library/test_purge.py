@@ -116,7 +116,7 @@ def test_no_table_no_byte_and_no_line_of_the_log_holds_a_word_of_what_was_purged
     files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
     assert [*storage.find_names(), *storage.find_recordings()] == []
     assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
-    assert purged <= storage.ledger.find()
+    assert purged <= storage.find_erased()
 
     ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
     written = "\n".join(logging.Formatter().format(record) for record in ours)

@@ -665,18 +665,26 @@ def test_recover_is_refused_while_a_server_runs(settings: Settings, acromion: Ac
 # --- verify ---------------------------------------------------------------------------------------------
 
 
-def test_verify_names_a_side_file_behind_its_row(
-    settings: Settings, store: JobStore, acromion: Acromion
+@pytest.mark.parametrize(
+    ("changed", "finding"),
+    [
+        ("revision = revision + 1", "SIDE FILE NOT YET WRITTEN"),
+        ("revision = revision + 1, side_revision = revision + 1", "SIDE FILE BEHIND ITS ROW"),
+        ("revision = revision - 1", "SIDE FILE AHEAD OF ITS ROW"),
+    ],
+)
+def test_verify_names_a_side_file_of_another_revision_than_its_row(
+    settings: Settings, store: JobStore, acromion: Acromion, changed: str, finding: str
 ) -> None:
     with serving(settings) as client:
         recording_id = upload(client, b"one")
     with store.engine.begin() as connection:
-        connection.execute(text("UPDATE recordings SET revision = revision + 1"))
+        connection.execute(text(f"UPDATE recordings SET {changed}"))
 
     verified = acromion("verify")
 
     assert verified.exit_code == 1
-    assert f"SIDE FILE BEHIND ITS ROW recordings/{recording_id}.json" in verified.output
+    assert f"{finding} recordings/{recording_id}.json" in verified.output
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,6 @@ from app.jobs.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
 from app.jobs.worker import run_next
 from app.report.words.wording import load_wording
 from app.settings import Settings
-from app.storage.folder import FolderStorage
 from app.storage.server_secret import ServerSecret
 from app.storage.store import Fetched, FolderLock, Storage
 from app.upkeep.recover import catch_up
@@ -322,17 +321,17 @@ def test_a_recording_purged_during_a_backup_is_no_fault(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    job, fetch = add_job(b"another"), FolderStorage.fetch
+    job, fetch = add_job(b"another"), Storage.fetch
     purged: list[str] = []
 
-    def fetch_after_purge(self: FolderStorage, name: str) -> Fetched:
+    def fetch_after_purge(self: Storage, name: str) -> Fetched:
         if not purged:
             purged.append(job.recording_id)
             purge(store, job.recording_id)
             self.drop_recording(job.recording_id)
         return fetch(self, name)
 
-    monkeypatch.setattr(FolderStorage, "fetch", fetch_after_purge)
+    monkeypatch.setattr(Storage, "fetch", fetch_after_purge)
 
     assert acromion("backup", tmp_path / "b.zip").exit_code == 0
     assert acromion("verify", tmp_path / "b.zip").exit_code == 0

@@ -2,17 +2,19 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 from sqlalchemy import update
 
-from app.jobs.database.connect import lock_tables
+from app.jobs.database.connect import lock_tables, one_request_at_a_time
 from app.jobs.database.tables import recordings
-from app.jobs.job import JobState
+from app.jobs.job import Job, JobState
 from app.jobs.recordings import Description, RecordingStore, insert_recording
+from app.jobs.results import find_or_add
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.storage.store import StoredRecording
+from app.storage.store import Storage, StoredRecording
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
@@ -44,3 +46,22 @@ def test_the_same_upload_waits_for_the_one_that_is_being_stored_and_is_its_row(s
             time.sleep(0.3)
 
         assert waiting.result().id == first.id
+
+
+def test_an_analysis_that_two_servers_are_asked_for_at_once_is_made_once(
+    store: JobStore, storage: Storage, add_job: AddJob
+) -> None:
+    done = add_job()
+    asked = replace(done.request, side="left")
+    own = (done.recording_id, done.sha256)
+
+    def add() -> Job:
+        return store.add_analysis(own, asked)
+
+    with ThreadPoolExecutor(1) as other:
+        with one_request_at_a_time(store.engine):  # the other server's
+            waiting = other.submit(find_or_add, store, storage, own, asked, "api", add)
+            time.sleep(0.3)
+            made = add()
+
+        assert waiting.result() == (made, True)

@@ -19,9 +19,9 @@ from app.jobs.children.attempt import NICENESS, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
-from app.jobs.processes.lease import Lease
+from app.jobs.processes import pool
 from app.jobs.store import JobStore
-from app.jobs.worker import return_expired, run_next
+from app.jobs.worker import Lease, return_expired, run_next
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
@@ -444,3 +444,24 @@ def test_room_again_makes_the_report_and_the_trouble_is_forgotten(
 
     done = store.get(job.id)
     assert (done.state, done.problem_code) == (JobState.SUCCEEDED, None)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="stops a process")
+def test_a_worker_that_a_signal_has_stopped_is_replaced(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(pool, "CHECK_S", 0.1)
+    monkeypatch.setattr(pool, "LONGEST_STOPPED_S", 0.3)
+    workers = pool.WorkerPool(settings.model_copy(update={"workers": 1}))
+    workers.start()
+    (stopped,) = workers._workers
+    os.kill(stopped.pid, signal.SIGSTOP)
+    try:
+        end_s = time.monotonic() + 10.0
+        while workers._workers == [stopped] and time.monotonic() < end_s:
+            time.sleep(0.1)
+        (living,) = workers._workers
+        assert (stopped.returncode, living.poll()) == (-signal.SIGKILL, None)
+    finally:
+        workers.stop()
+    assert f"worker {stopped.pid} stands still" in caplog.text

@@ -22,7 +22,7 @@ from app.report.render.brief import format_brief
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.request import ReportRequest
 from app.roads.analyse import make_report
-from app.storage.known import KnownLogs
+from app.storage.store import KnownLogs
 from fusion.diary import DiaryEntry
 from tests.app.analysis_factory import make_analysis, make_quality, make_subject
 

@@ -24,7 +24,6 @@ from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.services import Services
 from app.settings import Settings
-from app.storage.folder import FolderStorage
 from app.storage.store import (
     VERIFIED_TERM_S,
     ResultFile,
@@ -519,7 +518,7 @@ def clock() -> Hours:
 
 
 def open_folder(root: Path, clock: Callable[[], float] = time.monotonic) -> Storage:
-    return FolderStorage(root, VerifiedFiles(clock))
+    return Storage(root, VerifiedFiles(clock))
 
 
 @pytest.fixture

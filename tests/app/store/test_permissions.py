@@ -10,8 +10,8 @@ import pytest
 from app.jobs.database.connect import open_database
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage.folder import FolderStorage
 from app.storage.permissions import make_folder, restrict_permissions
+from app.storage.store import Storage
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +36,7 @@ def test_a_new_database_and_its_log_are_made_with_mode_600(settings: Settings) -
 
 
 def test_folders_of_the_store_are_made_with_mode_700(tmp_path: Path) -> None:
-    storage = FolderStorage(tmp_path / "above" / "data")
+    storage = Storage(tmp_path / "above" / "data")
     storage.prepare()
     storage.open_attempt("an_1", "token")
 

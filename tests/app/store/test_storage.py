@@ -10,27 +10,26 @@ import pytest
 
 from app.errors import DiskFull, FolderTaken
 from app.settings import Settings
-from app.storage.folder import FolderStorage, FolderWriter
-from app.storage.store import FolderLock, describe_files
+from app.storage.store import FolderLock, FolderUpload, Storage, describe_files
 
 
 @pytest.fixture
-def storage(settings: Settings) -> FolderStorage:
-    folder = FolderStorage(settings.data_dir)
+def storage(settings: Settings) -> Storage:
+    folder = Storage(settings.data_dir)
     folder.prepare()
     return folder
 
 
-def list_files(storage: FolderStorage) -> list[Path]:
+def list_files(storage: Storage) -> list[Path]:
     return [path for path in storage.root.rglob("*") if path.is_file()]
 
 
-def test_a_disk_that_is_too_full_is_refused_before_the_first_byte(storage: FolderStorage) -> None:
+def test_a_disk_that_is_too_full_is_refused_before_the_first_byte(storage: Storage) -> None:
     with pytest.raises(DiskFull):
         storage.check_space(expected_bytes=1 << 60, min_free_bytes=0)
 
 
-def test_a_disk_with_too_little_reserve_is_refused(storage: FolderStorage) -> None:
+def test_a_disk_with_too_little_reserve_is_refused(storage: Storage) -> None:
     with pytest.raises(DiskFull):
         storage.check_space(expected_bytes=0, min_free_bytes=1 << 60)
 
@@ -39,7 +38,7 @@ def test_a_disk_that_fills_up_while_writing_is_named_as_that(tmp_path: Path) -> 
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full on this system")
-    writer = FolderWriter(tmp_path / "a.part", tmp_path / "a")
+    writer = FolderUpload("rec_1", 1 << 20, tmp_path / "a.part", tmp_path / "a")
     writer._file.close()
     writer._file = full.open("wb", buffering=0)
 
@@ -61,7 +60,7 @@ def make_old(path: Path) -> Path:
     return path
 
 
-def test_an_old_half_upload_is_removed(storage: FolderStorage) -> None:
+def test_an_old_half_upload_is_removed(storage: Storage) -> None:
     part = storage.root / "uploads" / OWN_PART
     part.write_bytes(b"half")
     make_old(part)
@@ -70,7 +69,7 @@ def test_an_old_half_upload_is_removed(storage: FolderStorage) -> None:
     assert list_files(storage) == []
 
 
-def test_a_half_upload_that_may_still_grow_stays(storage: FolderStorage) -> None:
+def test_a_half_upload_that_may_still_grow_stays(storage: Storage) -> None:
     part = storage.root / "uploads" / OWN_PART
     part.write_bytes(b"half")
 
@@ -79,7 +78,7 @@ def test_a_half_upload_that_may_still_grow_stays(storage: FolderStorage) -> None
 
 
 @pytest.mark.parametrize("name", ["notes.part", "rec_1.part", "rec_0123456789abcdef", "upload.txt"])
-def test_a_stranger_s_file_among_the_uploads_stays(storage: FolderStorage, name: str) -> None:
+def test_a_stranger_s_file_among_the_uploads_stays(storage: Storage, name: str) -> None:
     stranger = storage.root / "uploads" / name
     stranger.write_bytes(b"mine")
     make_old(stranger)
@@ -88,7 +87,7 @@ def test_a_stranger_s_file_among_the_uploads_stays(storage: FolderStorage, name:
     assert list_files(storage) == [stranger]
 
 
-def test_a_folder_among_the_uploads_stays(storage: FolderStorage) -> None:
+def test_a_folder_among_the_uploads_stays(storage: Storage) -> None:
     folder = storage.root / "uploads" / OWN_PART
     folder.mkdir()
     make_old(folder)
@@ -97,7 +96,7 @@ def test_a_folder_among_the_uploads_stays(storage: FolderStorage) -> None:
     assert folder.is_dir()
 
 
-def test_what_is_set_aside_keeps_its_name_and_its_bytes(storage: FolderStorage) -> None:
+def test_what_is_set_aside_keeps_its_name_and_its_bytes(storage: Storage) -> None:
     storage.recording("holiday.jpg").write_bytes(b"picture")
 
     storage.quarantine("holiday.jpg")
@@ -106,7 +105,7 @@ def test_what_is_set_aside_keeps_its_name_and_its_bytes(storage: FolderStorage) 
     assert not storage.recording("holiday.jpg").exists()
 
 
-def test_what_is_set_aside_replaces_nothing_in_quarantine(storage: FolderStorage) -> None:
+def test_what_is_set_aside_replaces_nothing_in_quarantine(storage: Storage) -> None:
     for content in (b"first", b"second"):
         storage.recording("holiday.jpg").write_bytes(content)
         storage.quarantine("holiday.jpg")
@@ -115,7 +114,7 @@ def test_what_is_set_aside_replaces_nothing_in_quarantine(storage: FolderStorage
     assert sorted(kept) == [b"first", b"second"]
 
 
-def test_a_folder_is_described_by_every_file_with_its_hash(storage: FolderStorage) -> None:
+def test_a_folder_is_described_by_every_file_with_its_hash(storage: Storage) -> None:
     folder = storage.open_attempt("an_1", "t")
     (folder / "b.csv").write_bytes(b"xy")
     (folder / "a.json").write_bytes(b"")
@@ -126,7 +125,7 @@ def test_a_folder_is_described_by_every_file_with_its_hash(storage: FolderStorag
     assert files[1].sha256 == hashlib.sha256(b"xy").hexdigest()
 
 
-def test_a_folder_has_one_server_at_a_time(storage: FolderStorage) -> None:
+def test_a_folder_has_one_server_at_a_time(storage: Storage) -> None:
     first = FolderLock(storage.root)
 
     with pytest.raises(FolderTaken):

@@ -171,10 +171,10 @@ def test_a_bucket_that_does_not_answer_is_named_as_that(
 
 
 def test_what_was_entered_in_the_ledger_of_erasures_stays_in_it(storage: Storage) -> None:
-    storage.ledger.add(["rec_1", "rec_2"])
-    storage.ledger.add(["rec_2", "rec_3"])
+    storage.add_erased(["rec_1", "rec_2"])
+    storage.add_erased(["rec_2", "rec_3"])
 
-    assert storage.ledger.find() == {"rec_1", "rec_2", "rec_3"}
+    assert storage.find_erased() == {"rec_1", "rec_2", "rec_3"}
 
 
 def test_a_recording_is_stored_as_it_came(storage: Storage, objects: str) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fusion.checks.physics import check_physics
 from fusion.checks.summary import find_flat_range, summarise_sensor
-from fusion.quality import find_exclusions
+from fusion.quality.time_account import find_exclusions
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import rest_and_turn
 from tests.validation.broad import load_trials

@@ -7,7 +7,8 @@ from fusion.checks.summary import flag_resolution
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.pipeline import analyse
-from fusion.quality import account_time, flag_accelerometer_drift
+from fusion.quality.flags import flag_accelerometer_drift
+from fusion.quality.time_account import account_time
 from fusion.recording import QualityFlag
 from fusion.sensor.accelerometer import leave_accelerometer
 from fusion.sensor.stillness import QuietTable

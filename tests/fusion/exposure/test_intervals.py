@@ -10,8 +10,8 @@ from scipy.stats import norm
 from fusion.elevation import Elevation
 from fusion.exposure import Exposure, Interval, summarise_exposure, withhold_short
 from fusion.exposure.bins import CELLS
-from fusion.exposure.intervals import draw_day, name_speed_intervals
-from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks
+from fusion.exposure.intervals import draw_shares
+from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks, find_intervals, sum_below
 from fusion.exposure.speeds import SpeedTally
 from fusion.exposure.types import Velocity
 from tests.factories import elevate
@@ -72,9 +72,10 @@ def test_blocks_that_differ_widen_the_interval_of_an_exact_angle() -> None:
 def test_the_bins_of_every_draw_add_up() -> None:
     random = np.random.default_rng(4)
     blocks = random.integers(0, 40_000, (7, CELLS))
-    draws = draw_day(blocks, draw_blocks(blocks.sum(axis=1), 4.0), is_npose=False).draws
+    shares = draw_shares(sum_below(blocks, draw_blocks(blocks.sum(axis=1), 4.0)))
 
-    assert draws.bins_percent.sum(axis=1) == pytest.approx(np.full(DRAWS, 100.0))
+    bins_percent = sum(drawn for name, drawn in shares.items() if name.startswith("bin_"))
+    assert bins_percent == pytest.approx(np.full(DRAWS, 100.0))
 
 
 def test_the_same_day_has_the_same_interval_again() -> None:
@@ -139,7 +140,7 @@ def test_draws_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_z
     few = np.array([[1.0, 1.0]] * (DRAWS - 4) + [[0.0, 2.0]] * 4)
     draws = Resampling(np.ones(2, np.bool_), few, np.zeros(DRAWS))
 
-    found = name_speed_intervals("arm", Velocity(10.0, 10.0, 10.0, 10.0, 10.0), tally, draws)
+    found = find_intervals(tally.draw("arm", Velocity(10.0, 10.0, 10.0, 10.0, 10.0), draws))
 
     assert found["arm_velocity_mean_dps"] == Interval(10.0, 10.0)
 

@@ -10,10 +10,10 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from fusion.exposure import Exposure, PartExposure, summarise_exposure
-from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, find_stays, start_shifted_stays
+from fusion.exposure.bins import cut_day
+from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, ShiftedStays, find_stays
 from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.parts import cut_day
 from fusion.exposure.peaks import ShiftedSeconds
 from fusion.exposure.speeds import count_crossings, find_mean_power_frequency
 from tests.factories import elevate
@@ -202,9 +202,7 @@ def test_the_triggers_at_all_errors_count_what_one_trigger_counts_at_each(
     angle = MetricAngle(0, rate_hz, series, valid)
     errors_deg = np.linspace(-7.3, 7.3, 11)
     nothing = np.zeros(0, np.int64)
-    shifted = start_shifted_stays(
-        errors_deg, cut_day(np.array([0, 10_000_000, 120_000_000]), nothing, nothing)
-    )
+    shifted = ShiftedStays(errors_deg, cut_day(np.array([0, 10_000_000, 120_000_000]), nothing, nothing))
     shifted.add(angle)
 
     for threshold_deg in (30, 60, 90):
@@ -225,7 +223,7 @@ def test_the_triggers_at_all_errors_count_what_one_trigger_counts_at_each(
 def test_seconds_are_counted_above_60_deg_less_each_error(series: NDArray[np.float64]) -> None:
     angle = MetricAngle(0, 10.0, series, np.ones(len(series), np.bool_))
     errors_deg = np.linspace(-7.3, 7.3, 11)
-    shifted = ShiftedSeconds(errors_deg, np.zeros((9, 12), np.float32))
+    shifted = ShiftedSeconds(errors_deg, 9)
     shifted.add(angle)
 
     above_s = np.cumsum(shifted.seconds[:, ::-1], axis=1)[:, :-1].sum(axis=0)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from fusion.exposure import DayDivision, PartExposure, summarise_exposure
-from fusion.exposure.intervals import describe_hours, name_variation_intervals
+from fusion.exposure.intervals import describe_hours, draw_variation
 from fusion.exposure.periods import Period, divide_day
+from fusion.exposure.resampling import find_intervals
 from tests.factories import elevate
 
 SECOND_US = 1_000_000
@@ -67,5 +68,5 @@ def test_the_draws_of_a_spread_are_moved_to_lie_about_it() -> None:
     hours = [PartExposure("", 0.0, 3600.0, 3600.0, {50: 40.0 + 2 * k}, {60: 0.0}, 0.0) for k in range(2)]
     figures = {"elevation_p50_deg": describe_hours(hours)["elevation_p50_deg"]}
 
-    spread = name_variation_intervals(hours, drawn, figures)["by_hour_elevation_p50_deg_spread"]
+    spread = find_intervals(draw_variation(hours, drawn, figures))["by_hour_elevation_p50_deg_spread"]
     assert (spread.low + spread.high) / 2 == pytest.approx(2.0)

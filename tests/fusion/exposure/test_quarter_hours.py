@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fusion.exposure.peaks import SecondTally, find_quarter_hours
+from fusion.exposure.peaks import find_quarter_hours
 from fusion.recording import MICROSECONDS
 
 HOUR_S = 3600
@@ -16,7 +16,7 @@ def find_in(
     seconds[:, 0] = 1.0
     for start_s, duration_s in above.items():
         seconds[start_s : start_s + int(duration_s), 1] = 1.0
-    windows = find_quarter_hours(SecondTally(seconds), length_s * MICROSECONDS)
+    windows = find_quarter_hours(seconds, length_s * MICROSECONDS)
     return [(window.start_s, window.percent_above_60) for window in windows]
 
 

@@ -11,7 +11,7 @@ from fusion.errors import UnusableCalibration
 from fusion.pose.calibrate import calibrate
 from fusion.pose.rules import score_still_period
 from fusion.pose.windows import share_between
-from fusion.quality import flag_pose
+from fusion.quality.flags import flag_pose
 from fusion.recording import Recording, Segment
 from fusion.settings import AnalysisSettings
 from tests.factories import hold, record

@@ -9,7 +9,7 @@ from fusion.conventions import MethodName
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
-from fusion.quality import flag_published, flag_untrusted_pose
+from fusion.quality.flags import flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording
 from fusion.sensor.model import GyroBias
 from fusion.settings import AnalysisSettings

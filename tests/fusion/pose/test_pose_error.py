@@ -11,16 +11,15 @@ from hypothesis import strategies as st
 from fusion.angle_files import read_angle_file
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure, withhold_short
-from fusion.exposure.episodes import find_stays
+from fusion.exposure.episodes import HALF_WIDTHS_DEG, LoweredEntries, find_stays
 from fusion.exposure.metric_filter import MetricAngle, filter_elevation
-from fusion.exposure.pose_error import (
-    HALF_WIDTHS_DEG,
+from fusion.exposure.resampling import (
+    draw_blocks,
+    find_intervals,
     lower_thresholds,
     raise_angles,
-    start_lowered_entries,
-    widen,
+    spread_errors,
 )
-from fusion.exposure.resampling import draw_blocks, spread_errors
 from fusion.pipeline import analyse, analyse_angle_file, analyse_angles
 from fusion.recording import Float64Array
 from fusion.settings import AnalysisSettings
@@ -59,7 +58,7 @@ def test_a_lowered_threshold_is_raised_to_where_it_was(angle_deg: float, share: 
 
 
 def test_the_draws_share_the_error_out_evenly_and_apart_from_the_error_of_the_angle() -> None:
-    draws = draw_blocks(np.ones(12), 5.0).raise_read()
+    draws = draw_blocks(np.ones(12), 5.0).with_npose_error()
 
     assert np.sort(draws.share) == pytest.approx((np.arange(200) + 0.5) / 200)
     assert abs(np.corrcoef(draws.share, draws.error_deg)[0, 1]) < 0.01
@@ -156,7 +155,10 @@ def test_less_than_half_an_hour_has_no_range_of_the_pose(minutes: int, has_range
 
 
 def test_a_figure_without_draws_of_the_error_keeps_its_range() -> None:
-    assert widen(Interval(1.0, 2.0), None) == Interval(1.0, 2.0)
+    drawn = {"one": np.full(200, 1.0), "other": np.full(200, 3.0)}
+
+    found = find_intervals(drawn, {"other": np.full(200, 4.0)})
+    assert found == {"one": Interval(1.0, 1.0), "other": Interval(3.0, 3.0, 3.0, 4.0)}
 
 
 # Entries
@@ -165,7 +167,7 @@ def test_a_figure_without_draws_of_the_error_keeps_its_range() -> None:
 def count_lowered(angle: MetricAngle) -> tuple[Float64Array, Float64Array]:
     """Give the levels, and the entries of a run at each of both widths: shapes (t,), (2, t)."""
     end_us = round(len(angle) / angle.rate_hz * 1e6)
-    lowered = start_lowered_entries(spread_errors(5.0), np.array([0, end_us // 3, end_us]))
+    lowered = LoweredEntries(spread_errors(5.0), np.array([0, end_us // 3, end_us]))
     lowered.add(angle)
     return lowered.levels_deg, lowered.entries.sum(axis=2)
 
@@ -185,7 +187,7 @@ def test_entries_of_the_raised_angle_are_those_of_the_lowered_trigger() -> None:
     angle = filter_elevation(elevate(read_deg, rate_hz=10.0).segments[0])
     raised_deg = raise_angles(read_deg.astype(np.float32).astype(np.float64), np.ones(1))
     raised = elevate(np.clip(raised_deg, 0.0, 180.0), rate_hz=10.0).segments[0]
-    lowered = start_lowered_entries(spread_errors(5.0), np.array([0, 7_200_000_000]))
+    lowered = LoweredEntries(spread_errors(5.0), np.array([0, 7_200_000_000]))
     lowered.add(angle)
     draws = replace(draw_blocks(np.ones(1), 0.0), share=np.ones(200))
 

@@ -5,7 +5,8 @@ import io
 import pytest
 
 from fusion.pipeline import Analysis, analyse
-from fusion.quality import TimeAccount, divide_time, find_exclusions
+from fusion.quality import TimeAccount
+from fusion.quality.time_account import divide_time, find_exclusions
 from fusion.readers import read_recording
 from fusion.readers.preview import inspect_recording
 from tests.badfiles.gt3x_files import replaced, second

@@ -7,8 +7,9 @@ import pytest
 
 from fusion.caveats import Caveat
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.quality import flag_spans, flag_untrusted, propose_nonwear
-from fusion.recording import QualityFlag, Recording, Segment, Span
+from fusion.quality.flags import flag_untrusted
+from fusion.quality.time_account import propose_nonwear
+from fusion.recording import QualityFlag, Recording, Segment, Span, flag_spans
 
 MINUTE = 60_000_000
 

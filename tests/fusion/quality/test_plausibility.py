@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fusion.exposure import summarise_exposure
-from fusion.quality import flag_gyro_drift, flag_upside_down
+from fusion.quality.flags import flag_gyro_drift, flag_upside_down
 from fusion.sensor.model import GyroBias
 from tests.factories import elevate
 

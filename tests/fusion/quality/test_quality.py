@@ -13,8 +13,9 @@ from fusion.exposure import summarise_exposure
 from fusion.orientation.angle_rows import AngleRows, lay_rows
 from fusion.pose.calibrate import Calibration
 from fusion.pose.windows import StillPeriod
-from fusion.quality import Quality, TimeAccount, account_time, assess_quality, find_exclusions, leave_out
-from fusion.quality.time_account import make_disjoint
+from fusion.quality import Quality, TimeAccount
+from fusion.quality.time_account import account_time, find_exclusions, leave_out, make_disjoint
+from fusion.quality.verdict import assess_quality
 from fusion.recording import QualityFlag, Recording, Segment, Span
 
 HOUR_US = 3_600_000_000
