@@ -152,12 +152,12 @@ def test_readings_of_a_report_are_one_line_for_each_reader_and_a_file_is_a_line_
     page, api = f"/analyses/{job.id}", f"/api/v1/analyses/{job.id}"
     cases: dict[str, tuple[list[str], str, int]] = {
         "pieces": ([page, page, api], "report.read", 1),
-        "another reader": ([page], "report.read", 1),
-        "report in the browser": ([f"{page}/report.html"] * 2, "report.read", 1),
+        "another": ([page], "report.read", 1),
+        "browser": ([f"{page}/report.html"] * 2, "report.read", 1),
         "downloads": ([f"{api}/report.pdf"] * 2, "file.exported", 2),
         "exports": ([f"{api}/results.json"] * 2, "file.exported", 2),
         "ranges": ([f"{api}/results.json {piece}" for piece in ("0-1", "2-3", "4-")], "file.exported", 1),
-        "a range alone": ([f"{api}/results.json 1-"], "file.exported", 1),
+        "range": ([f"{api}/results.json 1-"], "file.exported", 1),
     }
 
     for name, (asked, act, count) in cases.items():
