@@ -91,11 +91,11 @@ def test_roles_second_factor_and_end_are_changed_by_command(
     data: Path, add_person: AddPerson, accounts: AccountStore
 ) -> None:
     person = add_person()
-    session = accounts.begin_session(person.id)
 
     run(data, "roles", "clara", "--role", "auditor", "--role", "manager")
     run(data, "reset", "clara", "--second-factor")
     changed = accounts.get_person(person.id)
+    session = accounts.begin_session(person.id)
     run(data, "end", "clara")
 
     assert changed.roles == {"auditor", "manager"}

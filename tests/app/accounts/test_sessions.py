@@ -108,12 +108,17 @@ def test_what_a_page_asks_by_itself_keeps_no_session(
     assert not is_in(visitor)
 
 
-def test_a_session_ends_after_twelve_hours_of_use(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+@pytest.mark.parametrize("way", ["used", "confirmed"])
+def test_a_session_ends_after_twelve_hours_of_use_or_confirmation(
+    add_person: AddPerson, enter: Enter, clock: Clock, way: str
+) -> None:
     add_person()
     visitor = enter()
 
     for _ in range(35):
         clock.wait(20 * MINUTE_S)
+        if way == "confirmed":
+            visitor.post("/confirm", proof=PASSWORD, next="/")
         assert is_in(visitor)
     clock.wait(20 * MINUTE_S)
 
@@ -203,21 +208,6 @@ def test_nobody_ends_the_session_of_another(
     assert is_in(clara)
 
 
-def test_a_session_that_was_confirmed_lasts_no_longer(
-    add_person: AddPerson, enter: Enter, clock: Clock
-) -> None:
-    add_person()
-    visitor = enter()
-    for _ in range(35):
-        clock.wait(20 * MINUTE_S)
-        visitor.post("/confirm", proof=PASSWORD, next="/")
-
-    assert is_in(visitor)
-    clock.wait(20 * MINUTE_S)
-
-    assert not is_in(visitor)
-
-
 # Asked again for what cannot be undone.
 
 
@@ -262,6 +252,12 @@ def test_the_password_is_asked_for_again_after_ten_minutes(
     assert (early, find_asked()) == ([], ASKED_AGAIN)
 
 
+FREE = [
+    *(f"/api/v1/analyses/an_x/{name}" for name in ("bundle.zip", "report.pdf", "summary.csv", "fhir.json")),
+    "/api/v1/recordings/rec_x/file",
+]
+
+
 def test_a_file_of_one_recording_is_downloaded_without_the_password(
     add_person: AddPerson, enter: Enter, clock: Clock
 ) -> None:
@@ -269,9 +265,7 @@ def test_a_file_of_one_recording_is_downloaded_without_the_password(
     visitor = enter()
     clock.wait(11 * MINUTE_S)
 
-    names = ("bundle.zip", "report.pdf", "summary.csv", "fhir.json")
-    addresses = [*(f"/api/v1/analyses/an_x/{name}" for name in names), "/api/v1/recordings/rec_x/file"]
-    assert [visitor.client.get(address).status_code for address in addresses] == [404] * 5
+    assert [visitor.client.get(address).status_code for address in FREE] == [404] * 5
 
 
 def test_a_browser_is_led_to_the_question_and_back(add_person: AddPerson, enter: Enter, clock: Clock) -> None:

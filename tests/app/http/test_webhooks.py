@@ -177,12 +177,13 @@ def test_the_end_of_an_analysis_is_told_signed_and_with_ids_only(
     assert (listed["id"], "secret" in listed) == (hook["id"], False)  # the secret was shown once
 
 
+@pytest.mark.parametrize("status", [503, 307])  # no redirect is followed
 def test_what_was_not_heard_is_told_again_under_the_same_id(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, bench: OpenBench, listener: Listener, status: int
 ) -> None:
     subscribe(open_client, listener.url)
     finish_one(open_client, bench)
-    services, listener.status = services_of(open_client.app), 503
+    services, listener.status = services_of(open_client.app), status
     tell_webhooks(services, 1.0)
     listener.status = 204
 
@@ -193,16 +194,6 @@ def test_what_was_not_heard_is_told_again_under_the_same_id(
 
     assert len(listener.heard) == 2
     assert listener.heard[0][0]["webhook-id"] == listener.heard[1][0]["webhook-id"]
-
-
-def test_a_redirect_is_not_followed(open_client: TestClient, bench: OpenBench, listener: Listener) -> None:
-    subscribe(open_client, listener.url)
-    finish_one(open_client, bench)
-    listener.status = 307
-
-    tell_webhooks(services_of(open_client.app), 1.0)
-
-    assert len(listener.heard) == 1
 
 
 def test_a_delivery_that_waits_outlives_the_server(
