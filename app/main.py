@@ -27,9 +27,8 @@ from app.api import about, live, pairs, trust, validations, webhooks
 from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library import analyses, batches, mappings, recordings, uploads
 from app.api.middleware.access import CHECKED, Access
-from app.api.middleware.echoes import hide_address
 from app.api.middleware.guard import SECURITY_HEADERS, Guard, PlainText, make_timeout_protocol
-from app.api.middleware.problems import Refusal, respond_to_refusal, translate_error
+from app.api.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
 from app.errors import (
     AppError,
     DatabaseAway,
@@ -52,7 +51,7 @@ from app.jobs.database.connect import (
     find_database_file,
     translate_start_errors,
 )
-from app.jobs.processes.pool import WorkerPool
+from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.services import Services, find_services
@@ -71,7 +70,6 @@ from app.upkeep.account_rows import warn_of_lost_secret
 from app.upkeep.recover import check_known
 from app.version import software_version
 from app.web.account import router as account_pages
-from app.web.api_docs import router as docs_routes
 from app.web.batches import router as batch_pages
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
@@ -79,7 +77,6 @@ from app.web.live import router as live_page
 from app.web.login import respond_with_confirmation, respond_with_login, respond_with_place
 from app.web.login import router as login_routes
 from app.web.pairs import router as pair_pages
-from app.web.profile import router as profile_pages
 from app.web.recording.analysis import respond_with_page
 from app.web.recording.analysis import router as page_routes
 from app.web.recording.columns import router as column_routes
@@ -104,10 +101,8 @@ PAGES = (
     conclusion_routes,
     library_routes,
     pair_pages,
-    profile_pages,
     column_routes,
     help_routes,
-    docs_routes,
     asset_routes,
     validation_pages,
     live_page,
@@ -240,7 +235,7 @@ def _prepare_database(settings: Settings) -> None:
     finally:
         lock.release()
     if settings.engine == "procrastinate":
-        load_extra("app.jobs.processes.cluster").install(settings.database_url)
+        load_extra("app.jobs.cluster").install(settings.database_url)
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:
@@ -269,12 +264,14 @@ def respond_to_error(request: Request, error: Exception) -> Response:
         is_page = is_page or accepts_page
     response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
+    if isinstance(refusal, WrongVerb) and refusal.facts["allowed"]:
+        response.headers["Allow"] = str(refusal.facts["allowed"])
     return response
 
 
 def _find_methods(request: Request) -> list[str]:
     """Give every method of the address; the framework names only those of the first route it finds."""
-    known = (route for routes in (*ROUTES, page_routes) for route in routes.routes)
+    known = (route for routes in (*ROUTES, *PAGES) for route in routes.routes)
     here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 

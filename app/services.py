@@ -18,11 +18,9 @@ from app.jobs.batches import BatchStore
 from app.jobs.children.inspecting import Inspector
 from app.jobs.children.pairs import PairReports
 from app.jobs.database.connect import check_writable
-from app.jobs.governance.aggregate import AggregateStore
-from app.jobs.governance.releases import ReleaseStore
-from app.jobs.governance.retention import RetentionStore
-from app.jobs.library.listing import SavedViews
-from app.jobs.library.mappings import MappingStore
+from app.jobs.governance import AggregateStore, ReleaseStore, RetentionStore
+from app.jobs.listing import SavedViews
+from app.jobs.mappings import MappingStore
 from app.jobs.queue import WayIn
 from app.jobs.recordings import RecordingStore, UploadStore
 from app.jobs.results import ResultReader

@@ -6,7 +6,6 @@ python -m benchmarks.codes > docs/codes.md
 from collections.abc import Iterator, Mapping
 from math import isfinite
 
-import fusion.orientation.arrays  # noqa: F401 (declares a refusal of its own)
 from app.errors import (
     CANCELLED,
     NO_RECORDING,

@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.jobs.processes.cluster import install
+from app.jobs.cluster import install
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings

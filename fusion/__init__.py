@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fusion.elevation import Method as Method
     from fusion.errors import FusionError as FusionError
     from fusion.errors import UnreadableFile as UnreadableFile
+    from fusion.errors import UnusableArrays as UnusableArrays
     from fusion.errors import UnusableDiary as UnusableDiary
     from fusion.errors import UnusableRecording as UnusableRecording
     from fusion.exposure.types import Cycles as Cycles
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from fusion.frames import tabulate_exposure as tabulate_exposure
     from fusion.live import LiveElevation as LiveElevation
     from fusion.orientation import estimate_vertical as estimate_vertical
-    from fusion.orientation.arrays import UnusableArrays as UnusableArrays
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import analyse as analyse
     from fusion.pose.calibrate import Calibration as Calibration
@@ -89,7 +89,7 @@ _MODULES = {
     "TimeAccount": "fusion.quality.types",
     "TimePart": "fusion.quality.types",
     "UnreadableFile": "fusion.errors",
-    "UnusableArrays": "fusion.orientation.arrays",
+    "UnusableArrays": "fusion.errors",
     "UnusableDiary": "fusion.errors",
     "UnusableRecording": "fusion.errors",
     "Velocity": "fusion.exposure.types",

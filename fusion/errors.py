@@ -313,3 +313,19 @@ class UnusableStudy(FusionError, code="E-STUDY", why=TERM):
 
 class UnusableProfile(FusionError, code="E-PROFILE", why=TERM, name="field of the profile"):
     """A column profile that says nothing usable."""
+
+
+class UnusableArrays(
+    UnusableRecording,
+    ValueError,
+    code="E-ARRAYS",
+    why=TERM,
+    acc="shape",
+    gyr="shape",
+    axis="as given",
+    g="g, median length",
+    rate_hz="Hz",
+    value="as given",
+    allowed="what can be",
+):
+    """The arrays cannot be fused."""

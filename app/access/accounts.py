@@ -24,7 +24,6 @@ from sqlalchemy import (
     insert,
     inspect,
     select,
-    text,
     update,
 )
 from sqlalchemy.exc import IntegrityError
@@ -32,7 +31,7 @@ from sqlalchemy.exc import IntegrityError
 from app.access.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
 from app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
 from app.jobs.audit_log import NOBODY, Act, record
-from app.jobs.database.connect import READ_ONLY, connect, find_database_file, open_database
+from app.jobs.database.connect import READ_ONLY, connect, find_database_file, lock_tables, open_database
 from app.jobs.database.tables import known_browsers, people, sessions, tickets, tokens
 from app.jobs.queries import format_now
 from app.settings import Settings
@@ -60,8 +59,7 @@ class AccountDatabase:
     def write(self) -> Iterator[Connection]:
         """Open a transaction that alone writes accounts: nobody changes what it reads before it ends."""
         with self._open().begin() as connection:  # SQLite has locked the database by this
-            if connection.dialect.name == "postgresql":
-                connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+            lock_tables(connection, _LOCK)
             yield connection
 
     def has_people(self) -> bool:

@@ -391,14 +391,13 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Entered:
-    """A login that is done: the values of both cookies, and recovery codes to be shown once.
+    """A login that is done: the values of both cookies.
 
     ``is_to_be_told``: the password was set by a link since, which the person is to be told.
     """
 
     session: str
     browser: str
-    recovery_codes: Sequence[str] = ()
     is_to_be_told: bool = False
 
 
@@ -450,12 +449,12 @@ class Logins:
         self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
         return self.enter(person_id, caller)
 
-    def enter(self, person_id: str, caller: Caller, codes: Sequence[str] = ()) -> Entered:
+    def enter(self, person_id: str, caller: Caller) -> Entered:
         """Begin a session, in a browser that is known from now on."""
         browser = self.credentials.note_browser(caller.browser, person_id)
         use = self.credentials.find_link_use(person_id)
         is_news = use is not None and not use.is_told
-        return Entered(self.accounts.begin_session(person_id), browser, codes, is_news)
+        return Entered(self.accounts.begin_session(person_id), browser, is_news)
 
     def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
         """Take the password, or a code of the authenticator, again from somebody who is logged in.
@@ -482,14 +481,14 @@ class Logins:
 
     def begin_enrolment(self, person_id: str) -> str:
         """Make a secret for an authenticator; it counts once a code of it was given. Gives the ticket."""
-        secret = self.accounts.secrets.encrypt(self._codes.make_secret(), name_second_factor(person_id))
+        secret = self.accounts.secrets.encrypt(self._passwords.make_secret(), name_second_factor(person_id))
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
         """Give the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
         found = self.tickets.look("enrol", ticket)
         secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
-        return secret, self._codes.draw_secret(secret, person.login)
+        return secret, self._passwords.draw_secret(secret, person.login)
 
     def enrol(self, ticket: str, code: str) -> tuple[str, Sequence[str]]:
         """Turn an authenticator on by its first code; gives the person and the recovery codes.
@@ -498,11 +497,11 @@ class Logins:
         """
         found = self.tickets.look("enrol", ticket)
         secret = self._open_secret(found)
-        step = self._codes.find_step(secret, code, self.accounts.clock(), 0)
+        step = self._passwords.find_step(secret, code, self.accounts.clock(), 0)
         if step is None:
             raise LoginRefused
         self.tickets.take("enrol", ticket)
-        codes: Sequence[str] = self._codes.make_recovery_codes()
+        codes: Sequence[str] = self._passwords.make_recovery_codes()
         self.credentials.set_second_factor(found.person_id, secret, step, codes)
         return found.person_id, codes
 
@@ -558,10 +557,6 @@ class Logins:
     def _passwords(self) -> ModuleType:
         return load_extra("app.access.passwords", EXTRA)
 
-    @property
-    def _codes(self) -> ModuleType:
-        return load_extra("app.access.second_factor", EXTRA)
-
     def _take(self, found: Credentials | None, caller: Caller, of_person: Budget) -> Sequence[Budget]:
         """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""
         known_as = found.person_id if found is not None else ""
@@ -594,9 +589,9 @@ class Logins:
         typed = code.replace(" ", "")
         if _is_step(code):
             now_s = self.accounts.clock()
-            step = self._codes.find_step(found.second_factor, typed, now_s, found.last_step)
+            step = self._passwords.find_step(found.second_factor, typed, now_s, found.last_step)
             return step is not None and self.credentials.use_step(found.person_id, step)
-        return self.credentials.use_recovery_code(found.person_id, self._codes.read_recovery_code(code))
+        return self.credentials.use_recovery_code(found.person_id, self._passwords.read_recovery_code(code))
 
 
 def _is_step(code: str) -> bool:

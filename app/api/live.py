@@ -21,14 +21,25 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from app.api.middleware.echoes import hide_tokens, show_input
-from app.api.middleware.problems import PROBLEM_RESPONSES
+from app.api.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
 from app.jobs.audit_log import record
 from app.jobs.job import Job
-from app.live.early import PLAYED, RAW, EarlyFile, EarlyPort, SessionFiles, begin_files, find_left
-from app.live.ports import WAIT_S, Port, PushedPort, find_serial_ports, open_port
+from app.live.ports import (
+    PLAYED,
+    RAW,
+    WAIT_S,
+    EarlyFile,
+    EarlyPort,
+    Port,
+    PushedPort,
+    SessionFiles,
+    begin_files,
+    find_left,
+    find_serial_ports,
+    open_port,
+)
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language

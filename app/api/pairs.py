@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
-from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
+from app.jobs.children.pairs import AnyJobs, AskedJobs
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices
@@ -273,14 +273,14 @@ class ChangeQuery(_Exact):
     mixed_methods: MixedMethods = False
     paper: PaperChoice = None
 
-    def find(self, services: Services) -> PairedJobs:
+    def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
         before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
         paper = self.paper or before.request.paper
         request = PairRequest(
             "compare", paper=paper, same_subject=self.same_subject, mixed_methods=self.mixed_methods
         )
-        return PairedJobs(before, after, None, request)
+        return AskedJobs((before, after), request)
 
 
 class PairQuery(_Exact):
@@ -305,16 +305,18 @@ class PairQuery(_Exact):
             raise BadParameter(name="trunk", value="", allowed="trunk_offset_s + trunk")
         return self
 
-    def find(self, services: Services) -> PairedJobs:
+    def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
-        left, right = services.store.get(self.left), services.store.get(self.right)
-        trunk = services.store.get(self.trunk) if self.trunk else None
-        paper = self.paper or left.request.paper
-        offsets_s = (self.offset_s, self.trunk_offset_s)
+        jobs = tuple(map(services.store.get, filter(None, (self.left, self.right, self.trunk))))
         request = PairRequest(
-            "pair", *offsets_s, paper=paper, same_subject=self.same_subject, mixed_methods=self.mixed_methods
+            "pair",
+            self.offset_s,
+            self.trunk_offset_s,
+            paper=self.paper or jobs[0].request.paper,
+            same_subject=self.same_subject,
+            mixed_methods=self.mixed_methods,
         )
-        return PairedJobs(left, right, trunk, request)
+        return AskedJobs(jobs, request)
 
 
 class ProfileQuery(_Exact):
@@ -331,7 +333,7 @@ class ProfileQuery(_Exact):
     paper: PaperChoice = None
     lang: Language | None = None
 
-    def find(self, services: Services) -> ProfiledJobs:
+    def find(self, services: Services) -> AskedJobs[ProfileRequest]:
         """Find the analyses. Raises NotHere."""
         jobs = tuple(services.store.get(each) for each in (*self.analysis, *self.after))
         request = ProfileRequest(
@@ -341,7 +343,7 @@ class ProfileQuery(_Exact):
             mixed_methods=self.mixed_methods,
             has_drawings=True,
         )
-        return ProfiledJobs(jobs, request)
+        return AskedJobs(jobs, request)
 
 
 PairChoice = Annotated[PairQuery, Query()]
@@ -405,7 +407,7 @@ def get_profile_report(
     return _serve_report(request, services, asked.find(services), (name, language))
 
 
-def build_pair_download_name(asked: AskedJobs, ending: str) -> str:
+def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
     """Name a download by its subject: ``S012_pair.en.pdf``; several are a group."""
     codes = {job.request.subject for job in asked.jobs} - {""}
     code = "group" if len(codes) > 1 else "".join(codes)
@@ -413,13 +415,13 @@ def build_pair_download_name(asked: AskedJobs, ending: str) -> str:
     return f"{subject}_{asked.request.kind}.{ending}"
 
 
-def _serve_figures(request: Request, services: Services, asked: AskedJobs) -> Response:
+def _serve_figures(request: Request, services: Services, asked: AnyJobs) -> Response:
     body = services.pairs.make(asked).read(asked.request.figures_name)
     return _serve(request, body, build_pair_download_name(asked, "json"))
 
 
 def _serve_report(
-    request: Request, services: Services, asked: AskedJobs, wanted: tuple[str, Language]
+    request: Request, services: Services, asked: AnyJobs, wanted: tuple[str, Language]
 ) -> Response:
     name, language = wanted
     stem, _, kind = name.partition(".")

@@ -12,6 +12,7 @@ from starlette.requests import HTTPConnection
 
 from app.access.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
 from app.access.subjects import Permission, Subject
+from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.api.middleware.access import UsedSubject
 from app.api.middleware.callers import find_logins
 from app.api.middleware.problems import PROBLEM_RESPONSES
@@ -26,8 +27,7 @@ from app.jobs.audit_log import (
     find_lines,
     parse_moment,
 )
-from app.jobs.governance.aggregate import StudyGroup
-from app.jobs.governance.releases import Release
+from app.jobs.governance import Release
 from app.jobs.recordings import HoldReason
 from app.report.export.csv import INTERNATIONAL, encode_table
 from app.report.words.wording import Language, load_wording
@@ -158,11 +158,7 @@ class AggregateView(BaseModel):
 @router.get("/studies/{study_id}/aggregate.json", tags=["studies"])
 def get_aggregate(study_id: str, services: UsedServices) -> AggregateView:
     """Give group figures of a study: never of fewer than five people."""
-    return view_group(services.aggregates.publish(study_id))
-
-
-def view_group(group: StudyGroup) -> AggregateView:
-    """Show the published blocks of a study."""
+    group = services.aggregates.publish(study_id)
     blocks = [
         BlockView(**{name: value for name, value in asdict(one).items() if name != "id"})
         for one in group.blocks
@@ -219,8 +215,7 @@ def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) ->
     """Give the lines as a table."""
     rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
     body = encode_table(AUDIT_COLUMNS, rows, INTERNATIONAL)
-    headers = {"Content-Disposition": 'attachment; filename="audit_log.csv"', "Cache-Control": "no-store"}
-    return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+    return respond_with_file(body, MEDIA_TYPES["csv"], "audit_log.csv")
 
 
 @router.get("/trail/trail.jsonl", tags=["trail"])

@@ -12,7 +12,7 @@ import ssl
 import threading
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 from urllib.parse import SplitResult, quote, urlsplit
 
@@ -84,18 +84,11 @@ IPv4 address are global to it whatever they carry.
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A message to a webhook; it keeps its id however often it is sent."""
+async def send_message(message: Delivery, *, allow_private: bool, limit_s: float = LIMIT_S) -> bool:
+    """Send a message, its secret in clear, once; True where the receiver accepted it (2xx) in time.
 
-    id: str
-    url: str
-    secret: str
-    body: str
-
-
-async def send_message(message: Message, *, allow_private: bool, limit_s: float = LIMIT_S) -> bool:
-    """Send it once; True where the receiver accepted it (a status of 2xx) within the limit."""
+    It keeps its id however often it is sent.
+    """
     try:
         async with asyncio.timeout(limit_s):
             return await _send(message, allow_private=allow_private)
@@ -104,7 +97,7 @@ async def send_message(message: Message, *, allow_private: bool, limit_s: float 
         return False
 
 
-def sign_message(message: Message, unix_s: int) -> dict[str, str]:
+def sign_message(message: Delivery, unix_s: int) -> dict[str, str]:
     """Give the headers: id, time and HMAC-SHA256 over ``id.time.body``."""
     key = base64.b64decode(message.secret.removeprefix("whsec_"))
     signed = f"{message.id}.{unix_s}.{message.body}".encode()
@@ -146,7 +139,7 @@ def is_public(address: str) -> bool:
     return not any(found in network for network in REFUSED_NETWORKS)
 
 
-async def _send(message: Message, *, allow_private: bool) -> bool:
+async def _send(message: Delivery, *, allow_private: bool) -> bool:
     """Connect to the very address that was checked: the name is not asked for a second time."""
     address, port = await _find_address(message.url, allow_private=allow_private)
     parts = urlsplit(message.url)
@@ -180,7 +173,7 @@ async def _find_address(url: str, *, allow_private: bool) -> tuple[str, int]:
     return await asyncio.wrap_future(found)
 
 
-def _write_request(connection: h11.Connection, message: Message, parts: SplitResult) -> bytes:
+def _write_request(connection: h11.Connection, message: Delivery, parts: SplitResult) -> bytes:
     target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
     body, name = message.body.encode(), parts.hostname or ""
     host = f"[{name}]" if ":" in name else name.encode("idna").decode()
@@ -307,7 +300,7 @@ class WebhookSender:
                 if not await run_to_end(webhooks.take, delivery):
                     continue
                 secret = ServerSecret(settings.data_dir).decrypt(delivery.secret, SECRET_OF_WEBHOOK)
-                message = Message(delivery.id, delivery.url, secret, delivery.body)
+                message = replace(delivery, secret=secret)
                 allow_private = settings.webhooks_may_be_private
                 if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
                     return

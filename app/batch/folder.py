@@ -252,10 +252,7 @@ def read_list(content: str, folder: Path) -> list[Path]:
 
     Blank lines and lines that begin with # are left out.
 
-    Raises
-    ------
-    UnusableList
-        When a line names nothing that is there.
+    Raises UnusableList if a line names nothing that is there.
     """
     paths = []
     for number, line in enumerate(content.splitlines(), 1):
@@ -437,10 +434,7 @@ def _find_versions(folder: Path) -> list[Path]:
 def open_staging(folder: Path) -> Iterator[Path]:
     """Give an empty staging folder next to ``folder``; it is removed at the end.
 
-    Raises
-    ------
-    BlockingIOError
-        When another run makes the same products just now.
+    Raises BlockingIOError if another run makes the same products just now.
     """
     staging = folder.with_name(f".{folder.name}.part")
     staging.mkdir(parents=True, exist_ok=True)

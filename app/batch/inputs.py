@@ -60,12 +60,9 @@ def assign_participants(
 ) -> tuple[list[Task], list[Participant]]:
     """Return the tasks with their settings from the list, and the rows that fit no recording.
 
-    Raises
-    ------
-    UnusableParticipants
-        With every fault of the list at once.
-    fusion.errors.UnusableDiary, OSError
-        When a diary named in it (the fact ``diary``) cannot be used, or opened.
+    Raises UnusableParticipants with every fault of the list at once.
+    Raises fusion.errors.UnusableDiary or OSError if a diary named in it (the fact ``diary``) cannot be
+    used, or opened.
     """
     people, refusals = read_participants(content, folder)
     places = [_split_path(os.path.normpath(task.log.absolute())) for task in tasks]
@@ -140,12 +137,8 @@ def read_participants(
 
     Diaries it names are read from ``folder``, and refused without one.
 
-    Raises
-    ------
-    UnusableParticipants
-        The header cannot be used.
-    OSError
-        A diary cannot be opened.
+    Raises UnusableParticipants if the header cannot be used.
+    Raises OSError if a diary cannot be opened.
     """
     rows = read_rows(decode_text(content))
     names = _map_columns(*next(rows, (1, [])))

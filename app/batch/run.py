@@ -187,7 +187,7 @@ def _rewrite(task: Task, before: Marker, go_on: GoOn) -> Outcome:
     """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:
-        outcome = _attempt(task, task.request, staging, load_and_render_again(task.folder), go_on)
+        outcome = _attempt(task, task.request, staging, partial(load_and_render_again, task.folder), go_on)
         if outcome.code:
             return outcome
         if language == before.language:
@@ -314,10 +314,8 @@ def collect_outcomes(out: Path) -> Collected:
 
     A recording without a report or a failure is not done: a process that was killed can say nothing.
 
-    Raises
-    ------
-    OSError, ValueError, KeyError, TypeError
-        Where no process with ``--shard`` has written, or its plan cannot be read.
+    Raises OSError, ValueError, KeyError or TypeError if no process with ``--shard`` has written, or its
+    plan cannot be read.
     """
     content = (out / SHARDS / _PLAN).read_bytes()
     plan, plan_sha256 = json.loads(content), hashlib.sha256(content).hexdigest()

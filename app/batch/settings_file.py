@@ -179,10 +179,8 @@ def encode_settings(request: ReportRequest) -> bytes:
 def read_settings(content: bytes) -> dict[str, Any]:
     """Read a settings file: fields of :class:`ReportRequest` and their values, only those it names.
 
-    Raises
-    ------
-    UnusableSettings
-        With the line or the name, what is allowed and, for a name that is not known, the nearest that is.
+    Raises UnusableSettings with the line or the name, what is allowed and, for a name that is not known, the
+    nearest that is.
     """
     try:
         values = yaml.load(content, _PlainLoader)  # noqa: S506  a SafeLoader

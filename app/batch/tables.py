@@ -12,8 +12,10 @@ from typing import Any
 from app.batch.run import Outcome
 from app.batch.settings_file import encode_settings
 from app.report.export.columns import (
+    DATAPACKAGE,
     PERIOD_COLUMNS,
     describe_periods,
+    encode_datapackage,
     encode_dictionary,
     encode_summary,
     summarise_failure,
@@ -21,7 +23,6 @@ from app.report.export.columns import (
 )
 from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.csv import FRENCH_EXCEL, PROBLEM_COLUMNS, Row, add_origin, encode_table, tell_problem
-from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.methods_text import write_methods
 from app.report.export.xlsx import encode_workbook
 from app.report.figures import load_results

@@ -147,7 +147,6 @@ def backup(
     from app.storage.open import open_storage  # noqa: PLC0415
     from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
     from app.upkeep.backup_term import record_backup  # noqa: PLC0415
-    from app.upkeep.envelope import Recipients  # noqa: PLC0415
     from app.upkeep.place import check_used, record_command  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
@@ -156,7 +155,7 @@ def backup(
     with _refusals_printed(lang, settings):
         check_used(settings)
         record_command(settings, "store.backed_up")
-        copied = back_up(settings, file, Recipients(tuple(recipient or ())))
+        copied = back_up(settings, file, recipient or ())
         dropped = drop_older_backups(file, keep) if keep and not copied.faults else ()
         record_backup(open_storage(settings), keep)
     print_sentence(lang, "backup", "encrypted" if recipient else "in_clear")
@@ -476,7 +475,7 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
+    from app.jobs.governance import RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)

@@ -245,12 +245,8 @@ def profile(
 def _find_all(paths: list[Path], out: Path) -> list[Path]:
     """Give the folders of finished analyses at the paths and below them; earlier versions are left aside.
 
-    Raises
-    ------
-    CannotProfile
-        When a path leads to none, or all lead to one and the same.
-    FileNotFoundError
-        When there is nothing at a path.
+    Raises CannotProfile if a path leads to none, or all lead to one and the same.
+    Raises FileNotFoundError if there is nothing at a path.
     """
     found: dict[Path, None] = {}
     for path in paths:

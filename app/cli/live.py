@@ -60,8 +60,7 @@ def live(
 ) -> None:
     """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
     from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415  the science, and only this needs it
-    from app.live.early import EARLY  # noqa: PLC0415
-    from app.live.ports import names_port  # noqa: PLC0415
+    from app.live.ports import EARLY, names_port  # noqa: PLC0415
     from app.live.raw_file import PREFIX, Wearer, describe_asked  # noqa: PLC0415
     from app.live.recorder import Recorder, describe_difference, measure_difference  # noqa: PLC0415
     from app.live.sources import open_lines, open_replay  # noqa: PLC0415

@@ -22,7 +22,6 @@ from app.jobs.database.tables import (
     uploads,
 )
 from app.jobs.job import JobState
-from app.jobs.library.studies import join_study
 from app.jobs.queries import (
     PURGING,
     REFERENCE,
@@ -38,6 +37,7 @@ from app.jobs.queries import (
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
+from app.jobs.studies import join_study
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side

@@ -25,8 +25,7 @@ from app.jobs.audit_log import Act, record
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures, adopt_description
-from app.jobs.library.studies import follow_recording, join_study
+from app.jobs.listing import HeadlineFigures, adopt_description
 from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import (
     DatabaseClock,
@@ -41,6 +40,7 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.jobs.side_files import increment_revision
+from app.jobs.studies import follow_recording, join_study
 from app.jobs.versions import (
     COUNTED,
     build_item,

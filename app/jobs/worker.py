@@ -34,8 +34,8 @@ from app.jobs.children.attempt import (
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import translate_database_errors, translate_start_errors
 from app.jobs.job import Job
-from app.jobs.library.figures import HeadlineFigures, read_headline
-from app.jobs.library.mappings import MappingStore
+from app.jobs.listing import HeadlineFigures, read_headline
+from app.jobs.mappings import MappingStore
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
@@ -179,7 +179,7 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
         if settings.engine == "embedded":
             run_worker(settings, parent_pid=parent_pid)
         else:
-            cluster = load_extra("app.jobs.processes.cluster")
+            cluster = load_extra("app.jobs.cluster")
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 

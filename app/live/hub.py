@@ -20,8 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
-from app.live.early import SessionFiles
-from app.live.ports import PushedPort
+from app.live.ports import PushedPort, SessionFiles
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import LineSource, Source
@@ -313,10 +312,6 @@ class LiveHub:
         if session is None:
             raise NotHere
         return session
-
-    def sessions(self) -> tuple[RunningSession, ...]:
-        """Return all sessions that are remembered."""
-        return tuple(self._sessions.values())
 
     def close(self) -> None:
         """Stop all sessions, as the server stops: their raw files are recordings then."""

@@ -1,17 +1,24 @@
-"""Where the lines of a board come from: a serial port, UDP or TCP."""
+"""Where the lines of a board come from: a serial port, UDP or TCP; and what they bring early."""
 
+import json
+import os
 import queue
 import re
+import secrets
 import socket
+import struct
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import urlsplit
 
 from app.errors import LiveSourceFailed
+from app.storage.permissions import create_file, make_folder
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -210,3 +217,201 @@ def find_serial_ports() -> tuple[str, ...]:
     from serial.tools.list_ports import comports  # noqa: PLC0415  of the extra "live"
 
     return tuple(sorted(port.device for port in comports()))
+
+
+# What a port brings before the session's angles run, on the disk within a second.
+#
+# Until the science is loaded, the rate is known and the kernels are compiled, a session can take no frame: on
+# a fresh server that takes many seconds. Meanwhile a thread reads the port, writes the bytes as they came,
+# each piece with its moment, and holds them for the session. Once that has caught up and its raw file holds
+# everything, the file of early bytes is removed and the port is read directly.
+#
+# A server keeps the files of its sessions in its folder ``live``:
+#
+# live-<session>.raw      the raw file (:mod:`app.live.raw_file`), until it is a recording
+# live-<session>.early    what came before the raw file had it, for some seconds
+# replay-<session>.raw    the raw file of a session that is not kept
+
+
+KEPT, PLAYED = "live-", "replay-"
+RAW, EARLY = ".raw", ".early"
+SYNC_S = 1.0
+MOST_BYTES = 32 << 20
+"""So many early bytes are taken; a port that brings more waits until the session has caught up."""
+CLOSE_LIMIT_S = 5.0
+_ABOUT = struct.Struct("<I")
+_PIECE = struct.Struct("<dI")
+"""When a piece came, in seconds since 1970, and its length."""
+
+
+class EarlyFile:
+    """A file of bytes as they came; what is asked of the session stands first, as JSON."""
+
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Create the file. Raises FileExistsError, OSError."""
+        self._path, self._file = path, create_file(path)
+        asked = json.dumps(about).encode()
+        self.size_bytes = 0
+        self._add(_ABOUT.pack(len(asked)) + asked)
+        self._synced_s, self._is_synced = 0.0, False
+        self.sync()
+
+    def write(self, piece: bytes, came_s: float) -> None:
+        """Hand a piece to the system."""
+        self._add(_PIECE.pack(came_s, len(piece)) + piece)
+        self._file.flush()
+        self._is_synced = False
+
+    def sync(self) -> None:
+        """Have the disk take what is new, once a second."""
+        if not self._is_synced and time.monotonic() - self._synced_s >= SYNC_S:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._synced_s, self._is_synced = time.monotonic(), True
+
+    def close(self) -> None:
+        """Close it; it stays."""
+        self._file.close()
+
+    def drop(self) -> None:
+        """Close and remove it."""
+        self.close()
+        self._path.unlink(missing_ok=True)
+
+    def _add(self, content: bytes) -> None:
+        self._file.write(content)
+        self.size_bytes += len(content)
+
+
+class EarlyPort:
+    """A port that is read by a thread of its own, and whose bytes are kept, until :meth:`release`."""
+
+    def __init__(self, port: Port, file: EarlyFile) -> None:
+        self.inner = port
+        self._file: EarlyFile | None = file
+        self._pieces: queue.SimpleQueue[tuple[bytes, float]] = queue.SimpleQueue()
+        self._came_s: float | None = None
+        self._error: Exception | None = None
+        self._is_open = True
+        self._guard = threading.Lock()
+        self._thread = threading.Thread(target=self._pump, name="early", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether something came that was not read yet."""
+        return not self._pieces.empty()
+
+    def read(self) -> bytes:
+        """Wait a moment for bytes. Raises OSError if the disk takes no more."""
+        self._came_s = None
+        if not self._thread.is_alive() and self._pieces.empty():
+            if self._error is not None:
+                raise self._error
+            return self.inner.read()
+        try:
+            piece, self._came_s = self._pieces.get(timeout=WAIT_S)
+        except queue.Empty:
+            return b""
+        return piece
+
+    def now_s(self) -> float:
+        """Return the moment when what was read last came, by ``time.monotonic``; now for nothing."""
+        return time.monotonic() if self._came_s is None else self._came_s
+
+    def release(self) -> None:
+        """Keep the bytes no longer: whoever reads has them on the disk."""
+        self._is_open = False
+        with self._guard:
+            if self._file is not None:
+                self._file.drop()
+            self._file = None
+
+    def close(self) -> None:
+        """Let go of the port; the file stays, for what was read may not be on the disk yet."""
+        self._is_open = False
+        self._thread.join(CLOSE_LIMIT_S)
+        self.inner.close()
+        with self._guard:
+            if self._file is not None:
+                self._file.close()
+
+    def _pump(self) -> None:
+        try:
+            while self._is_open:
+                with self._guard:
+                    has_room = self._file is None or self._file.size_bytes < MOST_BYTES
+                if has_room:
+                    self._take(self.inner.read())
+                else:
+                    time.sleep(WAIT_S)
+                    self._take(b"")
+        except Exception as error:  # noqa: BLE001 - whoever reads is told
+            self._error = error
+
+    def _take(self, piece: bytes) -> None:
+        with self._guard:
+            if piece and self._file is not None:
+                self._file.write(piece, time.time())
+            if self._file is not None:
+                self._file.sync()
+        if piece:
+            self._pieces.put((piece, time.monotonic()))
+
+
+def read_about(content: bytes) -> dict[str, Any]:
+    """Read from such a file what was asked. Raises ValueError if it was cut off before that was written."""
+    if len(content) < _ABOUT.size:
+        raise ValueError
+    found: dict[str, Any] = json.loads(content[_ABOUT.size : _find_end_of_about(content)])
+    return found
+
+
+def read_pieces(content: bytes) -> Iterator[tuple[bytes, float]]:
+    """Read each piece with the moment when it came; the last may be torn."""
+    place = _find_end_of_about(content) if len(content) >= _ABOUT.size else len(content)
+    while place + _PIECE.size <= len(content):
+        came_s, size_bytes = _PIECE.unpack_from(content, place)
+        place += _PIECE.size
+        yield content[place : place + size_bytes], came_s
+        place += size_bytes
+
+
+def _find_end_of_about(content: bytes) -> int:
+    return _ABOUT.size + int(_ABOUT.unpack_from(content)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFiles:
+    """The id of a session, and where its files are."""
+
+    folder: Path
+    session_id: str
+    is_kept: bool
+
+    @property
+    def raw(self) -> Path:
+        """The raw file."""
+        return self.folder / f"{KEPT if self.is_kept else PLAYED}{self.session_id}{RAW}"
+
+    @property
+    def early(self) -> Path:
+        """What came before."""
+        return self.folder / f"{KEPT}{self.session_id}{EARLY}"
+
+    def remove(self) -> None:
+        """Remove the files."""
+        self.early.unlink(missing_ok=True)
+        self.raw.unlink(missing_ok=True)
+
+
+def begin_files(folder: Path, *, keeps: bool) -> SessionFiles:
+    """Choose the id of a session, and create the folder."""
+    make_folder(folder)
+    return SessionFiles(folder, secrets.token_urlsafe(12), keeps)
+
+
+def find_left(folder: Path) -> tuple[SessionFiles, ...]:
+    """Find the files of sessions that are to be kept and that a killed server left."""
+    names = {path.stem for ending in (RAW, EARLY) for path in folder.glob(f"{KEPT}*{ending}")}
+    return tuple(SessionFiles(folder, name.removeprefix(KEPT), is_kept=True) for name in sorted(names))

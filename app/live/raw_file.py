@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from app.live.cue_log import find_limit, format_rule, parse_rule
-from app.live.early import EARLY, read_about, read_pieces
+from app.live.ports import EARLY, read_about, read_pieces
 from app.live.sources import SourceFacts
 from app.request import clean_file_name
 from app.storage.permissions import create_file

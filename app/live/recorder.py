@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.live.cue_log import format_rule
-from app.live.early import EarlyPort
+from app.live.ports import EarlyPort
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, Wearer
 from app.live.sources import SourceFacts
 from app.report.words.numbers import format_duration, format_number, format_percent

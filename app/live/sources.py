@@ -13,8 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from app.errors import LiveSourceFailed
-from app.live.early import EarlyFile, EarlyPort
-from app.live.ports import Port, open_port
+from app.live.ports import EarlyFile, EarlyPort, Port, open_port
 from fusion.errors import FusionError, UnusableRecording
 from fusion.live import Frames, LiveSession, replay_frames
 from fusion.live.lines import LineReader
@@ -139,7 +138,7 @@ def open_lines(source: str, baud: int, early: Path, about: Mapping[str, Any]) ->
     """Listen to a port: ``/dev/ttyACM0``, ``COM3``, ``udp://:5005``, ``tcp://board:5005``.
 
     What comes before a raw file can be written is in the file ``early``, with ``about``
-    (:mod:`app.live.early`); that of a port which cannot be understood is removed.
+    (:mod:`app.live.ports`); that of a port which cannot be understood is removed.
 
     Raises LiveSourceFailed, FusionError, or OSError if the file cannot be written.
     """

@@ -178,28 +178,17 @@ class Sheet:
 class Report(Sheet):
     """All that the template of a report of one recording, or of several, may use.
 
-    Attributes
-    ----------
-    pose_caution
-        The known one-sided error of the calibration pose, in words beside the figures; may be empty.
-    range_note
-        What the ranges in the sentences hold; empty where no sentence has one.
-    brief
-        The last line of the answer as plain text: whose, when, which report.
-    made_of
-        End of the recording, the only date a report bears; None without a clock.
-    amendment
-        Which version this is and why, where it replaces an earlier one; else empty.
-    pose_state
-        How the calibration pose is known, in a line; empty for ready angles.
-    needs_pose
-        Which stillness was the pose, if they disagree: it comes before every figure; else empty.
-    walking_note
-        How far walking lies from the axis, if that is far; else empty.
-    profile
-        The first page, behind which the rest then stands; None in a report of several.
-    conclusion
-        What a clinician concludes: name and date as its title; None where nobody has.
+    ``pose_caution``: the known one-sided error of the calibration pose, in words beside the figures; may be
+    empty.
+    ``range_note``: what the ranges in the sentences hold; empty where no sentence has one.
+    ``brief``: the last line of the answer as plain text: whose, when, which report.
+    ``made_of``: end of the recording, the only date a report bears; None without a clock.
+    ``amendment``: which version this is and why, where it replaces an earlier one; else empty.
+    ``pose_state``: how the calibration pose is known, in a line; empty for ready angles.
+    ``needs_pose``: which stillness was the pose, if they disagree: it comes before every figure; else empty.
+    ``walking_note``: how far walking lies from the axis, if that is far; else empty.
+    ``profile``: the first page, behind which the rest then stands; None in a report of several.
+    ``conclusion``: what a clinician concludes: name and date as its title; None where nobody has.
     """
 
     verdict: VerdictLine
@@ -224,3 +213,15 @@ class AgreementReport(Sheet):
     """
 
     main: tuple[Table, ...]
+
+
+def format_brief(report: Report) -> bytes:
+    """Write the answer as a few lines of plain text, to paste into a record.
+
+    The pose comes first if it has to be named before the figures mean much.
+    """
+    quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
+    pose = " ".join(filter(None, (report.needs_pose, report.pose_state)))
+    first, last = (pose, "") if report.needs_pose else ("", pose)
+    lines = (first, *report.sentences, quality, last, report.brief)
+    return ("\n".join(filter(None, lines)) + "\n").encode("utf-8")

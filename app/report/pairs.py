@@ -205,9 +205,7 @@ def build_report(
         report_id=report_id,
         footer=footer,
         brief=fill(label["brief_two"], {"header": told, "footer": footer}),
-        made_of=max(
-            ends, key=lambda end: end.replace(tzinfo=None), default=None
-        ),  # by what the clocks showed
+        made_of=max(ends, key=lambda end: end.replace(tzinfo=None), default=None),
         needs_pose=needs_pose,
         words=label,
     )
@@ -249,8 +247,10 @@ def format_pose(findings: Findings, words: Words) -> str:
     return str(words["pose"][calibration.pose])
 
 
-def format_points(points: float, name: str, language: Language, *, is_signed: bool = False) -> str:
+def format_points(points: float | None, name: str, language: Language, *, is_signed: bool = False) -> str:
     """Write a difference or a deviation: of shares in points, whose French plural begins at 2."""
+    if points is None:
+        return NONE
     sign = "+" if is_signed and round(points, 1) > 0 else ""
     if not name.endswith("_percent"):
         return sign + format_figure(points, name, language)
@@ -553,9 +553,7 @@ def refuse_no_comparison(
     ``same_subject``: a person states that both are of one person, if a code is missing.
     ``mixed_methods``: figures of two methods, or versions of one, may be compared.
 
-    Raises
-    ------
-    CannotCompare
+    Raises CannotCompare.
     """
     differences = _compare(before, after).differences
     if before.findings == after.findings:
@@ -651,12 +649,11 @@ def _judge_change(compared: DayComparison, words: Words) -> VerdictLine:
 
 
 def _format_change(change: FigureChange, language: Language) -> dict[str, str]:
-    detectable = change.detectable
     return {
         "before": format_figure(change.before, change.name, language),
         "after": format_figure(change.after, change.name, language),
         "change": format_points(change.change, change.name, language, is_signed=True),
-        "detectable": NONE if detectable is None else format_points(detectable, change.name, language),
+        "detectable": format_points(change.detectable, change.name, language),
     }
 
 

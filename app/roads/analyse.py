@@ -150,10 +150,7 @@ def make_report(
     language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; where a
     PDF is asked for, ``fhir.json`` too. With a cache, as the server has one, the day is written for the page.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        When no number can be given; then nothing has been written.
+    Raises fusion.errors.FusionError if no number can be given; then nothing has been written.
     """
     analysis = _analyse_file(log, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])

@@ -10,6 +10,7 @@ import numpy as np
 from app.request import OnStage, ReportRequest
 from app.roads.reading import read_file
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
+from fusion.numerics.intervals import find_uncovered
 from fusion.pose.poses import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
 from fusion.readers import identify_header
@@ -29,10 +30,7 @@ def inspect_file(
 
     ``profile``: JSON of a column profile, "" for none. ``file_name``: "" takes the path's own.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        When it is not a recording.
+    Raises fusion.errors.FusionError if it is not a recording.
     """
     name = file_name or path.name
     with path.open("rb") as file:
@@ -63,14 +61,9 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
     runs = [
         (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
     ]
-    ends_us, starts_us = (
-        [0, *(end for _, end in runs)],
-        [*(start for start, _ in runs), recording.duration_us],
-    )
     gaps = [
-        {"start_s": end / MICROSECONDS, "length_s": (start - end) / MICROSECONDS}
-        for end, start in zip(ends_us, starts_us, strict=True)
-        if start - end > MOST_ROUNDING_US
+        {"start_s": start_us / MICROSECONDS, "length_s": (end_us - start_us) / MICROSECONDS}
+        for start_us, end_us in find_uncovered(runs, 0, recording.duration_us, MOST_ROUNDING_US)
     ]
     missing_s = sum(gap["length_s"] for gap in gaps)
     described: dict[str, Any] = inspect_recording(recording)
@@ -103,10 +96,7 @@ def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStag
 def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write ``columns.json``: a table's header and its identity, its first rows, and what they may be.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        When it is no table of numbers.
+    Raises fusion.errors.FusionError if it is no table of numbers.
     """
     on_stage("reading", 0.0)
     with log.open("rb") as file:

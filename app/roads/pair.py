@@ -49,15 +49,11 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
     ``folders``: left, right and, where there is one, trunk; or before and after. Writes ``pair.json`` or
     ``comparison.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
-    Raises
-    ------
-    CannotPair
-        When a folder holds no finished analysis, when two are not both arms of one shift, when nothing says
-        that they are of one person, when neither clocks nor request give their offset, or when methods are
-        mixed unasked.
-    CannotCompare
-        When two are of different people or of the same hours of one arm, when nothing says that they are of
-        one person, or when methods are mixed unasked.
+    Raises CannotPair if a folder holds no finished analysis, if two are not both arms of one shift, if
+    nothing says that they are of one person, if neither clocks nor request give their offset, or if
+    methods are mixed unasked.
+    Raises CannotCompare if two are of different people or of the same hours of one arm, if nothing says
+    that they are of one person, or if methods are mixed unasked.
     """
     if request.kind == "pair":
         left, right, *trunk = folders
@@ -108,10 +104,7 @@ def find_offset_s(left: Kept, right: Kept) -> float:
 
     Where only one file states its zone, both are taken for clocks of the same place.
 
-    Raises
-    ------
-    CannotPair
-        When one of them has no clock.
+    Raises CannotPair if one of them has no clock.
     """
     first, second = left.findings.recording.start, right.findings.recording.start
     if first is None or second is None:
@@ -210,11 +203,8 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
     them are days of the same time where it is None. Writes ``profile.json``, ``profile.csv``,
     ``overlay.csv`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
-    Raises
-    ------
-    CannotProfile
-        When a folder holds no finished analysis, or the analyses are no days to be set together
-        (:func:`app.report.days.people.group_days`).
+    Raises CannotProfile if a folder holds no finished analysis, or the analyses are no days to be set
+    together (:func:`app.report.days.people.group_days`).
     """
     days = []
     for rank, folder in enumerate(folders):
@@ -225,10 +215,8 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
         days.append(MeasuredDay(kept, stage, str(folder)))
     grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
     arms = []
-    for (
-        arm
-    ) in grouped.arms:  # overlay the days that have a clock; one of more than 24 h would lie over itself
-        clocked = [
+    for arm in grouped.arms:
+        clocked = [  # a day of more than 24 h would lie over itself
             lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
             for day in arm.days
             if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()

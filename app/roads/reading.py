@@ -42,10 +42,8 @@ def read_logs(log: Path, request: ReportRequest, known: KnownLogs) -> Recording:
 def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:
     """Read one file as a request asks, and log every plug-in that failed: a line, and the traceback as INFO.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`fusion.readers.read_recording`; where the file is a table, its facts identify the header.
+    Raises fusion.errors.FusionError as :func:`fusion.readers.read_recording`; where the file is a table, its
+    facts identify the header.
     """
     profile = parse_profile(request.profile) if request.profile else None
     with path.open("rb") as file:

@@ -20,7 +20,7 @@ from app.report.agreement.export import (
     encode_entries,
     encode_validation,
 )
-from app.report.agreement.report import StudyFacts, build_agreement, build_study
+from app.report.agreement.report import build_agreement, build_study
 from app.report.agreement.tables import tell_agreement
 from app.report.export.csv import Row, encode_table
 from app.report.render.html import render_html
@@ -68,10 +68,7 @@ def make_validation(
     ``has_curves``: for the page, write both angles (:mod:`app.storage.day_file`) and the plot of
     Bland and Altman, too.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        When the two cannot be compared; then nothing has been written.
+    Raises fusion.errors.FusionError if the two cannot be compared; then nothing has been written.
     """
     comparison = compare_files(log, request, on_stage)
     on_stage("rendering", 0.9)
@@ -195,10 +192,7 @@ def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
 
     Those that have none: :func:`find_lonely_recordings`.
 
-    Raises
-    ------
-    UnusableStudy
-        There is none.
+    Raises UnusableStudy if there is none.
     """
     references = sorted(
         path for path in study.rglob("reference.*") if path.is_file() and not _is_in(path, out)
@@ -245,10 +239,7 @@ def _is_recording(path: Path) -> bool:
 def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
     """Give the request for one recording of the study.
 
-    Raises
-    ------
-    UnusableTasks
-        Its list of tasks cannot be read.
+    Raises UnusableTasks if its list of tasks cannot be read.
     """
     names = (f"{file.log.name.partition('.')[0]}.tasks.csv", "tasks.csv")
     lists = (path for path in map(file.log.with_name, names) if path.is_file())
@@ -290,10 +281,7 @@ def make_study(
     ``problems.csv``, ``study.<language>.html`` and ``.pdf``, and each comparison's ``validation.json`` and
     ``validation.csv`` in a folder of its own.
 
-    Raises
-    ------
-    UnusableStudy
-        No recording with a reference, or none that could be compared.
+    Raises UnusableStudy if no recording with a reference, or none that could be compared.
     """
     entries: list[AgreementEntry] = []
     problems = list(find_lonely_recordings(study, out))
@@ -341,11 +329,11 @@ def _write_study(
     (out / "study.json").write_bytes(encoded)
     (out / "table.csv").write_bytes(encode_cells(cells))
     (out / "comparisons.csv").write_bytes(encode_entries(entries))
-    facts = StudyFacts(request.method, request.pose, software, json.loads(encoded)["id"])
+    report_id = json.loads(encoded)["id"]
     for language in request.languages:
         described = [(p.name, p.code, describe_problem(p.code, p.facts, language)) for p in problems]
         failed = [(name, f"{problem.title}. {problem.detail}", code) for name, code, problem in described]
-        report = build_study(entries, cells, failed, facts, language)
+        report = build_study(entries, cells, failed, software, report_id, language)
         (out / f"study.{language}.html").write_bytes(render_html(report))
         document = render_pdf(report, {"study.json": encoded}, request.paper)
         (out / f"study.{language}.pdf").write_bytes(document)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.storage.permissions import create_file, make_folder
-from fusion.recording import QualityFlag, Recording, Segment, Span
+from fusion.recording import QualityFlag, Recording, Segment, Span, Stated
 
 LONGEST_HEAD_BYTES = 16 << 20
 SPARE_TIMES = 3
@@ -164,6 +164,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "excluded": [asdict(span) for span in recording.excluded],
         "flags": [asdict(flag) for flag in recording.flags],
         "understood": dict(recording.understood),
+        "stated": asdict(recording.stated),
         "segments": [
             {"start_us": s.start_us, "rate_hz": s.rate_hz, "rows": len(s), "bridged": s.bridged}
             for s in recording.segments
@@ -177,6 +178,7 @@ def _build(facts: dict[str, Any], segments: tuple[Segment, ...]) -> Recording:
         "start": datetime.fromisoformat(facts["start"]) if facts["start"] else None,
         "excluded": tuple(Span(**span) for span in facts["excluded"]),
         "flags": tuple(QualityFlag(spans_s=spans_s, **flag) for flag, spans_s in flags),
+        "stated": Stated(**facts["stated"]),
         "reader": tuple(facts["reader"]) if facts["reader"] else None,
         "pose_windows_s": tuple(map(tuple, facts["pose_windows_s"])),
     }

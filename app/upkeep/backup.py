@@ -8,8 +8,11 @@
     erasures.jsonl           the ledger of erasures (:mod:`app.storage.store`)
     server.key               the secret of the server (:mod:`app.storage.server_secret`)
 
-It may be encrypted as a whole to recipients (:mod:`app.upkeep.envelope`). Beside the backups the newest
-ledger is kept as ``erasures.jsonl``: whoever was erased before the last backup comes back from no older one.
+It may be encrypted as a whole to recipients (age, https://age-encryption.org). Whoever makes a backup needs
+no secret for that: a recipient (``age1...``) is public. The identity (``AGE-SECRET-KEY-1...``, in a file of
+``age-keygen``) is kept by the person who restores, away from this machine. The library is in the extra
+``trust``. Beside the backups the newest ledger is kept as ``erasures.jsonl``: whoever was erased before the
+last backup comes back from no older one.
 
 Files never change once a row promises them, so that they can be copied after the rows were read. A file that
 is purged meanwhile makes the backup start again. A damaged file is copied as it is; the manifest lists
@@ -18,12 +21,14 @@ damaged and missing files.
 
 import hashlib
 import json
+import os
 import re
 import tempfile
+import threading
 import time
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -50,7 +55,7 @@ from app.jobs.database.tables import (
 from app.jobs.recordings import drop_empty_batches
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage.open import open_storage
+from app.storage.open import load_extra, open_storage
 from app.storage.permissions import FILE_MODE, create_file, make_folder
 from app.storage.server_secret import SECRET_FILE, ServerSecret
 from app.storage.store import (
@@ -62,19 +67,126 @@ from app.storage.store import (
     format_ledger,
     hash_file,
     parse_ledger,
+    sync_file,
+    sync_folder,
     translate_disk_full,
     translate_folder_errors,
     write_durably,
 )
 from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
-from app.upkeep.envelope import Recipients, read_envelope, write_envelope
 from app.upkeep.recover import catch_up, find_unknown
 from app.upkeep.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
 from app.version import software_version
 
 FORMAT = "acromion.backup/3"
 TRIES = 3
-NOBODY = Recipients()
+MAGIC = b"age-encryption.org/v1\n"
+
+
+# The file of a backup, encrypted or in clear.
+
+
+@contextmanager
+def write_envelope(path: Path, recipients: Sequence[str]) -> Iterator[IO[bytes]]:
+    """Write a file that is there whole at the end of the block, or not at all; seeking in it is not possible.
+
+    Raises BackupRefused, DiskFull, NotInstalled.
+    """
+    if path.exists():
+        raise BackupRefused(why=f"{path} exists")
+    known = [_parse_recipient(name) for name in recipients]
+    part = path.with_name(f"{path.name}.part")
+    part.unlink(missing_ok=True)
+    try:
+        with translate_disk_full():
+            with _create(part) as file:
+                if known:
+                    with _encrypting(file, known) as pipe:
+                        yield pipe
+                else:
+                    yield file
+            sync_file(part)
+            part.rename(path)
+            sync_folder(path.resolve().parent)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _parse_recipient(name: str) -> Any:
+    x25519 = load_extra("pyrage").x25519
+    try:
+        return x25519.Recipient.from_str(name.strip())
+    except Exception:  # noqa: BLE001 - the library's errors have no common class
+        raise BackupRefused(why=f"--recipient {name[:80]}: age1...") from None
+
+
+def _create(part: Path) -> IO[bytes]:
+    try:
+        return create_file(part)
+    except (FileNotFoundError, PermissionError, NotADirectoryError) as error:
+        raise BackupRefused(why=f"{part.parent}: {error.strerror}") from error
+
+
+@contextmanager
+def _encrypting(file: IO[bytes], recipients: Sequence[Any]) -> Iterator[IO[bytes]]:
+    """Encrypt what is written, in a thread beside the writer: nothing of it touches the disk in clear."""
+    read_end, write_end = os.pipe()
+    trouble: list[BaseException] = []
+
+    def encrypt() -> None:
+        try:
+            with os.fdopen(read_end, "rb") as source:
+                load_extra("pyrage").encrypt_io(source, file, list(recipients))
+        except BaseException as error:  # noqa: BLE001 - it is raised again where it was waited for
+            trouble.append(error)
+
+    thread = threading.Thread(target=encrypt, name="encrypt")
+    thread.start()
+    try:
+        with os.fdopen(write_end, "wb") as pipe:
+            yield pipe
+    except BrokenPipeError:
+        thread.join()
+        raise trouble[0] from None
+    finally:
+        thread.join()
+    if trouble:
+        raise trouble[0]
+
+
+@contextmanager
+def read_envelope(path: Path, identity: Path | None = None) -> Iterator[IO[bytes]]:
+    """Open a file for reading; one that is encrypted is decrypted into a temporary file without a name.
+
+    Raises BackupRefused: it is encrypted, and no identity is given, or one that does not open it.
+    """
+    with path.open("rb") as file:
+        is_encrypted = file.read(len(MAGIC)) == MAGIC
+        file.seek(0)
+        if not is_encrypted:
+            yield file
+            return
+        if identity is None:
+            raise BackupRefused(why=f"{path.name}: age, --identity FILE")
+        with translate_disk_full(), tempfile.TemporaryFile(dir=path.resolve().parent) as clear:
+            _decrypt(file, clear, identity)
+            clear.seek(0)
+            yield clear
+
+
+def _decrypt(file: IO[bytes], clear: IO[bytes], identity: Path) -> None:
+    pyrage = load_extra("pyrage")
+    lines = [line.strip() for line in identity.read_text("utf-8").splitlines()]
+    try:
+        known = [pyrage.x25519.Identity.from_str(line) for line in lines if line and not line.startswith("#")]
+        pyrage.decrypt_io(file, clear, known)
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise BackupRefused(why=f"--identity {identity.name}: {error}"[:200]) from error
+
+
+# What is in it.
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,15 +204,12 @@ class _PurgedMeanwhileError(Exception):
     """A file was deleted together with its row while the backup was made."""
 
 
-def back_up(settings: Settings, path: Path, recipients: Recipients = NOBODY) -> Copied:
+def back_up(settings: Settings, path: Path, recipients: Sequence[str] = ()) -> Copied:
     """Write a backup of everything that can be read, or nothing at all; encrypted where there are recipients.
 
-    Raises
-    ------
-    BackupRefused
-        ``path`` exists or cannot be written, there is no database to back up, or recordings were purged
-        during each of three tries.
-    StoreAway, DiskFull, NotInstalled
+    Raises BackupRefused: ``path`` exists or cannot be written, there is no database to back up, or recordings
+    were purged during each of three tries.
+    Raises StoreAway, DiskFull or NotInstalled.
     """
     storage = open_storage(settings)
     for _ in range(TRIES):
@@ -125,7 +234,7 @@ def drop_older_backups(path: Path, keep: int) -> tuple[str, ...]:
     return tuple(one.name for one in found[:-keep])
 
 
-def _write(settings: Settings, storage: Storage, path: Path, recipients: Recipients) -> Copied:
+def _write(settings: Settings, storage: Storage, path: Path, recipients: Sequence[str]) -> Copied:
     envelope = write_envelope(path, recipients)
     with envelope as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         manifest, files = _write_rows(settings, archive)

@@ -23,7 +23,7 @@ from app.jobs.audit_log import AT_MACHINE, record
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.database.tables import REVISION, known_browsers, sessions, tickets
 from app.jobs.job import JobState
-from app.jobs.library.listing import SavedViews
+from app.jobs.listing import SavedViews
 from app.jobs.queries import TRASHED
 from app.jobs.side_files import (
     Rows,

@@ -3,14 +3,14 @@
 The page of who manages people lets them in, gives roles and ends accounts; it shows no health data.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import cast
 
 from fastapi import APIRouter, Response
 
-from app.access.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, Token, hash_secret, make_token
+from app.access.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
 from app.access.logins import FORGOTTEN_S, INVITED_S
 from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
@@ -39,28 +39,6 @@ class LinkView:
 
     facts: Mapping[str, str]
     is_told: bool
-
-
-@dataclass(frozen=True, slots=True)
-class AccountView:
-    """One's own account: each session with beginning, last use, id and whether it is this one.
-
-    ``done``: what was changed; ``bearer``: a token to be shown once; ``next``: where to go on to.
-    """
-
-    person: Person
-    roles: str
-    set_by: LinkView | None
-    codes_left: int
-    is_required: bool
-    sessions: Sequence[tuple[str, str, str, bool]]
-    tokens: Sequence[tuple[Token, str]]
-    permissions: Sequence[Permission]
-    done: str
-    bearer: str
-    next: str
-    terms: tuple[int, ...] = TERMS_DAYS
-    usual_days: int = DAYS
 
 
 @router.get("/account")
@@ -145,6 +123,7 @@ def _render_account(
     bearer: str = "",
     wanted: str = "/account",
 ) -> Response:
+    """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to."""
     accounts, credentials = page.logins.accounts, page.logins.credentials
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
     set_by = None
@@ -152,23 +131,27 @@ def _render_account(
         name = find_names(page.request, [use.made_by], page.language)[use.made_by]
         facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
         set_by = LinkView(facts, use.is_told)
-    view = AccountView(
-        person,
-        _list_roles(person.roles, page.language),
-        set_by,
-        credentials.count_recovery_codes(person.id),
-        find_settings(page.request).second_factor == "required",
-        [
+    return render_with_problem(
+        page,
+        "access/account.html",
+        refusal,
+        person=person,
+        roles=_list_roles(person.roles, page.language),
+        set_by=set_by,
+        codes_left=credentials.count_recovery_codes(person.id),
+        is_required=find_settings(page.request).second_factor == "required",
+        sessions=[
             (_format_moment(held.began_s), _format_moment(held.used_s), held.id, held.id == subject.session)
             for held in accounts.find_sessions(person.id)
         ],
-        [(token, _format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
-        [name for name in sorted(collect_permissions(person.roles)) if name != "own"],
-        done,
-        bearer,
-        wanted,
+        tokens=[(token, _format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
+        permissions=[name for name in sorted(collect_permissions(person.roles)) if name != "own"],
+        done=done,
+        bearer=bearer,
+        next=wanted,
+        terms=TERMS_DAYS,
+        usual_days=DAYS,
     )
-    return render_with_problem(page, "access/account.html", refusal, view)
 
 
 def _list_roles(roles: frozenset[Role], language: Language) -> str:

@@ -28,25 +28,12 @@ router = APIRouter(include_in_schema=False, prefix="/batches")
 
 
 @dataclass(frozen=True, slots=True)
-class BatchRow:
-    """A study in words: its name, when it was made, and how many analyses are in each state."""
-
-    id: str
-    name: str
-    when: str
-    counts: str
-
-
-@dataclass(frozen=True, slots=True)
 class Square:
     """A recording at a glance: its state, or the verdict on its data, and that in words."""
 
     id: str
     state: str
     title: str
-
-
-MOST_SQUARES = 2_000
 
 
 @router.get("")
@@ -63,7 +50,7 @@ def show_batch(batch_id: str, page: UsedPage) -> Response:
     jobs = page.services.batches.find_jobs(batch_id)
     return page.render(
         "batch.html",
-        build_library(page, replace(read_filter(page.request), batch=batch.id)),
+        **build_library(page, replace(read_filter(page.request), batch=batch.id)),
         batch=batch,
         told=_describe_batch(page, batch),
         squares=_draw_squares(page, batch_id, jobs),
@@ -113,8 +100,10 @@ def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square
     return squares
 
 
-def _describe_batch(page: Page, batch: Batch) -> BatchRow:
+def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
+    """Return the id of a study, its name, when it was made, and how many analyses are in each state."""
     words = page.words()["batches"]
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
     told = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
-    return BatchRow(batch.id, batch.name or words["unnamed"], format_moment(batch.created_at), told)
+    name, when = batch.name or words["unnamed"], format_moment(batch.created_at)
+    return {"id": batch.id, "name": name, "when": when, "counts": told}

@@ -1,31 +1,41 @@
-"""Help: the poses, which file to export, each code of a refusal or a warning, an example, a sample shift.
+"""Help: poses, exports, codes of refusals and warnings, an example, a sample shift, the API's document.
 
 The example is the report of a whole simulated shift. ``python -m benchmarks.example``
 makes its results, which are shipped; a test holds them against the engine.
 """
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cache
+from math import sin
 from pathlib import Path
+from typing import Any, cast
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, FastAPI, Request, Response
+from fastapi.responses import JSONResponse
+from markupsafe import Markup, escape
 
+from app.api.library.files import respond_with_file
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.intake import Intake
 from app.report.analysis.report import build_report
+from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
+from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
+from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import decode_results
 from app.report.figures import load_results
-from app.report.model import Report
-from app.report.render.brief import format_brief
+from app.report.model import Report, format_brief
 from app.report.render.html import find_template_folder, render_html
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
-from app.report.words.wording import Language, find_other_language
+from app.report.words.numbers import Clock, format_duration, format_number, format_percent, percent_sign
+from app.report.words.wording import Language, Words, fill, find_other_language, load_wording
 from app.request import ReportRequest
-from app.web.reading import draw_example
 from app.web.recording.page_one import PageOne
 from app.web.rendering import UsedPage
 from app.web.reports import lay_way_of_query
@@ -164,5 +174,138 @@ def get_example_pdf(page: UsedPage) -> Response:
 
     attached = {"results.json": find_example().read_bytes()}
     body = render_pdf(_build_example(page.language), attached, page.services.settings.paper)
-    headers = {"Content-Disposition": 'attachment; filename="acromion-example.pdf"'}
-    return Response(body, media_type="application/pdf", headers=headers)
+    return respond_with_file(body, "application/pdf", "acromion-example.pdf")
+
+
+# The pictures of "How to read this": the drawings of page 1, of an invented day.
+
+
+SHARE, SHARE_RANGE, SHARE_POSE, PUBLISHED = 12.0, (9.0, 16.0), (16.0, 22.0), 10.0
+END = 40.0
+SHARE_DAYS = (8.0, 16.0)
+"""The value ± 1.96 × 2.0 points (docs/profile.md), to the percent."""
+MINUTES, BREAK, HOLE, WORST = 240, (110, 130), (185, 195), (150, 165)
+LONGEST_S = 24.0
+
+
+def draw_example(language: Language) -> Mapping[str, str]:
+    """Draw a tile's scale, the day (wide and narrow) and the doubts; the values are invented."""
+    words, told = load_wording(language), load_wording(language, "help")["reading"]["picture"]
+    return {
+        "tile": draw_tile(_build_scale(told, language)),
+        "day": draw_day(*_build_day(words, told, language), WIDE),
+        "day_narrow": draw_day(*_build_day(words, told, language), NARROW),
+        "sure": draw_sureness(_build_sureness(words, told, language)),
+    }
+
+
+def _build_scale(told: Words, language: Language) -> TileScale:
+    return TileScale(
+        key="example",
+        words=(told["tile_title"], told["tile"]),
+        end=END,
+        end_label=_tell((END,), language),
+        measured=SHARE,
+        interval=SHARE_RANGE,
+        pose=SHARE_POSE,
+        published=(PUBLISHED,),
+        published_label=_tell((PUBLISHED,), language),
+    )
+
+
+def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayLabels]:
+    def band(minute: int) -> MinuteBand:
+        middle = 24 + 9 * sin(minute / 9) + 5 * sin(minute / 2.3)
+        above = 62.0 if WORST[0] <= minute < WORST[1] else 18 + 14 * sin(minute / 5) ** 2
+        return MinuteBand(60.0 * minute, 60.0 * (minute + 1), middle / 3, middle, middle + above)
+
+    edges = (0, *BREAK, *HOLE, MINUTES)
+    runs = tuple(tuple(map(band, range(a, b))) for a, b in zip(edges[::2], edges[1::2], strict=True))
+    day = Day(
+        duration_s=60.0 * MINUTES,
+        clock=Clock(datetime.fromisoformat("2026-03-02T08:00:00"), language),
+        runs=runs,
+        marks=(
+            Mark(60.0 * BREAK[0], 60.0 * BREAK[1], "left out", told["break"]),
+            Mark(60.0 * HOLE[0], 60.0 * HOLE[1], "missing", words["day"]["missing"]),
+        ),
+        worst=(60.0 * WORST[0], 60.0 * WORST[1]),
+        longest_start_s=60.0 * 157,
+    )
+    labels = build_day_labels(told["day_title"], told["day"], words)
+    worst = fill(words["day"]["worst"], {"percent": format_percent(2 * SHARE, language)})
+    longest = fill(words["day"]["longest"], {"duration": format_duration(LONGEST_S, language)})
+    return day, replace(labels, worst=worst, longest=longest)
+
+
+def _build_sureness(words: Words, told: Words, language: Language) -> Sureness:
+    entry = words["profile"]["sure"]
+    high = _tell(SHARE_POSE[1:], language)
+    return Sureness(
+        words=(told["sure_title"], told["sure"]),
+        measured=SHARE,
+        end=END,
+        end_label=_tell((END,), language),
+        doubts=(
+            Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
+            Doubt(entry["pose"], fill(entry["up_to"], {"high": high}), (SHARE, SHARE_POSE[1]), is_pose=True),
+            Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
+        ),
+    )
+
+
+def _tell(shares: Sequence[float], language: Language) -> str:
+    """Write whole percents, one or a range of two."""
+    return "–".join(format_number(share, 0, language) for share in shares) + percent_sign(language)
+
+
+# The OpenAPI document as a page of our own: nothing is loaded from elsewhere.
+
+
+_QUOTED = re.compile(r"``(.+?)``")
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation: its name, what it does in paragraphs, its parameters, what goes in and comes out."""
+
+    id: str
+    title: str
+    paragraphs: tuple[Markup, ...]
+    parameters: tuple[tuple[str, str, Markup], ...]
+    bodies: str
+    answers: str
+
+
+@router.get("/api/v1/openapi.json")
+def give_openapi(request: Request) -> JSONResponse:
+    """Return the OpenAPI document."""
+    return JSONResponse(cast("FastAPI", request.app).openapi())
+
+
+@router.get("/api/v1/docs")
+def show_docs(page: UsedPage) -> Response:
+    """Show every operation of the API."""
+    document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
+    operations = [
+        Operation(
+            told["operationId"],
+            f"{method.upper()} {path}",
+            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+            tuple(
+                (p["name"], p["in"], _mark_code(p.get("description", "")))
+                for p in told.get("parameters", ())
+                if p["in"] != "path"
+            ),
+            ", ".join(told.get("requestBody", {}).get("content", {})),
+            ", ".join(told["responses"]),
+        )
+        for path, methods in document["paths"].items()
+        for method, told in methods.items()
+    ]
+    return page.render("api_docs.html", operations=operations)
+
+
+def _mark_code(text: str) -> Markup:
+    """Set what stands between double backticks as code."""
+    return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before

@@ -13,13 +13,13 @@ from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from app.api.library.analyses import check_queue, run_to_end
-from app.api.library.files import build_download_name
+from app.api.library.files import MEDIA_TYPES, build_download_name, respond_with_file
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.trust import find_names
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.audit_log import touch
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Entry, Library
+from app.jobs.listing import Entry, Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter
 from app.jobs.store import JobFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
@@ -46,6 +46,7 @@ LONGEST_TAG = 40
 MOST_TAGS = 10
 DAY_S = 86400
 ZIP64_FROM_BYTES = 1 << 30
+CSV = MEDIA_TYPES["csv"]
 PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 
 router = APIRouter(include_in_schema=False)
@@ -67,7 +68,7 @@ def take_table(name: Literal["summary", "summary_fr", "problems"], page: UsedPag
             words = describe_problem(code, job.problem_facts, page.language)
             cells = (job.file_name, job.request.subject, code, words.title, words.detail, words.fix)
             rows.append(dict(zip(PROBLEM_COLUMNS, cells, strict=True)))
-    return _send_csv(encode_table(PROBLEM_COLUMNS, rows, INTERNATIONAL), name)
+    return respond_with_file(encode_table(PROBLEM_COLUMNS, rows, INTERNATIONAL), CSV, f"{name}.csv")
 
 
 @router.post("/library/acts/{name}.csv")
@@ -92,12 +93,8 @@ def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
 
 def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Response:
     rows = list(_summarise_jobs(services, [entry.job for entry in entries]))
-    return _send_csv(encode_summary(rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL), name)
-
-
-def _send_csv(body: bytes, name: str) -> Response:
-    headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
-    return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+    body = encode_summary(rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL)
+    return respond_with_file(body, CSV, f"{name}.csv")
 
 
 def _summarise_jobs(services: Services, jobs: list[Job]) -> Iterator[Row]:
@@ -361,18 +358,11 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
 # The trash: put in, take back, delete for good.
 
 
-@dataclass(frozen=True, slots=True)
-class TrashView:
-    """How long the trash keeps what is in it, and the title of the page of terms."""
-
-    term: str
-    terms: str
-
-
-def _describe_trash(page: Page) -> TrashView:
+def _describe_trash(page: Page) -> dict[str, Any]:
+    """Return how long the trash keeps what is in it, and the title of the page of terms."""
     days = page.services.retention.find_trash_term_s(page.services.settings.trash_term_s) / DAY_S
     term = fill(page.words()["trash"]["term"], {"days": f"{days:.0f}"})
-    return TrashView(term, page.words("trail")["terms"]["title"])
+    return {"term": term, "terms": page.words("trail")["terms"]["title"]}
 
 
 @router.get("/recordings/{recording_id}/delete")
@@ -398,7 +388,7 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
         backups = fill(page.words()["trash"]["backups"][term.kind], {"until": term.until})
     return page.render(
         "delete.html",
-        _describe_trash(page),
+        **_describe_trash(page),
         recording=row,
         size=format_size(row.size_bytes, page.language),
         added=format_moment(row.created_at),
@@ -443,4 +433,4 @@ def show_trash(page: UsedPage) -> Response:
     """List what is in the trash."""
     found = page.services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
     shown = [(row, format_size(row.size_bytes, page.language)) for row in found]
-    return page.render("trash.html", _describe_trash(page), rows=shown)
+    return page.render("trash.html", **_describe_trash(page), rows=shown)

@@ -23,7 +23,7 @@ from app.api.middleware.callers import (
     name_cookie,
     set_cookie,
 )
-from app.api.middleware.echoes import drop_secrets
+from app.api.middleware.problems import drop_secrets
 from app.errors import (
     AppError,
     LoginRefused,
@@ -256,16 +256,14 @@ def render_enrolment(page: Page, ticket: str, wanted: str, refusal: AppError | N
     return render_with_problem(page, "access/enrol.html", refusal, **values)
 
 
-def render_with_problem(
-    page: Page, template: str, refusal: AppError | None, *views: Any, **values: Any
-) -> Response:
+def render_with_problem(page: Page, template: str, refusal: AppError | None, **values: Any) -> Response:
     """Render a page of the accounts, with what was refused above its form."""
     if refusal is None:
-        return page.render(template, *views, problem=None, **values)
+        return page.render(template, problem=None, **values)
     problem = describe_problem(refusal.code, refusal.facts, page.language)
     told = {"problem": problem, "problem_code": refusal.code}
     status = find_outcome_of_code(refusal.code).status
-    response = page.render(template, *views, status=status, **told, **values)
+    response = page.render(template, status=status, **told, **values)
     if isinstance(refusal, TooManyTries):
         response.headers["Retry-After"] = str(refusal.facts["wait_s"])
     return response

@@ -1,23 +1,30 @@
-"""Pages of two finished analyses: both arms of one shift, or one day beside an earlier one."""
+"""Pages of several finished analyses: both arms of one shift, one day beside an earlier one, many days.
 
-from collections.abc import Mapping, Sequence
+Many days are those of one person, of both arms or of a group, before and after a change.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import date
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
+from markupsafe import Markup
 from pydantic import BaseModel, Field
 
 from app.api.library.files import respond_with_file
-from app.api.pairs import build_pair_download_name
-from app.errors import RecordedProblem
-from app.jobs.children.pairs import PairedJobs, PairReport
+from app.api.pairs import MOST_DAYS, build_pair_download_name
+from app.errors import CannotProfile, RecordedProblem
+from app.jobs.children.pairs import AnyJobs, AskedJobs, PairReport
 from app.jobs.job import Job
-from app.jobs.library.listing import Entry, Library
+from app.jobs.listing import Entry, Library, LibraryFilter
 from app.report.pairs import format_rows, load_pair_words
-from app.report.words.wording import fill
-from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
+from app.report.words.messages import describe_problem
+from app.report.words.numbers import format_percent
+from app.report.words.wording import fill, load_wording
+from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
 from app.services import Services, UsedServices
-from app.web.recording.curves import CurveView, Laid, build_curves
+from app.web.recording.page_one import Laid, build_curves
 from app.web.rendering import Page, UsedPage
 from app.web.reports import lay_way_of_query
 from fusion.comparison import FigureChange
@@ -74,50 +81,23 @@ class PairQuery(BaseModel):
 
 def find_asked(
     kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
-) -> PairedJobs:
+) -> AskedJobs[PairRequest]:
     """Find the analyses that an address names; a comparison has neither trunk nor offset."""
-    one, other = services.store.get(first), services.store.get(second)
-    paper = one.request.paper
-    if kind != "pair":
-        request = PairRequest(kind, paper=paper, same_subject=query.same_subject)
-        return PairedJobs(one, other, None, request)
-    trunk = services.store.get(query.trunk) if query.trunk else None
-    trunk_offset_s = parse_offset(query.trunk_offset_s) if trunk else None
-    offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
-    request = PairRequest(kind, *offsets_s, paper=paper, same_subject=query.same_subject)
-    return PairedJobs(one, other, trunk, request)
+    trunk = ""
+    offsets_s: tuple[float | None, float | None] = (None, None)
+    if kind == "pair":
+        trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
+        offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
+    jobs = tuple(map(services.store.get, (first, second, *([trunk] if trunk else ()))))
+    paper = jobs[0].request.paper
+    return AskedJobs(jobs, PairRequest(kind, *offsets_s, paper=paper, same_subject=query.same_subject))
 
 
-Asked = Annotated[PairedJobs, Depends(find_asked)]
-
-
-@dataclass(frozen=True, slots=True)
-class PairView:
-    """Two analyses and, of a pair, the trunk; ``figures`` is None while one person is asked for.
-
-    ``days``: when two visits began; ``differences``: the settings in which they differ; ``changes``: the rows
-    of a comparison.
-    """
-
-    kind: PairKind
-    first: Job
-    second: Job
-    trunk: Job | None
-    offset: str
-    trunk_offset: str
-    same_subject: bool
-    days: tuple[str, str] = ("", "")
-    trunks: tuple[Job, ...] = ()
-    figures: Mapping[str, Any] | None = None
-    sentences: Sequence[str] = ()
-    differences: Sequence[str] = ()
-    trunk_limit: str = ""
-    changes: Sequence[Sequence[str]] = ()
-    curves: Sequence[CurveView] = ()
+AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
 
 
 @router.get("/beside/{kind}")
-def show_pair(asked: Asked, page: UsedPage) -> Response:
+def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
 
     Where a subject code is missing, only the question whether all are of one person is shown.
@@ -126,34 +106,38 @@ def show_pair(asked: Asked, page: UsedPage) -> Response:
     offset, trunk_offset = (
         "" if offset_s is None else f"{offset_s:g}" for offset_s in (request.offset_s, request.trunk_offset_s)
     )
-    ids = (request.kind, asked.first, asked.second, asked.trunk)
-    view = PairView(*ids, offset, trunk_offset, request.same_subject)
+    first, second, *trunk = asked.jobs
+    shown: dict[str, Any] = {"kind": request.kind, "first": first, "second": second}
+    shown |= {"trunk": next(iter(trunk), None), "offset": offset, "trunk_offset": trunk_offset}
+    shown |= {"same_subject": request.same_subject, "days": ("", ""), "figures": None, "trunk_limit": ""}
+    shown |= dict.fromkeys(("trunks", "sentences", "differences", "changes", "curves"), ())
     try:
         report = _make(page.services, asked)
     except RecordedProblem as problem:
         if problem.facts.get("why") != "person":
             raise
-        return page.render("beside.html", view)
+        return page.render("beside.html", **shown)
     figures = report.read_figures()
     before, after = (
         _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
     )
-    view = replace(
-        view,
-        days=(before, after),
-        trunks=_offer_trunks(page.services, asked, figures),
-        figures=figures,
-        sentences=report.read_sentences(page.language),
-        differences=[words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS],
-        trunk_limit=load_pair_words(page.language)["pair"]["trunk"]["limit"],
-        changes=format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
-        curves=build_curves(page, _lay_curves(page, asked, figures, (before, after))),
-    )
-    return page.render("beside.html", view)
+    shown |= {
+        "days": (before, after),
+        "trunks": _offer_trunks(page.services, asked, figures),
+        "figures": figures,
+        "sentences": report.read_sentences(page.language),
+        "differences": [
+            words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS
+        ],
+        "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
+        "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
+        "curves": build_curves(page, _lay_curves(page, asked, figures, (before, after))),
+    }
+    return page.render("beside.html", **shown)
 
 
 def _lay_curves(
-    page: Page, asked: PairedJobs, figures: Mapping[str, Any], days: tuple[str, str]
+    page: Page, asked: AskedJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
 ) -> tuple[Laid, ...]:
     """Lay a pair, and its trunk, on one clock; two visits by the time of the day."""
     words = page.words("pair_pages")
@@ -162,21 +146,24 @@ def _lay_curves(
             f"{words[name]} · {day}" if day else words[name]
             for name, day in zip(("before", "after"), days, strict=True)
         )
-        return ((asked.first, before, None), (asked.second, after, None))
-    right_s = figures["clock"]["offset_s"]
-    laid: tuple[Laid, ...] = ((asked.first, words["left"], 0.0), (asked.second, words["right"], right_s))
-    if asked.trunk is not None:
-        laid = (*laid, (asked.trunk, words["trunk"], figures["trunk_clock"]["offset_s"]))
-    return laid
+        return ((asked.jobs[0], before, None), (asked.jobs[1], after, None))
+    names = (words["left"], words["right"], words["trunk"])
+    clocks = ({"offset_s": 0.0}, figures["clock"], figures["trunk_clock"])
+    return tuple(
+        (job, name, clock["offset_s"]) for job, name, clock in zip(asked.jobs, names, clocks, strict=False)
+    )
 
 
 @router.get("/beside/{kind}/report.{form}", response_class=Response)
-def get_report(form: Literal["html", "pdf"], asked: Asked, page: UsedPage) -> Response:
+def get_report(form: Literal["html", "pdf"], asked: AskedPair, page: UsedPage) -> Response:
     """Return the report of two, to read or to file."""
-    report = _make(page.services, asked)
-    body = report.read(report.find("report", form, page.language))
+    return _respond_with_report(page, asked, _make(page.services, asked), form)
+
+
+def _respond_with_report(page: Page, asked: AnyJobs, report: PairReport, form: str) -> Response:
+    body, kind = report.read(report.find("report", form, page.language)), asked.request.kind
     if form == "html":
-        return lay_way_of_query(page, body.decode(), f"/beside/{asked.request.kind}")
+        return lay_way_of_query(page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}")
     return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
 
 
@@ -205,7 +192,7 @@ def parse_offset(text: str) -> float | None:
     return offset_s if abs(offset_s) <= LONGEST_OFFSET_S else None
 
 
-def _make(services: Services, asked: PairedJobs) -> PairReport:
+def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
     """Make the report of two; where methods differ, too, for the page says so and offers to analyse alike."""
     try:
         return services.pairs.make(asked)
@@ -215,7 +202,9 @@ def _make(services: Services, asked: PairedJobs) -> PairReport:
     return services.pairs.make(replace(asked, request=replace(asked.request, mixed_methods=True)))
 
 
-def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, Any]) -> tuple[Job, ...]:
+def _offer_trunks(
+    services: Services, asked: AskedJobs[PairRequest], figures: Mapping[str, Any]
+) -> tuple[Job, ...]:
     """Offer the recordings that may be of the trunk: same person, same day, neither arm stated.
 
     The chosen one is always among them.
@@ -225,10 +214,159 @@ def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, A
     start = figures["left"].get("start") or ""
     found = [
         other.job
-        for other in Library(services.store.reader).find_others(asked.first, MOST_TRUNKS)
+        for other in Library(services.store.reader).find_others(asked.jobs[0], MOST_TRUNKS)
         if other.job.request.side is None
-        and other.job.recording_id != asked.second.recording_id
+        and other.job.recording_id != asked.jobs[1].recording_id
         and _read_start(other)[:DAY] == start[:DAY]
     ]
-    chosen = (asked.trunk,) if asked.trunk and asked.trunk.id not in {job.id for job in found} else ()
-    return (*chosen, *found)
+    known = {job.id for job in found}
+    return (*(trunk for trunk in asked.jobs[2:] if trunk.id not in known), *found)
+
+
+# Several days.
+
+
+MOST_OFFERED = 60
+"""Recordings of one person in the form."""
+
+
+class DaysQuery(BaseModel):
+    """The analyses of the days, those after a change apart, and what a person says of them.
+
+    ``study`` stands for every report of a study; those from the day ``since`` on are after the change.
+    """
+
+    analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    study: Annotated[str, Field(max_length=40)] = ""
+    since: date | Literal[""] = ""
+    same_subject: bool = False
+    mixed_methods: bool = False
+
+
+def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> AskedJobs[ProfileRequest]:
+    """Find the analyses that an address names; one that stands on both sides is after the change."""
+    if query.study:
+        first, after = _find_study(services, query)
+    else:
+        ids = dict.fromkeys(query.after)
+        first = [services.store.get(one) for one in dict.fromkeys(query.analysis) if one not in ids]
+        after = [services.store.get(one) for one in ids]
+    jobs = (*first, *after)
+    if not jobs:
+        raise CannotProfile(why="one")
+    request = ProfileRequest(
+        len(first) if after and first else None,
+        paper=jobs[0].request.paper,
+        same_subject=query.same_subject,
+        mixed_methods=query.mixed_methods,
+        has_drawings=True,
+    )
+    return AskedJobs(jobs, request)
+
+
+def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
+    """Find the reports of a study, and those after a change: what has no clock is on neither side."""
+    wanted = LibraryFilter(batch=services.batches.get(query.study).id)
+    placed = [
+        (entry.job, entry.headline.start or "")
+        for entry in Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
+        if entry.headline and entry.job.request.reference is None
+    ]
+    if not query.since:
+        return [job for job, _ in placed], []
+    since = query.since.isoformat()
+    before = [job for job, start in placed if start and start < since]
+    return before, [job for job, start in placed if start >= since]
+
+
+AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(find_days)]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A recording in the form: its analysis, what it is called, and on which side it stands."""
+
+    id: str
+    name: str
+    when: str
+    side: str
+    above_60: str
+    is_chosen: bool
+    is_after: bool
+
+
+@router.get("/days")
+def show_days(asked: AskedDays, page: UsedPage) -> Response:
+    """Show several days laid over one another, with a form of the person's recordings to choose from."""
+    try:
+        made = page.services.pairs.make(asked)
+    except RecordedProblem as refused:
+        if refused.code != CannotProfile.code:
+            raise
+        problem = describe_problem(refused.code, refused.facts, page.language)
+        shown: dict[str, Any] = {"problem": problem, "sentences": (), "drawings": (), "figures": {}}
+    else:
+        drawings = [
+            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
+            for chart in made.read_drawings(page.language)
+        ]
+        sentences, figures = made.read_sentences(page.language), made.read_figures()
+        shown = {"problem": None, "sentences": sentences, "drawings": drawings, "figures": figures}
+    choices, query = _list_choices(page, asked), page.request.url.query
+    return page.render("days.html", query=query, asked=asked.request, choices=choices, **shown)
+
+
+@router.get("/days/report.{form}", response_class=Response)
+def get_days_report(form: Literal["html", "pdf"], asked: AskedDays, page: UsedPage) -> Response:
+    """Get the report of several days, to read or to file."""
+    return _respond_with_report(page, asked, page.services.pairs.make(asked), form)
+
+
+@router.get("/days/{name}.csv", response_class=Response)
+def get_days_table(name: Literal["profile", "overlay"], asked: AskedDays, services: UsedServices) -> Response:
+    """Get a row for each day, or for each quarter hour of the clock."""
+    body = services.pairs.make(asked).read(f"{name}.csv")
+    return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
+
+
+def find_days_address(services: Services, job: Job) -> str:
+    """Return the address of the days of a person: all recordings with a report; empty where there is one.
+
+    What states no arm, as a sensor on the trunk, is left out beside what does.
+    """
+    others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
+    ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
+    return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
+
+
+def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice, ...]:
+    """List the chosen recordings and the others of the same people.
+
+    What has no subject code stands by itself.
+    """
+    library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
+    found: dict[str, Entry] = {}
+    for job in {job.request.subject: job for job in asked.jobs}.values():
+        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
+        found |= {entry.job.recording_id: entry for entry in every}
+    for job in asked.jobs:
+        known = found.get(job.recording_id)
+        found[job.recording_id] = Entry(job, known.headline if known else None)
+    chosen, count = [job.id for job in asked.jobs], asked.request.before_count
+    after = set(chosen[count:]) if count is not None else set()
+    listed = []
+    for entry in found.values():
+        job, headline = entry.job, entry.headline
+        listed.append(
+            Choice(
+                job.id,
+                job.file_name,
+                ((headline.start if headline else None) or "")[:16].replace("T", " "),
+                sides[job.request.side or "unknown"],
+                format_percent(headline.above_60_percent if headline else None, page.language),
+                job.id in chosen and job.id not in after,
+                job.id in after,
+            )
+        )
+    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))

@@ -3,7 +3,7 @@
 import gzip
 import hashlib
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -21,7 +21,7 @@ from starlette.types import Scope
 from app.access.logins import Logins
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import find_logins
-from app.api.middleware.echoes import drop_secrets
+from app.api.middleware.problems import drop_secrets
 from app.errors import NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
@@ -163,14 +163,10 @@ class Page:
         """Lead the browser on to a page of ours."""
         return RedirectResponse(self.base + place, status_code=303)
 
-    def render(self, template: str, *views: Any, status: int = 200, **values: Any) -> HTMLResponse:
-        """Render a template, and remember a choice of language.
-
-        ``views`` are dataclasses; their fields are names in the template, as ``values`` are.
-        """
-        shown = {field.name: getattr(view, field.name) for view in views for field in fields(view)}
+    def render(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
+        """Render a template with its values, and remember a choice of language."""
         body = pages.get_template(template).render(
-            shown | values,
+            values,
             words=self.words(),
             wording=_Wording(self.language),
             language=self.language,

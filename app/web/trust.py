@@ -12,7 +12,7 @@ from app.api.middleware.access import UsedSubject
 from app.api.trust import MOST_LINES, AuditQuery, build_question, find_names
 from app.errors import BadParameter
 from app.jobs.audit_log import ACTS, find_lines
-from app.jobs.governance.retention import KINDS
+from app.jobs.governance import KINDS
 from app.jobs.recordings import HOLD_REASONS
 from app.web.forms import UsedForm, first
 from app.web.rendering import Page, UsedPage

@@ -20,10 +20,10 @@ from app.report.words.numbers import format_angle
 from app.report.words.wording import fill, find_nearest
 from app.services import UsedServices
 from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
-from app.web.recording.curves import CurveView
 from app.web.recording.day import DayClock, Piece, cut_curve, find_day
+from app.web.recording.page_one import CurveView
 from app.web.rendering import Page, UsedPage
-from app.web.views import JobRow, build_row, format_size
+from app.web.views import build_row, format_size
 from fusion.errors import FusionError
 
 TYPED = ("side", "subject", "study", "offset_s", "drift_ppm")
@@ -64,16 +64,6 @@ def _render_form(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ValidationView:
-    """One comparison: its state, then its answer and the two angles."""
-
-    row: JobRow
-    reference: str
-    sentences: Sequence[str]
-    curves: Sequence[CurveView]
-
-
 @router.get("/validations/{validation_id}")
 def show(validation_id: str, page: UsedPage) -> Response:
     """Show one comparison: its state, or its answer and files."""
@@ -91,7 +81,11 @@ def show(validation_id: str, page: UsedPage) -> Response:
         curves = (CurveView(name, f"{place}own", clock, 0.0, beside=f"{place}reference"),)
     reference = job.request.reference.file_name if job.request.reference else ""
     return page.render(
-        "validation.html", ValidationView(build_row(job, language), reference, sentences, curves)
+        "validation.html",
+        row=build_row(job, language),
+        reference=reference,
+        sentences=sentences,
+        curves=curves,
     )
 
 

@@ -12,17 +12,16 @@ from urllib.parse import urlencode
 from fastapi import Request
 
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures
-from app.jobs.library.listing import (
+from app.jobs.listing import (
     FALLING,
     GROUPS,
     ORDERS,
     Entry,
     Group,
+    HeadlineFigures,
     Library,
     LibraryFilter,
     Order,
-    SavedView,
     Took,
 )
 from app.report.words.columns import format_columns
@@ -338,7 +337,7 @@ class ShownEntry:
     when: str
     is_added: bool
     arm: str
-    figures: "ShownFigures | None" = None
+    figures: Mapping[str, Any] | None = None
     tags: tuple[tuple[str, str], ...] = ()
     """Each with the address of all that have it."""
     attempt: JobRow | None = None
@@ -347,20 +346,6 @@ class ShownEntry:
     def active(self) -> JobRow | None:
         """The analysis of the row that is under way."""
         return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
-
-
-@dataclass(frozen=True, slots=True)
-class ShownFigures:
-    """The main figures of a report; ``spark`` draws the day, "" where it is not known."""
-
-    hours: str
-    verdict: str
-    quality: str
-    is_older: bool
-    is_pose_open: bool
-    above: str
-    spark: str
-    spark_words: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,41 +366,6 @@ class Chip:
     count: int
     address: str
     is_chosen: bool
-
-
-@dataclass(frozen=True, slots=True)
-class LibraryView:
-    """The list of the first page, or of a batch: what is ``wanted``, its rows, and the links around them.
-
-    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
-    """
-
-    entries: Sequence[ShownEntry]
-    headings: Sequence[Heading]
-    wanted: LibraryFilter
-    tags: Sequence[str]
-    views: Sequence[SavedView]
-    number: int
-    older: int
-    query: str
-    chips: Sequence[Chip]
-    count: str
-    is_empty: bool
-    page: int
-    pages: int
-    earlier_page: str
-    later_page: str
-    source_query: str
-
-
-@dataclass(frozen=True, slots=True)
-class Neighbours:
-    """What was shown before and after an analysis in the list that it was opened from."""
-
-    previous_id: str | None
-    next_id: str | None
-    query: str
-    back: str
 
 
 def read_filter(request: Request) -> LibraryFilter:
@@ -449,8 +399,11 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
     return urlencode({name: value for name, value in (parameters | changes).items() if value})
 
 
-def build_library(page: Page, wanted: LibraryFilter) -> LibraryView:
-    """Build everything that the list of the first page, or of a batch, needs."""
+def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
+    """Build what the list of the first page, or of a batch, needs: its rows, and the links around them.
+
+    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
+    """
     words, services = page.words(), page.services
     library = Library(services.store.reader)
     counts = library.count(wanted)
@@ -461,7 +414,7 @@ def build_library(page: Page, wanted: LibraryFilter) -> LibraryView:
     done = fill(words["list"]["summary"], facts)
     entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
     took = find_took(services, entries)
-    return LibraryView(
+    return dict(  # noqa: C408  as keywords of a template
         entries=[build_entry(entry, page.language, took) for entry in entries],
         headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
         wanted=wanted,
@@ -516,22 +469,23 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
     )
 
 
-def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> ShownFigures:
+def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> dict[str, Any]:
+    """Show the main figures of a report; ``spark`` draws the day, "" where it is not known."""
     spark, lowest, highest = draw_spark(headline.day)
-    return ShownFigures(
-        hours=format_duration(headline.recorded_s, language),
-        verdict=headline.verdict,
-        quality=str(words["verdict_short"].get(headline.verdict, "")),
-        is_older=0 < headline.method_version < int(METHOD_VERSION),
-        is_pose_open=headline.calibration_state == "assumed",
-        above=format_percent(headline.above_60_percent, language),
-        spark=spark,
-        spark_words=fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
-    )
+    return {
+        "hours": format_duration(headline.recorded_s, language),
+        "verdict": headline.verdict,
+        "quality": str(words["verdict_short"].get(headline.verdict, "")),
+        "is_older": 0 < headline.method_version < int(METHOD_VERSION),
+        "is_pose_open": headline.calibration_state == "assumed",
+        "above": format_percent(headline.above_60_percent, language),
+        "spark": spark,
+        "spark_words": fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
+    }
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:
-    """Draw a day of :func:`app.jobs.library.figures.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
+    """Draw a day of :func:`app.jobs.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
 
     Gives the path with its lowest and highest angle; "" for each where no angle is known.
     """
@@ -550,13 +504,12 @@ def draw_spark(day: str) -> tuple[str, str, str]:
     return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
-def find_neighbours(page: Page, job: Job) -> Neighbours:
+def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
     """Find what was shown before and after an analysis in the list that it was opened from."""
     wanted = read_filter(page.request)
     before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
-    return Neighbours(
-        before, after, write_filter(wanted), f"/batches/{wanted.batch}" if wanted.batch else "/"
-    )
+    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
+    return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 
 def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:

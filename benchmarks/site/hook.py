@@ -28,8 +28,7 @@ from app.report.render.pdf import render_first_page, render_pdf
 from app.report.words.messages import CaveatWords, Problem, describe_flag, describe_problem, find_flag_codes
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.settings import Settings
-from app.web.help import POSES, find_example
-from app.web.reading import draw_example
+from app.web.help import POSES, draw_example, find_example
 from app.web.rendering import pages
 from benchmarks.site.bibliography import cite
 from benchmarks.site.notebook import run_notebook, write_markdown

@@ -12,13 +12,9 @@ LEAST_RANGED_S = 1800.0
 class Interval:
     """95 % range of a figure, in the figure's own unit.
 
-    Attributes
-    ----------
-    low, high
-        Its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.intervals`).
-    low_pose, high_pose
-        The ends of the range that also holds the one-sided error of the N-pose; None in any other pose, and
-        of figures that it is not worked out for.
+    ``low``, ``high``: its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.intervals`).
+    ``low_pose``, ``high_pose``: the ends of the range that also holds the one-sided error of the N-pose; None
+    in any other pose, and of figures that it is not worked out for.
     """
 
     low: float
@@ -38,16 +34,10 @@ class Interval:
 class ElevationBin:
     """Time with ``lower_deg <= elevation < upper_deg`` (the last bin is closed).
 
-    Attributes
-    ----------
-    lower_deg, upper_deg
-        Edges of the bin.
-    duration_s
-        Analysed time inside.
-    percent
-        Its share of the analysed time.
-    interval
-        Of ``percent``; None where it is not known.
+    ``lower_deg``, ``upper_deg``: edges of the bin.
+    ``duration_s``: analysed time inside.
+    ``percent``: its share of the analysed time.
+    ``interval``: of ``percent``; None where it is not known.
     """
 
     lower_deg: float
@@ -61,16 +51,10 @@ class ElevationBin:
 class TimeAbove:
     """Time with ``elevation >= threshold_deg``.
 
-    Attributes
-    ----------
-    threshold_deg
-        30, 60 or 90.
-    duration_s
-        Analysed time at or above it.
-    percent
-        Its share of the analysed time.
-    interval
-        Of ``percent``; None where it is not known.
+    ``threshold_deg``: 30, 60 or 90.
+    ``duration_s``: analysed time at or above it.
+    ``percent``: its share of the analysed time.
+    ``interval``: of ``percent``; None where it is not known.
     """
 
     threshold_deg: float
@@ -83,16 +67,11 @@ class TimeAbove:
 class Entries:
     """Repetitions: rises above a threshold, with 10 deg of hysteresis about it.
 
-    Attributes
-    ----------
-    threshold_deg
-        30, 60 or 90.
-    count
-        Number of rises.
-    per_hour
-        The same for each analysed hour; None under half an hour (:data:`LEAST_RANGED_S`).
-    busy_minutes_percent
-        Share of the minutes of work with two entries or more (the criterion of frequency in EN 1005-4).
+    ``threshold_deg``: 30, 60 or 90.
+    ``count``: number of rises.
+    ``per_hour``: the same for each analysed hour; None under half an hour (:data:`LEAST_RANGED_S`).
+    ``busy_minutes_percent``: share of the minutes of work with two entries or more (the criterion of
+    frequency in EN 1005-4).
     """
 
     threshold_deg: float
@@ -105,26 +84,16 @@ class Entries:
 class Episodes:
     """Sustained stays above a threshold.
 
-    Attributes
-    ----------
-    threshold_deg
-        30, 60 or 90.
-    count
-        Number of stays.
-    longest_s, median_s
-        Their durations; None where there was no stay.
-    longest_start_s
-        When the longest began, from the recording's first sample; None where there was no stay.
-    censored
-        Stays that a hole, an exclusion or an end of the recording cuts, so that they lasted longer.
-    per_hour
-        Stays for each analysed hour.
-    total_s
-        Sum of all durations.
-    p90_s
-        90th percentile of the durations; None where there was no stay.
-    longer_s
-        Pairs (limit, seconds): time in stays longer than 5, 10, 30 and 60 s.
+    ``threshold_deg``: 30, 60 or 90.
+    ``count``: number of stays.
+    ``longest_s``, ``median_s``: their durations; None where there was no stay.
+    ``longest_start_s``: when the longest began, from the recording's first sample; None where there was no
+    stay.
+    ``censored``: stays that a hole, an exclusion or an end of the recording cuts, so that they lasted longer.
+    ``per_hour``: stays for each analysed hour.
+    ``total_s``: sum of all durations.
+    ``p90_s``: 90th percentile of the durations; None where there was no stay.
+    ``longer_s``: pairs (limit, seconds): time in stays longer than 5, 10, 30 and 60 s.
     """
 
     threshold_deg: float
@@ -143,12 +112,9 @@ class Episodes:
 class Cycles:
     """Rainflow ranges of one class (ASTM E1049).
 
-    Attributes
-    ----------
-    lower_deg, upper_deg
-        The range of a cycle is ``lower_deg`` or more and less than ``upper_deg``; None has no bound.
-    count
-        Cycles; a half cycle counts 0.5.
+    ``lower_deg``, ``upper_deg``: the range of a cycle is ``lower_deg`` or more and less than ``upper_deg``;
+    None has no bound.
+    ``count``: cycles; a half cycle counts 0.5.
     """
 
     lower_deg: float
@@ -158,14 +124,9 @@ class Cycles:
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Time-weighted percentiles and mean of one kind of speed.
+    """One kind of speed over the analysed time.
 
-    Attributes
-    ----------
-    p10_dps, p50_dps, p90_dps, p99_dps
-        Percentiles.
-    mean_dps
-        Mean.
+    ``p10_dps``, ``p50_dps``, ``p90_dps``, ``p99_dps``, ``mean_dps``: time-weighted percentiles and mean.
     """
 
     p10_dps: float
@@ -179,14 +140,9 @@ class Velocity:
 class PeakWindow:
     """The window of ``length_s`` with the largest share of time above 60 deg.
 
-    Attributes
-    ----------
-    length_s
-        Length of the window.
-    start_s
-        When it begins, from the recording's first sample; None where no window qualifies.
-    percent_above_60
-        Share of its analysed time at or above 60 deg; None where no window qualifies.
+    ``length_s``: length of the window.
+    ``start_s``: when it begins, from the recording's first sample; None where no window qualifies.
+    ``percent_above_60``: share of its analysed time at or above 60 deg; None where no window qualifies.
     """
 
     length_s: int
@@ -198,16 +154,10 @@ class PeakWindow:
 class Eva:
     """Exposure variation analysis: time by class of angle and class of uninterrupted duration.
 
-    Attributes
-    ----------
-    angle_edges_deg
-        Edges of the a classes of angle, a + 1 values.
-    duration_edges_s
-        Edges of the d classes of duration, d + 1 values; None has no bound.
-    percent
-        Shape (a, d): share of the analysed time.
-    intervals
-        Of each cell, in rows; empty where they are not known.
+    ``angle_edges_deg``: edges of the a classes of angle, a + 1 values.
+    ``duration_edges_s``: edges of the d classes of duration, d + 1 values; None has no bound.
+    ``percent``: shape (a, d): share of the analysed time.
+    ``intervals``: of each cell, in rows; empty where they are not known.
     """
 
     angle_edges_deg: tuple[float, ...]
@@ -220,30 +170,17 @@ class Eva:
 class PartExposure:
     """The main figures of one part of the day: a clock hour, a period of the diary, a task.
 
-    Attributes
-    ----------
-    label
-        The hour, or the diary's own word.
-    start_s, end_s
-        From the recording's first sample.
-    analysed_s
-        Analysed time inside.
-    percentiles_deg
-        Elevation by percent.
-    percent_above
-        Share of the analysed time at or above a threshold, by the threshold in deg.
-    entries_above_60_per_h
-        Rises above 60 deg for each analysed hour; None where nothing was analysed.
-    kind
-        Of a period: "work", "break" and so on; empty for an hour.
-    recorded_s
-        Of a period: from its first to its last moment less what other periods cut out of it.
-    reason
-        Of a period: why its time is excluded; empty where it is analysed.
-    intervals
-        By the names of the figures; empty where they are not known.
-    periods
-        How many rows of the diary were pooled.
+    ``label``: the hour, or the diary's own word.
+    ``start_s``, ``end_s``: from the recording's first sample.
+    ``analysed_s``: analysed time inside.
+    ``percentiles_deg``: elevation by percent.
+    ``percent_above``: share of the analysed time at or above a threshold, by the threshold in deg.
+    ``entries_above_60_per_h``: rises above 60 deg for each analysed hour; None where nothing was analysed.
+    ``kind``: of a period: "work", "break" and so on; empty for an hour.
+    ``recorded_s``: of a period: from its first to its last moment less what other periods cut out of it.
+    ``reason``: of a period: why its time is excluded; empty where it is analysed.
+    ``intervals``: by the names of the figures; empty where they are not known.
+    ``periods``: how many rows of the diary were pooled.
     """
 
     label: str
@@ -264,15 +201,10 @@ class PartExposure:
 class Recovery:
     """Time in which the arm recovers: arm down and nearly still, or slow at any angle.
 
-    Attributes
-    ----------
-    neutral_slow_percent, neutral_slow_per_hour
-        Arm down and nearly still: share of the analysed time, and periods for each analysed hour (None under
-        half an hour).
-    slow_percent, slow_per_hour
-        Slow at any angle: the same.
-    longest_without_s
-        Longest time without a period that is arm down and nearly still.
+    ``neutral_slow_percent``, ``neutral_slow_per_hour``: arm down and nearly still: share of the analysed
+    time, and periods for each analysed hour (None under half an hour).
+    ``slow_percent``, ``slow_per_hour``: slow at any angle: the same.
+    ``longest_without_s``: longest time without a period that is arm down and nearly still.
     """
 
     neutral_slow_percent: float
@@ -286,12 +218,8 @@ class Recovery:
 class Frequency:
     """How fast the elevation goes to and fro.
 
-    Attributes
-    ----------
-    mean_power_hz
-        Mean power frequency of the speed of inclination; None without an unbroken minute.
-    crossings_per_hour
-        Changes of direction for each analysed hour; None under half an hour.
+    ``mean_power_hz``: mean power frequency of the speed of inclination; None without an unbroken minute.
+    ``crossings_per_hour``: changes of direction for each analysed hour; None under half an hour.
     """
 
     mean_power_hz: float | None
@@ -302,16 +230,10 @@ class Frequency:
 class HourVariation:
     """How one figure differs between the clock hours, in the figure's own unit.
 
-    Attributes
-    ----------
-    hours
-        Clock hours that are compared.
-    coefficient_percent
-        Standard deviation over mean; None where the mean is 0.
-    spread
-        Largest less smallest.
-    last_less_first
-        The last hour's less the first's.
+    ``hours``: clock hours that are compared.
+    ``coefficient_percent``: standard deviation over mean; None where the mean is 0.
+    ``spread``: largest less smallest.
+    ``last_less_first``: the last hour's less the first's.
     """
 
     hours: int
@@ -324,14 +246,9 @@ class HourVariation:
 class EvaSummary:
     """The EVA matrix in a few figures.
 
-    Attributes
-    ----------
-    by_angle_percent, by_duration_percent
-        Sums of its rows and of its columns.
-    cell_sd_percent
-        Standard deviation of its cells.
-    centroid_deg, centroid_s
-        Its centre of mass.
+    ``by_angle_percent``, ``by_duration_percent``: sums of its rows and of its columns.
+    ``cell_sd_percent``: standard deviation of its cells.
+    ``centroid_deg``, ``centroid_s``: its centre of mass.
     """
 
     by_angle_percent: tuple[float, ...]
@@ -345,14 +262,10 @@ class EvaSummary:
 class MinuteProfile:
     """The day in minutes, for the timeline: arrays of shape (m,).
 
-    Attributes
-    ----------
-    start_s
-        When each minute begins, from the recording's first sample.
-    p10_deg, p50_deg, p90_deg
-        Percentiles of elevation; NaN where a minute holds no analysed time.
-    analysed_s
-        Analysed time of each minute.
+    ``start_s``: when each minute begins, from the recording's first sample.
+    ``p10_deg``, ``p50_deg``, ``p90_deg``: percentiles of elevation; NaN where a minute holds no analysed
+    time.
+    ``analysed_s``: analysed time of each minute.
     """
 
     start_s: Float64Array
@@ -366,51 +279,34 @@ class MinuteProfile:
 class Exposure:
     """All figures of one recording.
 
-    Attributes
-    ----------
-    analysed_s
-        Time that all shares refer to.
-    bins
-        Time in bins of elevation.
-    time_above
-        Time at or above 30, 60 and 90 deg.
-    percentiles_deg
-        Elevation by percent: 1, 5, 10, 25, 50, 75, 90, 95, 99.
-    entries, cycles, episodes
-        Repetitions, rainflow cycles and sustained stays.
-    velocity_dps
-        By kind: "inclination", "generalised", "generalised_accelerometer", "gyroscope"; None where it could
-        not be computed.
-    elevation_p99_deg
-        Peak: the 99th percentile.
-    peak_windows
-        Windows with the largest share above 60 deg.
-    eva
-        Exposure variation analysis.
-    by_hour, by_period
-        The main figures by clock hour, and by period of the diary.
-    minutes
-        The day in minutes.
-    histogram_s
-        Shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180; all shares derive from them.
-    metric_filter_hz
-        Corner of the low-pass all figures were taken behind; None where the series was too slow to filter.
-    intervals
-        By column name, for figures without an interval of their own; empty where they are not known.
-    recovery, frequency
-        None where they were not computed.
-    hour_variation
-        By figure: how it differs between the hours.
-    eva_summary
-        The EVA matrix in a few figures.
-    conventions
-        The bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its key.
-    by_task
-        The periods once more, those of one kind and label pooled; they too add up to the recording.
-    angle_sigma_deg
-        Standard deviation of a constant error of the angle that the intervals include; None or 0: not known.
-    quarter_hours
-        Up to three windows of 15 minutes with the most time above 60 deg, the largest first; none overlap.
+    ``analysed_s``: time that all shares refer to.
+    ``bins``: time in bins of elevation.
+    ``time_above``: time at or above 30, 60 and 90 deg.
+    ``percentiles_deg``: elevation by percent: 1, 5, 10, 25, 50, 75, 90, 95, 99.
+    ``entries``, ``cycles``, ``episodes``: repetitions, rainflow cycles and sustained stays.
+    ``velocity_dps``: by kind: "inclination", "generalised", "generalised_accelerometer", "gyroscope"; None
+    where it could not be computed.
+    ``elevation_p99_deg``: peak: the 99th percentile.
+    ``peak_windows``: windows with the largest share above 60 deg.
+    ``eva``: exposure variation analysis.
+    ``by_hour``, ``by_period``: the main figures by clock hour, and by period of the diary.
+    ``minutes``: the day in minutes.
+    ``histogram_s``: shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180; all shares derive from
+    them.
+    ``metric_filter_hz``: corner of the low-pass all figures were taken behind; None where the series was too
+    slow to filter.
+    ``intervals``: by column name, for figures without an interval of their own; empty where they are not
+    known.
+    ``recovery``, ``frequency``: None where they were not computed.
+    ``hour_variation``: by figure: how it differs between the hours.
+    ``eva_summary``: the EVA matrix in a few figures.
+    ``conventions``: the bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by
+    its key.
+    ``by_task``: the periods once more, those of one kind and label pooled; they too add up to the recording.
+    ``angle_sigma_deg``: standard deviation of a constant error of the angle that the intervals include; None
+    or 0: not known.
+    ``quarter_hours``: up to three windows of 15 minutes with the most time above 60 deg, the largest first;
+    none overlap.
     """
 
     analysed_s: float

@@ -22,7 +22,7 @@ class LiveElevation:
 
         Raises
         ------
-        fusion.orientation.arrays.UnusableArrays
+        fusion.errors.UnusableArrays
         """
         self._rate_hz = rate_hz
         self._vertical = LiveVertical(rate_hz)
@@ -36,7 +36,7 @@ class LiveElevation:
 
         Raises
         ------
-        fusion.orientation.arrays.UnusableArrays
+        fusion.errors.UnusableArrays
         """
         acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
         if self._arm_axis is not None:

@@ -128,7 +128,7 @@ class LiveSession:
 
         Raises
         ------
-        fusion.orientation.arrays.UnusableArrays
+        fusion.errors.UnusableArrays
         """
         self.rate_hz = rate_hz
         self.pose_window_s: tuple[float, float] | None = None
@@ -167,7 +167,7 @@ class LiveSession:
 
         Raises
         ------
-        fusion.orientation.arrays.UnusableArrays
+        fusion.errors.UnusableArrays
             Values that are not finite, or other shapes; then nothing has changed.
         """
         check_arrays(frames.acc_g, frames.gyr_dps, 1.0)

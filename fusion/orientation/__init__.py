@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusion.conventions import MethodName
-from fusion.orientation.arrays import UnusableArrays, check_arrays, check_gravity
+from fusion.errors import UnusableArrays
+from fusion.orientation.arrays import check_arrays, check_gravity
 from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
@@ -42,7 +43,7 @@ def estimate_vertical(
 
     Raises
     ------
-    fusion.orientation.arrays.UnusableArrays
+    fusion.errors.UnusableArrays
         A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive, an
         acceleration whose median length is under 1/3 or over 3 (m/s2, mg, counts; all zeros), an unknown
         method.

@@ -5,26 +5,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.caveats import TERM
-from fusion.errors import UnusableRecording
+from fusion.errors import UnusableArrays
 from fusion.recording import Float64Array, FloatArray
-
-
-class UnusableArrays(
-    UnusableRecording,
-    ValueError,
-    code="E-ARRAYS",
-    why=TERM,
-    acc="shape",
-    gyr="shape",
-    axis="as given",
-    g="g, median length",
-    rate_hz="Hz",
-    value="as given",
-    allowed="what can be",
-):
-    """The arrays cannot be fused."""
-
 
 UNIT_WITHIN = 0.01
 OTHER_UNIT = 3.0

@@ -70,7 +70,7 @@ class LiveVertical:
 
         Raises
         ------
-        fusion.orientation.arrays.UnusableArrays
+        fusion.errors.UnusableArrays
         """
         acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
         out = np.empty((len(acc), 3))

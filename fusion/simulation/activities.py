@@ -29,18 +29,14 @@ REPEAT_DEG, SWAY_DEG = (1.5, 4.0), (0.1, 0.4)
 class Person:
     """One worker.
 
-    Attributes
-    ----------
-    stance_deg, stance_plane_deg
-        How far from plumb the arm hangs in relaxed standing, and in which plane.
-    repeat_deg
-        Standard deviation of each of the two components of that posture, from one time to the next.
-    sway_deg
-        Size of the sway of an idle arm.
-    gait_deg, gait_plane_deg
-        The same of the mean posture in walking.
-    step_hz, swing_deg, heave_m
-        Steps a second, half the swing of the arm, half the rise and fall of the trunk.
+    ``stance_deg``, ``stance_plane_deg``: how far from plumb the arm hangs in relaxed standing, and in which
+    plane.
+    ``repeat_deg``: standard deviation of each of the two components of that posture, from one time to the
+    next.
+    ``sway_deg``: size of the sway of an idle arm.
+    ``gait_deg``, ``gait_plane_deg``: the same of the mean posture in walking.
+    ``step_hz``, ``swing_deg``, ``heave_m``: steps a second, half the swing of the arm, half the rise and fall
+    of the trunk.
     """
 
     stance_deg: float

@@ -49,13 +49,9 @@ class Channel(IntEnum):
 class Motion:
     """A score, ready to be played at any instants.
 
-    Attributes
-    ----------
-    strokes
-        Shape (k, 4), in order of start: channel, start in s, duration in s, change of value.
-    waves
-        Shape (w, 7), in order of start: channel, start in s, end in s, length of the swelling and of the
-        fading in s, frequency in Hz, amplitude, phase in rad.
+    ``strokes``: shape (k, 4), in order of start: channel, start in s, duration in s, change of value.
+    ``waves``: shape (w, 7), in order of start: channel, start in s, end in s, length of the swelling and of
+    the fading in s, frequency in Hz, amplitude, phase in rad.
     """
 
     strokes: Float64Array
@@ -173,16 +169,10 @@ class Body:
 class ArmState:
     """What an ideal sensor aligned with the arm would read, and the truth.
 
-    Attributes
-    ----------
-    acc_g
-        Shape (n, 3): specific force, +1 g along the zenith at rest.
-    gyr_dps
-        Shape (n, 3): angular rate of the arm in its own frame.
-    field_ut
-        Shape (n, 3): the magnetic field in the arm's frame.
-    elevation_deg
-        Shape (n,): angle between the arm and gravity, 0 hanging, 180 overhead. Exact.
+    ``acc_g``: shape (n, 3): specific force, +1 g along the zenith at rest.
+    ``gyr_dps``: shape (n, 3): angular rate of the arm in its own frame.
+    ``field_ut``: shape (n, 3): the magnetic field in the arm's frame.
+    ``elevation_deg``: shape (n,): angle between the arm and gravity, 0 hanging, 180 overhead. Exact.
     """
 
     acc_g: Float64Array

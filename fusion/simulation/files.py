@@ -284,41 +284,23 @@ def _put_fixed(out: Bytes, at_byte: int, value: int, decimals: int) -> int:  # p
 
 
 @njit(cache=True, nogil=True)
-def put_counter_rows(
-    out: Bytes, counter: IntArray, values: IntArray, decimals: IntArray
+def put_rows(
+    out: Bytes, stamps: Bytes, counter: IntArray, width: int, values: IntArray, decimals: IntArray
 ) -> int:  # pragma: no cover - compiled
-    """Write rows ``counter,value,...``; ``values`` (n, columns) are in units of 10**-decimals.
+    """Write rows ``counter,value,...``, each behind its stamp; return the number of bytes written.
 
-    Returns the number of bytes written; ``out`` must hold 24 bytes for each number.
+    ``stamps`` (s, length): text, each for as many of the n rows. ``counter`` (n,): to at least ``width``
+    digits. ``values`` (n, columns): in units of 10**-decimals. ``out`` must hold 24 bytes for each number,
+    and the stamps.
     """
     at = 0
     for i in range(values.shape[0]):
-        at = _put_digits(out, at, counter[i], 1)
+        for place in range(stamps.shape[1]):
+            out[at + place] = stamps[i * stamps.shape[0] // values.shape[0], place]
+        at = _put_digits(out, at + stamps.shape[1], counter[i], width)
         for column in range(values.shape[1]):
             out[at] = COMMA
             at = _put_fixed(out, at + 1, values[i, column], decimals[column])
-        out[at] = NEWLINE
-        at += 1
-    return at
-
-
-@njit(cache=True, nogil=True)
-def _put_stamped_rows(out: Bytes, seconds: Bytes, values: IntArray) -> int:  # pragma: no cover - compiled
-    """Write 100 rows for each second: ``SECOND.ff00000,value,...`` with values in millionths.
-
-    ``seconds`` (s, width): the stamp of each second as text; ``values`` (100 s, columns). Returns the number
-    of bytes written; ``out`` must hold 24 bytes for each number and 32 for the stamp.
-    """
-    at = 0
-    for i in range(values.shape[0]):
-        for place in range(seconds.shape[1]):
-            out[at + place] = seconds[i // 100, place]
-        at += seconds.shape[1]
-        out[at] = DOT
-        at = _put_digits(out, at + 1, (i % 100) * 100_000, 7)
-        for column in range(values.shape[1]):
-            out[at] = COMMA
-            at = _put_fixed(out, at + 1, values[i, column], 6)
         out[at] = NEWLINE
         at += 1
     return at
@@ -335,6 +317,7 @@ LATENCY_US = 40.0
 """A sample is read up to so long after it was taken."""
 LSM9DS1_COLUMNS = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 DECIMALS = np.array([6, 6, 6, 3, 3, 3])
+NO_STAMPS = np.empty((1, 0), np.uint8)
 
 
 @contextmanager
@@ -360,7 +343,7 @@ def open_lsm9ds1_csv(path: Path, shift: SimulatedShift) -> Iterator[Callable[[Sa
             late_us = chance.uniform(0.0, LATENCY_US, len(block.time_s))
             counter = (switched_on_us + (block.time_s * 1e6 + late_us).astype(np.int64)) % COUNTER_SIZE
             out = np.empty(values.shape[0] * 7 * 24, np.uint8)
-            file.write(out[: put_counter_rows(out, counter, values, DECIMALS)].tobytes())
+            file.write(out[: put_rows(out, NO_STAMPS, counter, 1, values, DECIMALS)].tobytes())
 
         yield write_block
 
@@ -373,7 +356,7 @@ ACTILIFE_COLUMNS = (
 )
 DIVISORS = np.array([2048.0] * 3 + [333.87] + [16.383999] * 3 + [6.826667] * 3)
 """What ActiLife divides the counts by; 16.383999 is its own rounding."""
-ROWS_PER_SECOND = 100
+ROWS_PER_SECOND, MILLIONTHS = 100, np.full(len(DIVISORS), 6)
 
 
 @contextmanager
@@ -387,10 +370,12 @@ def open_actilife_csv(path: Path, shift: SimulatedShift) -> Iterator[Callable[[I
             values[:, 3] += TEMPERATURE_AT_ZERO
             first = shift.start + timedelta(seconds=seconds.first_s)
             clocks = (first + timedelta(seconds=k) for k in range(len(seconds.counts)))
-            text = "".join(clock.isoformat() for clock in clocks).encode()
-            stamps = np.frombuffer(text, np.uint8).reshape(len(seconds.counts), -1)
+            text = "".join(f"{clock.isoformat()}." for clock in clocks).encode()
+            stamps = np.array(np.frombuffer(text, np.uint8)).reshape(len(seconds.counts), -1)
+            counter = np.tile(np.arange(ROWS_PER_SECOND) * (10_000_000 // ROWS_PER_SECOND), len(stamps))
             out = np.empty(values.shape[0] * (32 + 24 * values.shape[1]), np.uint8)
-            file.write(out[: _put_stamped_rows(out, stamps, round_to_millionths(values))].tobytes())
+            millionths = round_to_millionths(values)
+            file.write(out[: put_rows(out, stamps, counter, 7, millionths, MILLIONTHS)].tobytes())
 
         yield write_seconds
 

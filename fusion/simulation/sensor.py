@@ -23,21 +23,18 @@ Device = Literal["gt9x", "lsm9ds1"]
 class Part:
     """One kind of inertial sensor as it is sold and set.
 
-    Attributes
-    ----------
-    nominal_rate_hz, rate_error
-        The rate it is set to, and the range (low, high) of the relative error of its own clock.
-    acc_g_per_lsb, gyr_dps_per_lsb, acc_range_g, gyr_range_dps
-        Resolution and full scale as set.
-    acc_noise_g_per_sqrt_hz, gyr_noise_dps_per_sqrt_hz, bandwidth_hz
-        White noise up to the smaller of half the rate and the part's own filter.
-    acc_offset_g, gyr_offset_dps, acc_scale, gyr_scale, misalignment
-        Standard deviations between parts of what a calibration would remove (scale and misalignment as
-        fractions); all but misalignment lie within 1.73 times as much.
-    acc_drift_g_per_k, gyr_drift_dps_per_k
-        Standard deviations between parts of the offset's dependence on temperature.
-    gyr_walk_dps_per_sqrt_h
-        Random walk of the gyroscope's offset that no temperature explains.
+    ``nominal_rate_hz``, ``rate_error``: the rate it is set to, and the range (low, high) of the relative
+    error of its own clock.
+    ``acc_g_per_lsb``, ``gyr_dps_per_lsb``, ``acc_range_g``, ``gyr_range_dps``: resolution and full scale as
+    set.
+    ``acc_noise_g_per_sqrt_hz``, ``gyr_noise_dps_per_sqrt_hz``, ``bandwidth_hz``: white noise up to the
+    smaller of half the rate and the part's own filter.
+    ``acc_offset_g``, ``gyr_offset_dps``, ``acc_scale``, ``gyr_scale``, ``misalignment``: standard deviations
+    between parts of what a calibration would remove (scale and misalignment as fractions); all but
+    misalignment lie within 1.73 times as much.
+    ``acc_drift_g_per_k``, ``gyr_drift_dps_per_k``: standard deviations between parts of the offset's
+    dependence on temperature.
+    ``gyr_walk_dps_per_sqrt_h``: random walk of the gyroscope's offset that no temperature explains.
     """
 
     nominal_rate_hz: float
@@ -124,20 +121,13 @@ class SensorErrors:
     A reading is ``gain @ mounting @ ideal + offset + offset_wander(t) + noise``, cut at the range and rounded
     to the resolution.
 
-    Attributes
-    ----------
-    mounting
-        Shape (3, 3): from the arm's frame to the sensor's.
-    acc_gain, gyr_gain
-        Shape (3, 3): scale on the diagonal, misalignment beside it.
-    acc_offset_g, gyr_offset_dps
-        Shape (3,).
-    acc_wander_g, gyr_wander_dps
-        Shape (knots, 3): change of the offsets, every ``KNOT_S`` seconds, linear in between.
-    temperature_c
-        Shape (knots,): of the part.
-    acc_noise_g, gyr_noise_dps
-        Standard deviation of each sample.
+    ``mounting``: shape (3, 3): from the arm's frame to the sensor's.
+    ``acc_gain``, ``gyr_gain``: shape (3, 3): scale on the diagonal, misalignment beside it.
+    ``acc_offset_g``, ``gyr_offset_dps``: shape (3,).
+    ``acc_wander_g``, ``gyr_wander_dps``: shape (knots, 3): change of the offsets, every ``KNOT_S`` seconds,
+    linear in between.
+    ``temperature_c``: shape (knots,): of the part.
+    ``acc_noise_g``, ``gyr_noise_dps``: standard deviation of each sample.
     """
 
     mounting: Float64Array

@@ -56,16 +56,10 @@ class PlannedActivity:
 class SampleBlock:
     """A stretch of samples as they come.
 
-    Attributes
-    ----------
-    first
-        Index of its first sample in the recording.
-    time_s
-        Shape (n,): exact instants, seconds from the first sample.
-    state
-        The truth.
-    readings
-        With the sensor's errors, before rounding and clipping.
+    ``first_sample``: index of its first sample in the recording.
+    ``time_s``: shape (n,): exact instants, seconds from the first sample.
+    ``state``: the truth.
+    ``readings``: with the sensor's errors, before rounding and clipping.
     """
 
     first_sample: int
@@ -126,14 +120,9 @@ def simulate_shift(
 ) -> SimulatedShift:
     """Simulate a day of work with a sensor on the right upper arm.
 
-    Parameters
-    ----------
-    duration_h
-        Length, to the second; a short day holds the same activities, each shorter.
-    seed
-        Decides everything: the person, the day, the specimen of the sensor, the noise. Same seed, same bytes.
-    rate_hz
-        Nominal rate (the part's own if None); the true rate is off by the part's clock error.
+    ``duration_h``: length, to the second; a short day holds the same activities, each shorter.
+    ``seed``: decides everything: the person, the day, the specimen of the sensor, the noise. Same seed, same
+    bytes. ``rate_hz``: nominal rate (the part's own if None); the true rate is off by the part's clock error.
     """
     duration_s = float(max(1, round(duration_h * 3600.0)))
     plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))

@@ -13,8 +13,8 @@ from fastapi.testclient import TestClient
 from app.jobs import worker
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
-from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
+from app.jobs.studies import identify_study
 from app.jobs.worker import Bench, open_bench, run_next
 from app.main import configure_server, create_app
 from app.request import ReportRequest

@@ -1,6 +1,5 @@
 """Bad `.cwa` files of an Axivity AX6: rows of our own beside those of RELIABILITY.md §1.3."""
 
-import gzip
 from collections.abc import Callable
 from functools import cache
 
@@ -8,13 +7,10 @@ import numpy as np
 
 from tests.badfiles.arm import minute
 from tests.fusion.readers.cwa.cwa_builder import (
-    AX3,
-    PACKED,
     RATE_50,
     ROWS,
     SESSION,
     START_US,
-    THREE_AXES,
     Counts,
     block,
     header,
@@ -36,11 +32,16 @@ def counts() -> Counts:
     return counted
 
 
-def part(number: int, at_us: int | None = None, session: int = SESSION) -> bytes:
-    """One block of the minute, at its own time or another."""
+def part(
+    number: int,
+    at_us: int | None = None,
+    session: int = SESSION,
+    stamp: tuple[int, int, int] | None = None,
+) -> bytes:
+    """Return one block of the minute, at its own time or another."""
     rows = counts()[ROWS * (number % 150) : ROWS * (number % 150 + 1)]
     start_us = START_US + BLOCK_US * number if at_us is None else at_us
-    return block(number, start_us, rows, session=session)
+    return block(number, start_us, rows, session=session, stamp=stamp)
 
 
 @cache
@@ -56,14 +57,6 @@ def whole() -> bytes:
     return joined(*parts())
 
 
-def packed() -> bytes:
-    return gzip.compress(whole(), 1, mtime=0)
-
-
-def cut_in_a_block() -> bytes:
-    return whole()[:-100]
-
-
 def replaced(numbers: range, instead: Callable[[bytes], bytes]) -> Callable[[], bytes]:
     """Some blocks changed; those of the arm held still."""
     return lambda: joined(*(instead(one) if k in numbers else one for k, one in enumerate(parts())))
@@ -73,32 +66,12 @@ def spoil(one: bytes) -> bytes:
     return one[:100] + bytes([one[100] ^ 0xFF]) + one[101:]
 
 
-def wipe(one: bytes) -> bytes:
-    return b"\xff" * len(one)
-
-
-def leave_out(one: bytes) -> bytes:
-    return b""
-
-
-def put_garbage(one: bytes) -> bytes:
-    return b"the quick brown fox" + one
-
-
 def plain(hardware: int, axes: int) -> Callable[[], bytes]:
     """Acceleration alone."""
     rows = np.zeros((ROWS, 6), np.int16)
     return lambda: (
         header(hardware) + b"".join(block(k, START_US + BLOCK_US * k, rows, axes=axes) for k in NUMBERS)
     )
-
-
-def ax6_without_gyroscope() -> bytes:
-    return plain(0x64, THREE_AXES)()
-
-
-def ax3_packed() -> bytes:
-    return plain(AX3, PACKED)()
 
 
 def other_session() -> bytes:
@@ -123,17 +96,6 @@ def moved(numbers: range, shift_us: int) -> Callable[[], bytes]:
     )
 
 
-def never_set() -> bytes:
-    return joined(*(part(k, YEAR_2000_US + BLOCK_US * k) for k in NUMBERS))
-
-
-def without_stamps() -> bytes:
-    rows = counts()
-    return joined(
-        *(block(k, 0, rows[ROWS * k : ROWS * (k + 1)], stamp=(0, 0, 0)) for k in NUMBERS)
-    )  # fmt: skip
-
-
 def half_the_rate() -> bytes:
     """From the middle on every second sample, at 50 Hz."""
     rows = counts()[3000::2]
@@ -142,20 +104,3 @@ def half_the_rate() -> bytes:
         for k in range(38)
     )
     return joined(*parts()[:75], *later)
-
-
-def late() -> bytes:
-    order = [*range(20), 22, 21, 20, *range(23, 150)]
-    return joined(*(parts()[k] for k in order))
-
-
-def doubled() -> bytes:
-    return joined(*parts()[:21], *parts()[10:])
-
-
-def without_header() -> bytes:
-    return b"\xff" * 1024 + b"".join(parts())
-
-
-def wrong_magic() -> bytes:
-    return b"XX" + whole()[2:1024] + b"XX".join(one[2:] for one in parts())

@@ -5,11 +5,10 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, NAMES, calendar, stamped, values
+from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, MICROS, NAMES, calendar, stamped, values
 from tests.fusion.readers.tables.table_builder import HEADER
 
 CALENDAR = "timestamp," + NAMES
-MICROS = tuple(range(0, 60_000_000, 10_000))
 BOOTED_US = 4_000_000_000
 """What a counter since power-on reads at the first row, when the logger has run for a while."""
 PASTED = (*range(2000), *range(3000, 4500), *range(2000, 3000), *range(4500, 6000))

@@ -1,11 +1,12 @@
 """What must become of tables out of order and of strange stamps (rows 75 to 77)."""
 
 from datetime import datetime
+from functools import partial
 
 from tests.badfiles import order_files as o
 from tests.badfiles.gt3x_files import replaced, second
-from tests.badfiles.outcomes import given, read, refused
-from tests.badfiles.table_files import NAMES, resaved
+from tests.badfiles.outcomes import read, read_gt3x, refused
+from tests.badfiles.table_files import MICROS, NAMES, resaved
 
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - a clock that lost its date
 MARCH = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001 - a day that is its month, too
@@ -15,108 +16,68 @@ HOLED = (60.0, 25.0, 0.0)
 BACKWARDS = range(5999, -1, -1)
 
 ORDER = (
-    read(
-        "75 24 bits of ms",
-        "shift.csv",
-        given(o.short_counter(24, "ms", 1000, 16_750_000_000)),
-        "W-CLOCK-BACK",
-    ),
-    read("75 16 bits of ms", "shift.csv", given(o.short_counter(16, "ms", 1000, 30_000_000)), "W-CLOCK-BACK"),
-    read("78 every second row", "shift.csv", given(o.ordered(o.thinned(2000, 4000, 2))), "W-RATE-CHANGE"),
+    read("75 24 bits of ms", partial(o.short_counter, 24, "ms", 1000, 16_750_000_000), "W-CLOCK-BACK"),
+    read("75 16 bits of ms", partial(o.short_counter, 16, "ms", 1000, 30_000_000), "W-CLOCK-BACK"),
+    read("78 every second row", partial(o.ordered, o.thinned(2000, 4000, 2)), "W-RATE-CHANGE"),
     read(
         "78 two rows of three",
-        "shift.csv",
-        given(o.ordered(o.thinned(2000, 4000, 3))),
+        partial(o.ordered, o.thinned(2000, 4000, 3)),
         "W-GAP W-RATE-CHANGE W-SHORT",
         (59.99, 0.01, 0.0),
     ),
     read(
         "78 rows lost at random",
-        "shift.csv",
-        given(o.ordered(o.thinned_at_random(2000, 5000))),
+        partial(o.ordered, o.thinned_at_random(2000, 5000)),
         "W-GAP W-LOWCOVER W-ROWS-DROPPED W-SHORT",
         (27.59, 32.41, 0.0),
     ),
-    read(
-        "85 half the rate from half on",
-        "shift.csv",
-        given(o.ordered(o.thinned(3000, 6000, 2))),
-        "W-RATE-CHANGE",
-    ),
-    read(
-        "85 twice the rate at the end", "shift.csv", given(o.ordered(o.thinned(0, 4800, 2))), "W-RATE-CHANGE"
-    ),
-    read(
-        "56 fall, 10 s lost",
-        "shift.csv",
-        given(o.lost_at_change("2026-11-01T01:59:30", -1)),
-        "W-DST W-GAP",
-        TEN,
-    ),
-    read(
-        "56 spring, 10 s lost",
-        "shift.csv",
-        given(o.lost_at_change("2027-03-14T01:59:30", 1)),
-        "W-DST W-GAP",
-        TEN,
-    ),
-    read(
-        "58 another start in the header",
-        "shift.csv",
-        given(o.preambled("start: 2026-03-14T09:30:00")),
-        "W-START",
-    ),
-    read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-CLOCK-BACK W-GAP", HOLED),
+    read("85 half the rate from half on", partial(o.ordered, o.thinned(3000, 6000, 2)), "W-RATE-CHANGE"),
+    read("85 twice the rate at the end", partial(o.ordered, o.thinned(0, 4800, 2)), "W-RATE-CHANGE"),
+    read("56 fall, 10 s lost", partial(o.lost_at_change, "2026-11-01T01:59:30", -1), "W-DST W-GAP", TEN),
+    read("56 spring, 10 s lost", partial(o.lost_at_change, "2027-03-14T01:59:30", 1), "W-DST W-GAP", TEN),
+    read("58 another start in the header", partial(o.preambled, "start: 2026-03-14T09:30:00"), "W-START"),
+    read("77 pieces", partial(o.ordered, o.PASTED), "W-CLOCK-BACK W-GAP", HOLED),
     read(
         "77 pieces, wall clock",
-        "shift.csv",
-        given(o.ordered(o.PASTED, o.wall_clock(), o.CALENDAR)),
+        partial(o.ordered, o.PASTED, o.wall_clock(), o.CALENDAR),
         "W-CLOCK-BACK W-GAP",
         HOLED,
     ),
-    read("77 pieces, ActiLife", "shift.csv", given(o.pasted_actilife(o.PASTED)), "W-CLOCK-BACK W-GAP", HOLED),
+    read("77 pieces, ActiLife", partial(o.pasted_actilife, o.PASTED), "W-CLOCK-BACK W-GAP", HOLED),
     read(
         "77 pieces, whole seconds",
-        "shift.csv",
-        given(o.ordered(o.PASTED, o.wall_clock(digits=19), o.CALENDAR)),
+        partial(o.ordered, o.PASTED, o.wall_clock(digits=19), o.CALENDAR),
         "W-CLOCK-BACK W-GAP W-JITTER",
         HOLED,
     ),
     read(
         "77 pieces that share rows",
-        "shift.csv",
-        given(o.ordered([*range(2000), *range(2900, 4500), *range(2000, 3000), *range(4500, 6000)])),
+        partial(o.ordered, [*range(2000), *range(2900, 4500), *range(2000, 3000), *range(4500, 6000)]),
         "W-CLOCK-BACK W-GAP",
         (61.0, 24.0, 0.0),
     ),
     read(
         "77 pieces, one lost",
-        "shift.csv",
-        given(o.ordered([*range(1000), *range(4000, 6000), *range(2000, 4000)])),
+        partial(o.ordered, [*range(1000), *range(4000, 6000), *range(2000, 4000)]),
         "W-CLOCK-BACK W-GAP W-SHORT",
         (50.0, 30.0, 0.0),
     ),
-    refused("77 newest first", "shift.csv", given(o.ordered(BACKWARDS)), "E-TIME"),
+    refused("77 newest first", partial(o.ordered, BACKWARDS), "E-TIME"),
     refused(
-        "77 newest first, wall clock",
-        "shift.csv",
-        given(o.ordered(BACKWARDS, o.wall_clock(), o.CALENDAR)),
-        "E-TIME",
+        "77 newest first, wall clock", partial(o.ordered, BACKWARDS, o.wall_clock(), o.CALENDAR), "E-TIME"
     ),
-    refused("77 newest first, ActiLife", "shift.csv", given(o.pasted_actilife(BACKWARDS)), "E-TIME"),
+    refused("77 newest first, ActiLife", partial(o.pasted_actilife, BACKWARDS), "E-TIME"),
     refused(
         "77 newest first, unit unknown",
-        "shift.csv",
-        given(o.ordered(BACKWARDS, [k / 100 for k in range(6000)], "time," + NAMES)),
+        partial(o.ordered, BACKWARDS, [k / 100 for k in range(6000)], "time," + NAMES),
         "E-TIME",
     ),
-    read("27 last second an hour late", "shift.gt3x", replaced(59, second(59, stamp=3659)), "W-CLOCK-FWD"),
-    read("27 first second an hour early", "shift.gt3x", replaced(0, second(0, stamp=-3600)), "W-CLOCK-FWD"),
+    read_gt3x("27 last second an hour late", replaced(59, second(59, stamp=3659)), "W-CLOCK-FWD"),
+    read_gt3x("27 first second an hour early", replaced(0, second(0, stamp=-3600)), "W-CLOCK-FWD"),
     *(
         read(
             f"79 03/03 over midnight, {name}",
-            "shift.csv",
-            given(resaved(pattern, MARCH, "03/03/2026", word)),
+            partial(resaved, pattern, MARCH, "03/03/2026", word),
             "W-LOCALE",
         )
         for name, pattern, word in (
@@ -127,33 +88,29 @@ ORDER = (
     ),
     read(
         "79 no date, 13 h of pause",
-        "shift.csv",
-        given(o.paused(13)),
+        partial(o.paused, 13),
         "W-GAP W-LOWCOVER W-PUT-BACK W-NO-DATE",
         (60.0, 46_800.0, 0.0),
     ),
-    read("28 50 rows at 0", "shift.csv", given(o.stray([0] * 50)), "W-CLOCK-FWD"),
-    read("28 50 rows from 0", "shift.csv", given(o.stray(range(0, 500_000, 10_000))), "W-CLOCK-FWD"),
-    read("28 50 rows at the epoch", "shift.csv", given(o.stray_dates(EPOCH, 0)), "W-CLOCK-FWD"),
-    read("28 50 rows from the epoch", "shift.csv", given(o.stray_dates(EPOCH, 10)), "W-CLOCK-FWD"),
+    read("28 50 rows at 0", partial(o.stray, [0] * 50), "W-CLOCK-FWD"),
+    read("28 50 rows from 0", partial(o.stray, range(0, 500_000, 10_000)), "W-CLOCK-FWD"),
+    read("28 50 rows at the epoch", partial(o.stray_dates, EPOCH, 0), "W-CLOCK-FWD"),
+    read("28 50 rows from the epoch", partial(o.stray_dates, EPOCH, 10), "W-CLOCK-FWD"),
     read(
         "28 50 rows at 0, more lost",
-        "shift.csv",
-        given(o.stray([0] * 50, [*range(3050), *range(3150, 6000)])),
+        partial(o.stray, [0] * 50, [*range(3050), *range(3150, 6000)]),
         "W-CLOCK-FWD W-GAP W-SHORT",
         (59.0, 1.0, 0.0),
     ),
     read(
         "28 50 rows from 0, more lost",
-        "shift.csv",
-        given(o.stray(range(0, 500_000, 10_000), [*range(3050), *range(3150, 6000)])),
+        partial(o.stray, range(0, 500_000, 10_000), [*range(3050), *range(3150, 6000)]),
         "W-CLOCK-FWD W-GAP W-SHORT",
         (59.0, 1.0, 0.0),
     ),
     read(
         "28 last row an hour late",
-        "shift.csv",
-        given(o.ordered(range(6000), [*o.MICROS[:-1], o.MICROS[-1] + 3_600_000_000])),
+        partial(o.ordered, range(6000), [*MICROS[:-1], MICROS[-1] + 3_600_000_000]),
         "W-ROWS-DROPPED W-SHORT",
         (59.99, 0.0, 0.0),
     ),

@@ -1,7 +1,11 @@
-"""A bad file, how it is made, and what must become of it."""
+"""A bad file, how it is made, and its expected outcome."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+
+Content = bytes | str
+Make = Content | Callable[[], Content]
 
 
 @dataclass(frozen=True, slots=True)
@@ -10,27 +14,32 @@ class BadFile:
 
     row: str
     name: str
-    make: Callable[[], bytes]
+    content: Make
     code: str | None = None
     warnings: frozenset[str] = frozenset()
     analysed_s: float = 60.0
     missing_s: float = 0.0
     excluded_s: float = 0.0
 
+    def make(self) -> bytes:
+        """Return the bytes of the file."""
+        made = self.content() if callable(self.content) else self.content
+        return made.encode() if isinstance(made, str) else made
 
-def refused(row: str, name: str, make: Callable[[], bytes], code: str) -> BadFile:
-    return BadFile(row, name, make, code)
+
+def refused(row: str, content: Make, code: str, name: str = "shift.csv") -> BadFile:
+    return BadFile(row, name, content, code)
 
 
-def read(  # the times in the order in which they are printed
+def read(
     row: str,
-    name: str,
-    make: Callable[[], bytes],
+    content: Make,
     warnings: str = "",
     times_s: tuple[float, float, float] = (60.0, 0.0, 0.0),
+    name: str = "shift.csv",
 ) -> BadFile:
-    return BadFile(row, name, make, None, frozenset(warnings.split()), *times_s)
+    """``times_s``: analysed, missing, excluded."""
+    return BadFile(row, name, content, None, frozenset(warnings.split()), *times_s)
 
 
-def given(content: bytes | str) -> Callable[[], bytes]:
-    return lambda: content.encode() if isinstance(content, str) else content
+read_gt3x, refused_gt3x = partial(read, name="shift.gt3x"), partial(refused, name="shift.gt3x")

@@ -1,6 +1,7 @@
 """Files whose form is right and whose readings are not: RELIABILITY.md §1.3 E."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -13,16 +14,22 @@ PREAMBLE = "# acc_range_g: 16\n# gyr_range_dps: 2000\n"
 UNITLESS = "time_us,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"
 
 
+@cache
+def tumble_and_rest() -> Matrix:
+    """Four minutes of turning about all axes with rests between."""
+    parts = [tumble(10.0, 100.0, seed, 2.0) for seed in range(24)]
+    columns = np.vstack([np.hstack([part.acc_g, part.gyr_dps]) for part in parts])
+    noise: Matrix = np.random.default_rng(1).normal(0.0, 1.0, columns.shape) * ([0.002] * 3 + [0.1] * 3)
+    return columns + noise
+
+
 def tumbled(
     change: Callable[[Matrix], None], write: Callable[[Matrix], str] = changed
 ) -> Callable[[], bytes]:
-    """Four minutes of turning about all axes with rests between, changed in place."""
+    """Those four minutes changed in place."""
 
     def make() -> bytes:
-        parts = [tumble(10.0, 100.0, seed, 2.0) for seed in range(24)]
-        columns = np.vstack([np.hstack([part.acc_g, part.gyr_dps]) for part in parts])
-        chance = np.random.default_rng(1)
-        columns += chance.normal(0.0, 1.0, columns.shape) * ([0.002] * 3 + [0.1] * 3)
+        columns = tumble_and_rest().copy()
         change(columns)
         return write(columns).encode()
 
@@ -49,31 +56,39 @@ def write_actilife(columns: Matrix) -> str:
     return head + ACTILIFE_COLUMNS + "\n" + "".join(rows)
 
 
-def multiply_gyro(factor: float, axes: slice = slice(3, 6)) -> Callable[[Matrix], None]:
-    """All rates, or one, times a factor."""
+def mixed(order: Sequence[int] = range(6), factors: Sequence[float] = (1.0,) * 6) -> Callable[[Matrix], None]:
+    """The channels in another order, then times factors."""
 
     def change(columns: Matrix) -> None:
-        columns[:, axes] *= factor
+        columns[:] = columns[:, list(order)] * factors
 
     return change
 
 
-def stretch_acc(factor: float) -> Callable[[Matrix], None]:
-    """One axis of the accelerometer times a factor."""
+def multiply_gyro(factor: float) -> Callable[[Matrix], None]:
+    return mixed(factors=[1.0] * 3 + [factor] * 3)
+
+
+def filled(rows: slice, axes: slice, value: float | None = None) -> Callable[[Matrix], None]:
+    """One value in some rows and channels; by default that of the first of these rows."""
 
     def change(columns: Matrix) -> None:
-        columns[:, 0] *= factor
+        columns[rows, axes] = columns[rows, axes][0] if value is None else value
 
     return change
 
 
-def order_acc(*order: int) -> Callable[[Matrix], None]:
-    """The acceleration's columns in another order."""
-
+def in_turn(*changes: Callable[[Matrix], None]) -> Callable[[Matrix], None]:
     def change(columns: Matrix) -> None:
-        columns[:, :3] = columns[:, order].copy()
+        for one in changes:
+            one(columns)
 
     return change
+
+
+def hang(columns: Matrix) -> None:
+    """The arm hangs all the time; nothing tells the gyroscope's unit."""
+    columns[:] = columns[np.arange(len(columns)) % 1300]
 
 
 def readings(times: int = 1) -> Matrix:
@@ -111,26 +126,7 @@ def leave(columns: Matrix) -> None:
     """Nothing is changed: the control."""
 
 
-def swap_sensors(columns: Matrix) -> None:
-    columns[:] = columns[:, [3, 4, 5, 0, 1, 2]].copy()
-
-
-def swap_and_delay(columns: Matrix) -> None:
-    """Exchanged, and the true gyroscope half a second late: nothing shows that the exchange is all."""
-    delay_gyro(50)(columns)
-    swap_sensors(columns)
-
-
-def permute_gyro(columns: Matrix) -> None:
-    columns[:] = columns[:, [0, 1, 2, 4, 5, 3]].copy()
-
-
-def flip_gyro_y(columns: Matrix) -> None:
-    columns[:, 4] *= -1
-
-
-def negate_gyro(columns: Matrix) -> None:
-    columns[:, 3:] *= -1
+negate_gyro = multiply_gyro(-1.0)
 
 
 def delay_gyro(rows: int) -> Callable[[Matrix], None]:
@@ -142,46 +138,14 @@ def delay_gyro(rows: int) -> Callable[[Matrix], None]:
     return change
 
 
-def hang(columns: Matrix) -> None:
-    """The arm hangs all the time; nothing tells the gyroscope's unit."""
-    columns[:] = columns[np.arange(len(columns)) % 1300]
-
-
-def wild_at_rest(columns: Matrix) -> None:
-    """The arm hangs all the time; the gyroscope is in a unit of its own."""
-    columns[:] = columns[np.arange(len(columns)) % 1300]
-    columns[:, 3:] *= 1e5
-
-
 def noise_for_gyro(columns: Matrix) -> None:
     columns[:, 3:] = np.random.default_rng(2).normal(0.0, 30.0, (len(columns), 3))
-
-
-def left_handed(columns: Matrix) -> None:
-    columns[:, [0, 3]] *= -1
 
 
 def throw(columns: Matrix) -> None:
     """A jerk to one side and back, cut off at 2000 deg/s."""
     columns[4800:4805, 3] = 1999.94
     columns[4805:4810, 3] = -1999.94
-
-
-def freeze_axis(columns: Matrix) -> None:
-    """One axis of the accelerometer stands still while the arm goes from 5 to 90 degrees."""
-    columns[3000:4000, 0] = columns[3000, 0]
-
-
-def dead_axis(columns: Matrix) -> None:
-    columns[:, 4] = 0.25
-
-
-def all_zero(columns: Matrix) -> None:
-    columns[:] = 0.0
-
-
-def zero_part(columns: Matrix) -> None:
-    columns[2000:2300] = 0.0
 
 
 def zeros_of(rows: int, every: int = 1000) -> Callable[[Matrix], None]:
@@ -198,11 +162,6 @@ def zero_acc(columns: Matrix) -> None:
     """The accelerometer alone at zero for 80 ms, five times."""
     for first in range(1500, 6000, 1000):
         columns[first : first + 8, :3] = 0.0
-
-
-def repeats(columns: Matrix) -> None:
-    """Three seconds in which a program went on writing the last row."""
-    columns[2001:2301] = columns[2000]
 
 
 def spikes(columns: Matrix) -> None:

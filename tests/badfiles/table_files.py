@@ -14,6 +14,7 @@ from fusion.units import STANDARD_GRAVITY
 from tests.badfiles.arm import minute
 from tests.fusion.readers.tables.table_builder import HEADER
 
+MICROS = range(0, 60_000_000, 10_000)
 NAMES = "ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps"
 ACTILIFE = (
     "------------ Data File Created By ActiGraph Link IMU 9DOF Sensor ActiLife v6.13.3 Firmware v1.7.2 "
@@ -43,11 +44,7 @@ def stamped_with(mark: str, stamps: Sequence[object], rows: Sequence[str], heade
 @cache
 def canon() -> str:
     """The minute in our own form: microseconds, g, deg/s."""
-    return stamped(range(0, 60_000_000, 10_000), values())
-
-
-def encoded(text: str, encoding: str = "utf-8") -> Callable[[], bytes]:
-    return lambda: text.encode(encoding)
+    return stamped(MICROS, values())
 
 
 def lines_changed(change: Callable[[list[str]], list[str]]) -> Callable[[], bytes]:
@@ -60,19 +57,11 @@ def line_changed(number: int, change: Callable[[str], str]) -> Callable[[], byte
 
 
 def gzipped(content: bytes, keep: float = 1.0) -> Callable[[], bytes]:
-    packed = gzip.compress(content, 6, mtime=0)
-    return lambda: packed[: int(len(packed) * keep)]
+    def make() -> bytes:
+        packed = gzip.compress(content, 1, mtime=0)
+        return packed[: int(len(packed) * keep)]
 
-
-def gzip_flipped() -> bytes:
-    packed = bytearray(gzip.compress(canon().encode(), 6, mtime=0))
-    packed[len(packed) // 2] ^= 0x55
-    return bytes(packed)
-
-
-def gzip_bomb() -> bytes:
-    head = canon().encode()
-    return gzip.compress(head + b"0,0,0,0,0,0,0\n" * (4 << 20), 9, mtime=0)
+    return make
 
 
 def zipped(*names: str) -> Callable[[], bytes]:
@@ -86,14 +75,6 @@ def zipped(*names: str) -> Callable[[], bytes]:
     return make
 
 
-def workbook() -> bytes:
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("[Content_Types].xml", "<Types/>")
-        archive.writestr("xl/workbook.xml", "<workbook/>")
-    return file.getvalue()
-
-
 def french(text: str, delimiter: str = ";") -> str:
     return text.replace(",", delimiter).replace(".", ",")
 
@@ -103,18 +84,6 @@ def wholes_first(count: int) -> str:
     still = [f"{10 * k};0;0;1;0;{k % 2};-{k % 2}" for k in range(count)]
     moving = [f"{10 * (count + k)};" + french(row) for k, row in enumerate(values())]
     return "t_ms;ax;ay;az;gx;gy;gz\n" + "\n".join([*still, *moving]) + "\n"
-
-
-def thousands() -> str:
-    """Microseconds with a comma between thousands, in a comma-separated table."""
-    rows = [f"{10_000 * k:,},{row}" for k, row in enumerate(values())]
-    return HEADER + "\n" + "\n".join(rows[1000:]) + "\n"
-
-
-def wrapped() -> str:
-    """A micros() counter that starts over after twenty seconds."""
-    stamps = [(2**32 - 20_000_000 + 10_000 * k) % 2**32 for k in range(6000)]
-    return stamped(stamps, values())
 
 
 def whole_milliseconds() -> str:
@@ -180,10 +149,6 @@ def epoch(per_s: int, unit: str) -> str:
     return stamped(stamps, values(), f"timestamp_{unit}," + NAMES)
 
 
-def month_names() -> str:
-    return calendar_table("%d %b %Y %H:%M:%S.%f")
-
-
 def french_names() -> str:
     """As a French program exports: accents, `;`, decimal commas, degrees in the unit."""
     header = ";".join(
@@ -203,12 +168,6 @@ def single_spaces(preamble: str = "") -> str:
     return f"{preamble}{header}\n{rows}"
 
 
-def labelled() -> str:
-    """Words stand beside the readings: what the wearer did, and the name of the device."""
-    rows = [f"{row},{'walking slowly' if k < 3000 else 'pause'},D422CD" for k, row in enumerate(values())]
-    return stamped(range(0, 60_000_000, 10_000), rows, HEADER + ",activity,device")
-
-
 def date_and_time() -> str:
     stamps = [stamp.replace(" ", ",") for stamp in calendar("%Y-%m-%d %H:%M:%S.%f")]
     return stamped(stamps, values(), "date,time," + NAMES)
@@ -216,28 +175,19 @@ def date_and_time() -> str:
 
 def stalls() -> str:
     """The card is busy for 0.2 s every ten seconds, and once for three."""
-    holes = {1800, 2800, 3800} | {5000}
-    stamps, now_us = [], 0
-    for k in range(6000):
-        now_us += 10_000 + (190_000 if k in holes - {5000} else 2_990_000 if k == 5000 else 0)
-        stamps.append(now_us)
-    return stamped(stamps, values())
+    steps_us = np.full(6000, 10_000)
+    steps_us[[1800, 2800, 3800, 5000]] = [200_000, 200_000, 200_000, 3_000_000]
+    return stamped(np.cumsum(steps_us).tolist(), values())
 
 
 def late_rows() -> str:
     """Ten times two rows have changed places, and once a block of twenty came before the one ahead of it."""
-    stamps = list(range(0, 60_000_000, 10_000))
     order = list(range(6000))
     for k in range(1600, 2600, 100):
         order[k], order[k + 1] = order[k + 1], order[k]
     order[5000:5040] = [*range(5020, 5040), *range(5000, 5020)]
     rows = values()
-    return stamped([stamps[k] for k in order], [rows[k] for k in order])
-
-
-def clock_back() -> str:
-    stamps = [10_000 * k - (3_600_000_000 if k >= 3000 else 0) + 4_000_000_000 for k in range(6000)]
-    return stamped(stamps, values())
+    return stamped([MICROS[k] for k in order], [rows[k] for k in order])
 
 
 def excel_cut() -> bytes:
@@ -249,17 +199,6 @@ def excel_times() -> str:
     """What Excel shows of 08:00:00.010 unless told otherwise: minutes and tenths."""
     stamps = [f"{k // 6000:02d}:{k // 100 % 60:02d}.{k // 10 % 10}" for k in range(6000)]
     return stamped(stamps, values(), "timestamp," + NAMES)
-
-
-def excel_minutes() -> str:
-    return stamped(["3/14/2026 8:00"] * 6000, values(), "timestamp," + NAMES)
-
-
-def rounded() -> str:
-    """Two decimals are left of the readings."""
-    acc_g, gyr_dps = minute()
-    rows = [",".join(f"{value:.2f}" for value in row) for row in np.hstack([acc_g, gyr_dps]).tolist()]
-    return stamped(range(0, 60_000_000, 10_000), rows)
 
 
 def actilife(
@@ -278,12 +217,6 @@ def resaved(pattern: str, first: datetime, header_date: str, order: str = "M/d/y
     names = ";".join(["Timestamp", *ACTILIFE_COLUMNS.split(",")])
     stamps = [stamp.replace(".", ",") for stamp in calendar(pattern, first=first)]
     return head + stamped_with(";", stamps, [french(row) for row in values()], names)
-
-
-def counts() -> str:
-    """ActiLife's one-second counts."""
-    head = ACTILIFE.format(order="M/d/yyyy", date="3/14/2026", epoch="00:00:01")
-    return head + "Axis1,Axis2,Axis3,Steps\n" + "12,5,9,0\n" * 600
 
 
 def changed(columns: NDArray[np.float64], header: str = HEADER, rate_hz: float = 100.0) -> str:

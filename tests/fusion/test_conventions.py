@@ -13,15 +13,10 @@ BY_KEY = pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda conventio
 
 
 @BY_KEY
-def test_the_classes_share_their_edges_with_the_bins(convention: Convention) -> None:
+def test_the_classes_share_their_edges_with_the_bins_and_hold_all_of_the_time(convention: Convention) -> None:
+    classes = summarise_exposure(HELD).conventions[convention.key]
+
     assert set(convention.edges_deg) <= set(BIN_EDGES_DEG)
-
-
-@BY_KEY
-def test_the_classes_hold_all_of_the_time(convention: Convention) -> None:
-    exposure = summarise_exposure(HELD)
-
-    classes = exposure.conventions[convention.key]
     assert sum(part.duration_s for part in classes) == 3600.0
 
 

@@ -9,18 +9,15 @@ from tests.factories import hold
 
 @pytest.fixture(scope="module")
 def analysis() -> Analysis:
-    return analyse(hold((0, 60), (75, 60)).recording)
+    return analyse(hold((0, 900), (75, 900), rate_hz=25.0).recording)
 
 
 def test_the_angle_table_has_a_row_for_each_sample(analysis: Analysis) -> None:
     table = tabulate_elevation(analysis)
 
     assert list(table.columns) == ["time_s", "elevation_deg", "valid"]
-    assert table["time_s"].iloc[[0, -1]].tolist() == [0.0, pytest.approx(119.99)]
-
-
-def test_the_angle_table_of_a_series_is_that_of_its_analysis(analysis: Analysis) -> None:
-    assert tabulate_elevation(analysis.elevation).equals(tabulate_elevation(analysis))
+    assert table["time_s"].iloc[[0, -1]].tolist() == [0.0, pytest.approx(1799.96)]
+    assert tabulate_elevation(analysis.elevation).equals(table)
 
 
 def test_the_shares_of_the_bins_add_up_to_the_day(analysis: Analysis) -> None:
@@ -30,19 +27,10 @@ def test_the_shares_of_the_bins_add_up_to_the_day(analysis: Analysis) -> None:
     assert bins.loc[bins["lower_deg"] == 60, "percent"].item() == pytest.approx(50, abs=0.5)
 
 
-def test_ranges_stand_in_columns_of_their_own() -> None:
-    half_an_hour = analyse(hold((0, 900), (75, 900)).recording)
+def test_percentiles_are_numbered_speeds_named_and_ranges_in_columns(analysis: Analysis) -> None:
+    tables = tabulate_exposure(analysis.exposure)
 
-    above = tabulate_exposure(half_an_hour.exposure)["time_above"]
-
-    assert (above["low"] <= above["percent"]).all()
-
-
-def test_percentiles_are_numbered(analysis: Analysis) -> None:
-    table = tabulate_exposure(analysis.exposure)["percentiles_deg"].set_index("percentile")
-
-    assert table.loc[90, "angle_deg"] == pytest.approx(75, abs=1)
-
-
-def test_speeds_are_named_by_their_kind(analysis: Analysis) -> None:
-    assert "inclination" in set(tabulate_exposure(analysis.exposure)["velocity_dps"]["kind"])
+    percentiles = tables["percentiles_deg"].set_index("percentile")
+    assert percentiles.loc[90, "angle_deg"] == pytest.approx(75, abs=1)
+    assert "inclination" in set(tables["velocity_dps"]["kind"])
+    assert (tables["time_above"]["low"] <= tables["time_above"]["percent"]).all()

@@ -47,34 +47,25 @@ def analysis(path: Path) -> Analysis:
     return analyse(path)
 
 
-def test_a_path_is_analysed_as_the_recording_read_from_it(path: Path, analysis: Analysis) -> None:
+def test_a_path_and_an_open_file_are_analysed_as_the_recording_read_from_them(
+    path: Path, analysis: Analysis
+) -> None:
     with path.open("rb") as file:
         step_by_step = analyse(read_recording(file))
+    with path.open("rb") as file:
+        from_file = analyse(file)
 
     assert repr(analysis) == repr(step_by_step)
-    assert analysis.exposure.bins == step_by_step.exposure.bins
-    assert analysis.recording.sha256 == step_by_step.recording.sha256
+    assert analysis.exposure.bins == step_by_step.exposure.bins == from_file.exposure.bins
 
 
-@pytest.mark.parametrize("kind", [str, Path])
-def test_a_recording_is_read_from_a_path_as_from_a_file(path: Path, kind: type) -> None:
+def test_recordings_are_read_from_paths_as_from_files(path: Path) -> None:
     with path.open("rb") as file:
         from_file = read_recording(file)
 
-    from_path = read_recording(kind(path))
-
-    assert from_path.sha256 == from_file.sha256
-    assert from_path.flags == from_file.flags
-    assert from_path.duration_us == from_file.duration_us
-
-
-def test_several_paths_are_joined(path: Path) -> None:
-    assert read_recordings([str(path)]).duration_us == read_recording(path).duration_us
-
-
-def test_an_open_file_is_analysed_too(path: Path, analysis: Analysis) -> None:
-    with path.open("rb") as file:
-        assert analyse(file).exposure.bins == analysis.exposure.bins
+    for from_path in (read_recording(str(path)), read_recording(path)):
+        assert (from_path.sha256, from_path.flags) == (from_file.sha256, from_file.flags)
+    assert read_recordings([str(path)]).duration_us == from_file.duration_us
 
 
 def test_a_path_that_leads_nowhere_is_an_error_of_the_system(tmp_path: Path) -> None:
@@ -89,25 +80,14 @@ def test_the_extension_of_a_path_is_judged(path: Path, tmp_path: Path) -> None:
         read_recording(disguised)
 
 
-def test_an_analysis_prints_as_one_line_with_sensor_start_hours_figures_and_verdict(
-    analysis: Analysis,
-) -> None:
-    text = repr(analysis)
-
-    assert re.fullmatch(
-        r"Analysis\(lsm9ds1( from \d{4}-\d\d-\d\d \d\d:\d\d)?, 0\.0\d h analysed, "
-        r"\d+\.\d % at 60 deg or above, "
-        r"median \d+\.\d deg, quality (good|caution|poor)\)",
-        text,
-    )
-
-
-def test_the_start_is_printed_where_it_is_known() -> None:
+def test_an_analysis_prints_as_one_line_with_sensor_start_hours_figures_and_verdict() -> None:
     made = hold((0, 60), (75, 60)).recording
 
     assert made.start is not None
-    assert repr(analyse(made)).startswith(
-        f"Analysis(other from {made.start:%Y-%m-%d %H:%M}, 0.03 h analysed, "
+    assert re.fullmatch(
+        rf"Analysis\(other from {made.start:%Y-%m-%d %H:%M}, 0\.03 h analysed, \d+\.\d % at 60 deg or above, "
+        r"median \d+\.\d deg, quality (good|caution|poor)\)",
+        repr(analyse(made)),
     )
 
 
@@ -115,10 +95,9 @@ def test_the_start_is_printed_where_it_is_known() -> None:
 def test_every_large_result_prints_as_one_short_line(analysis: Analysis, part: str) -> None:
     result = getattr(analysis, part)
 
-    assert len(repr(result)) <= 160
     assert "\n" not in repr(result)
-    for segment in getattr(result, "segments", ()):
-        assert len(repr(segment)) <= 80
+    assert len(repr(result)) <= 160
+    assert all(len(repr(segment)) <= 80 for segment in getattr(result, "segments", ()))
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -126,8 +105,9 @@ def test_a_value_type_documents_each_of_its_fields(name: str) -> None:
     documented = inspect.getdoc(VALUES[name]) or ""
     attributes = documented.partition("Attributes\n----------\n")[2]
     headings = re.findall(r"^(\w+(?:, \w+)*)$", attributes, re.MULTILINE)
+    headings += re.findall(r"^((?:``\w+``, )*``\w+``): ", documented, re.MULTILINE)
 
-    assert [field for line in headings for field in line.split(", ")] == [
+    assert [field.strip("`") for line in headings for field in line.split(", ")] == [
         field.name for field in dataclasses.fields(VALUES[name])
     ]
 
@@ -154,14 +134,9 @@ def test_an_installation_offers_the_same_names_as_acromion(tmp_path: Path) -> No
         "from acromion import analyse; assert analyse is fusion.analyse;"
         "assert dir(acromion) == fusion.__all__; print(acromion.__file__)"
     )
+    environment, command = {"PYTHONPATH": f"{tmp_path}:{ROOT}"}, [sys.executable, "-c", program]
 
-    told = subprocess.run(
-        [sys.executable, "-c", program],
-        env={"PYTHONPATH": f"{tmp_path}:{ROOT}"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
 
     assert told.stdout.strip() == str(tmp_path / "acromion.py")
 
@@ -175,13 +150,10 @@ def test_an_installation_offers_the_same_names_as_acromion(tmp_path: Path) -> No
         ({"calibration_windows_s": ((15.0, 5.0),)}, WINDOWS),
         ({"calibration_windows_s": (5.0, 15.0)}, WINDOWS),
         ({"calibration_windows_s": ((5.0, math.nan),)}, WINDOWS),
-        ({"calibration_windows_s": (("5", "15"),)}, WINDOWS),
-        ({"calibration_windows_s": ((None, 5),)}, WINDOWS),
         ({"calibration_windows_s": ((-5, 5),)}, WINDOWS),
         ({"calibration_windows_s": None}, WINDOWS),
         ({"slip_times_s": (-4.0,)}, TIMES),
         ({"slip_times_s": ("a",)}, TIMES),
-        ({"slip_times_s": (None,)}, TIMES),
         ({"slip_times_s": (True,)}, TIMES),
         ({"slip_times_s": 5.0}, TIMES),
         ({"no_slip_times_s": None}, TIMES),
@@ -202,19 +174,17 @@ def test_an_unknown_kind_of_a_diary_entry_is_refused_with_the_allowed_ones() -> 
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "told"),
+    ("field", "told"),
     [
-        ("acceleration_unit", "furlong", "allowed: '', 'g', "),
-        ("angular_rate_unit", "rpm3", "allowed: '', 'dps', "),
-        ("time_unit", "weeks", "allowed: '', 's', "),
-        ("date_order", "mmd", "allowed: None, 'ymd', 'dmy', 'mdy'"),
+        ("acceleration_unit", "allowed: '', 'g', "),
+        ("angular_rate_unit", "allowed: '', 'dps', "),
+        ("time_unit", "allowed: '', 's', "),
+        ("date_order", "allowed: None, 'ymd', 'dmy', 'mdy'"),
     ],
 )
-def test_an_unknown_name_in_a_column_profile_is_refused_with_the_allowed_ones(
-    field: str, value: str, told: str
-) -> None:
-    with pytest.raises(ValueError, match=re.escape(f"{field}='{value}'; {told}")):
-        ColumnProfile(**{field: value})  # type: ignore[arg-type]
+def test_an_unknown_name_in_a_column_profile_is_refused_with_the_allowed_ones(field: str, told: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"{field}='furlong'; {told}")):
+        ColumnProfile(**{field: "furlong"})  # type: ignore[arg-type]
 
 
 def test_an_arm_axis_by_name_is_refused_by_the_live_angle_which_takes_a_direction() -> None:

@@ -9,12 +9,14 @@ def make_page(*parts: Part) -> str:
     return render(Page("2026-11-25", "acromion 0", {"cores": "2"}, {"vqf": "absent"}, parts))
 
 
-def test_data_that_are_absent_are_named(tmp_path: Path) -> None:
+def test_data_and_packages_that_are_absent_are_named(tmp_path: Path) -> None:
     broad, recorded = measure_broad(tmp_path), measure_recorded(tmp_path, 1)
 
+    page = make_page(broad)
     assert "BROAD recordings (Laidig et al. 2021)" in broad.missing
     assert "real_motion/" in recorded.missing
-    assert broad.missing in make_page(broad)
+    assert broad.missing in page
+    assert "<dt>vqf</dt><dd>absent</dd>" in page
 
 
 def test_the_longest_bar_fills_the_width_and_the_others_their_share() -> None:
@@ -23,7 +25,3 @@ def test_the_longest_bar_fills_the_width_and_the_others_their_share() -> None:
     page = make_page(Part("x", "X", "", (chart,)))
 
     assert page.index("width: 25.0%") < page.index("width: 100.0%")
-
-
-def test_a_package_that_is_absent_is_said_to_be() -> None:
-    assert "<dt>vqf</dt><dd>absent</dd>" in make_page()

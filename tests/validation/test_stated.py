@@ -20,8 +20,10 @@ def missed(*days: Scored) -> list[Goal]:
     return [goal for goal in judge_days([*every_kind, *days]) if not goal.met]
 
 
-def test_days_that_are_right_meet_every_goal() -> None:
-    assert missed(RIGHT) == []
+def test_days_that_are_right_and_slips_without_a_sign_meet_every_goal() -> None:
+    assert missed(RIGHT, SLIPPED) == []
+    assert any("`good`" in goal.what for goal in missed(replace(SLIPPED, codes=("W-SLIP",))))
+    assert len(missed(replace(RIGHT, kind="seated", rmse_deg=3.1))) == 1  # a rigid arm is allowed 3 deg
 
 
 @pytest.mark.parametrize(
@@ -40,18 +42,6 @@ def test_each_fault_misses_its_goal_alone(day: Scored, what: str, reached: str) 
     assert what in goal.what
     assert goal.what.startswith(KINDS["skin"])
     assert goal.reached == reached
-
-
-def test_a_rigid_arm_is_allowed_3_deg() -> None:
-    assert len(missed(replace(RIGHT, kind="seated", rmse_deg=3.1))) == 1
-
-
-def test_a_slip_without_a_sign_misses_no_goal() -> None:
-    assert missed(SLIPPED) == []
-
-
-def test_a_slip_with_a_sign_must_not_be_good() -> None:
-    assert any("`good`" in goal.what for goal in missed(replace(SLIPPED, codes=("W-SLIP",))))
 
 
 def test_slips_without_a_sign_are_counted() -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
+from app.jobs.cluster import install
 from app.jobs.database.connect import connect
 from app.jobs.job import JobState
-from app.jobs.processes.cluster import install
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings

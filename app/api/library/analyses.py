@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar
+from typing import Annotated, Any, ParamSpec, TypeVar
 
 import anyio
 from fastapi import APIRouter, Query, Request, Response
@@ -69,12 +69,6 @@ async def wait_for_end(request: Request, services: Services, analysis_id: str, w
         await anyio.sleep(min(POLL_S, max(0.0, end_s - time.monotonic())))
         job = await run_in_threadpool(services.store.get, analysis_id)
     return job
-
-
-def read_preference(header: str) -> float:
-    """Read ``Prefer: wait=N`` (RFC 7240), in seconds; anything else is ignored, as the RFC asks."""
-    match = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", header)
-    return min(float(match[1]), LONGEST_WAIT_S) if match else 0.0
 
 
 async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
@@ -140,7 +134,9 @@ async def analyze(
         return job, existed
 
     job, existed = await receive_recording(request, services, commit)
-    wait_s = read_preference(request.headers.get("prefer", ""))
+    # ``Prefer: wait=N`` (RFC 7240); anything else is ignored, as the RFC asks
+    asked_s = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", request.headers.get("prefer", ""))
+    wait_s = min(float(asked_s[1]), LONGEST_WAIT_S) if asked_s else 0.0
     job = await wait_for_end(request, services, job.id, wait_s)
     view = _view(job, language, existed=existed)
     return _accept(view.model_dump(mode="json", exclude_unset=True), job)
@@ -364,28 +360,24 @@ _add_file_route(
 )
 
 
-@router.get("/analyses/{analysis_id}/report.html", response_class=FileResponse)
-def get_report_html(
-    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
-) -> Response:
-    """The report, one file that opens anywhere."""
-    return _serve_report(request, services, analysis_id, "html", lang)
+def _add_report_route(name: str, about: str, route: str) -> None:
+    """Add the route of a file that is made in each language."""
+
+    def get_file(
+        analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
+    ) -> Response:
+        job, (stem, _, kind) = services.store.get(analysis_id), name.partition(".")
+        made = job.request.languages
+        language = find_nearest(lang, made) if lang else made[0]
+        return serve_file(request, services, job, f"{stem}.{language}.{kind}")
+
+    path = f"/analyses/{{analysis_id}}/{name}"
+    router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
 
 
-@router.get("/analyses/{analysis_id}/report.pdf", response_class=FileResponse)
-def get_report_pdf(
-    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
-) -> Response:
-    """The report, to print and to file."""
-    return _serve_report(request, services, analysis_id, "pdf", lang)
-
-
-@router.get("/analyses/{analysis_id}/answer.txt", response_class=FileResponse)
-def get_answer(
-    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
-) -> Response:
-    """The answer in five lines, to paste into a record."""
-    return _serve_report(request, services, analysis_id, "txt", lang)
+_add_report_route("report.html", "The report, one file that opens anywhere.", "get_report_html")
+_add_report_route("report.pdf", "The report, to print and to file.", "get_report_pdf")
+_add_report_route("answer.txt", "The answer in five lines, to paste into a record.", "get_answer")
 
 
 @router.get("/analyses/{analysis_id}/bundle.zip", response_class=FileResponse)
@@ -429,17 +421,3 @@ for export in RESULT_NAMES:
     if export.startswith(("summary", "dictionary", "redcap", "datapackage")):
         about = "The main figures as a table, or what its columns mean."
         _add_file_route(export, about, f"get_{export.replace('.', '_')}")
-
-
-def _serve_report(
-    request: Request,
-    services: Services,
-    analysis_id: str,
-    kind: Literal["html", "pdf", "txt"],
-    lang: Language | None,
-) -> Response:
-    job = services.store.get(analysis_id)
-    stem = "answer" if kind == "txt" else "report"
-    made = job.request.languages
-    language = find_nearest(lang, made) if lang else made[0]
-    return serve_file(request, services, job, f"{stem}.{language}.{kind}")

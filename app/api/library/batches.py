@@ -7,6 +7,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.library.analyses import build_request, check_queue
+from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.api.library.models import AnalysisSettings
 from app.api.middleware.problems import PROBLEM_RESPONSES, validate_model
 from app.errors import CANCELLED, NotFinished, ResultDamaged
@@ -107,7 +108,7 @@ def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
             rows.append(summarise_results(add_origin(results, origin)))
         except ResultDamaged as damaged:
             rows.append(summarise_failure(origin, damaged.code))
-    return _answer_table(encode_summary(rows), "summary")
+    return respond_with_file(encode_summary(rows), MEDIA_TYPES["csv"], "summary.csv")
 
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
@@ -120,7 +121,7 @@ def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLang
             rows.append(tell_problem(_build_origin(job), code, facts, language))
         elif _is_damaged(services, job):
             rows.append(tell_problem(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language))
-    return _answer_table(encode_table(PROBLEM_COLUMNS, rows), "problems")
+    return respond_with_file(encode_table(PROBLEM_COLUMNS, rows), MEDIA_TYPES["csv"], "problems.csv")
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)
@@ -177,8 +178,3 @@ def _build_origin(job: Job) -> Origin:
         path=f"/api/v1/recordings/{job.recording_id}",
         folder=f"/api/v1/analyses/{job.id}",
     )
-
-
-def _answer_table(body: bytes, name: str) -> Response:
-    kept = {"Cache-Control": "no-store", "Content-Disposition": f'attachment; filename="{name}.csv"'}
-    return Response(body, media_type="text/csv; charset=utf-8", headers=kept)

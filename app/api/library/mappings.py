@@ -6,8 +6,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.library.files import respond_with_file
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.jobs.library.mappings import ColumnMapping
+from app.jobs.mappings import ColumnMapping
 from app.report.words.subject import clean_text
 from app.services import UsedServices
 
@@ -57,8 +58,7 @@ def export_column_mapping(header: str, services: UsedServices) -> Response:
     mapping = services.mappings.get(header)
     profile = {"name": mapping.name} | json.loads(mapping.profile)
     body = json.dumps(profile, ensure_ascii=False, indent=1).encode() + b"\n"
-    headers = {"Content-Disposition": 'attachment; filename="profile.json"', "Cache-Control": "no-store"}
-    return Response(body, media_type="application/json", headers=headers)
+    return respond_with_file(body, "application/json", "profile.json")
 
 
 @router.patch("/{header}")

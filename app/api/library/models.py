@@ -399,6 +399,12 @@ class StartedAnalyses(AnalysisView):
     items: list[AnalysisView]
 
 
+SAME = (
+    *("id", "recording_id", "stage", "attempts", "file_name", "size_bytes", "sha256"),
+    *("batch_id", "replaced_by", "interruptions"),
+)
+
+
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Show a job."""
     said, draft = job.request.conclusion, job.request.draft
@@ -408,24 +414,15 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         origin = {"version": draft.version, "changes": list(draft.changes)}
         drafted = ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
     view = AnalysisView(
-        id=job.id,
-        recording_id=job.recording_id,
+        **{name: getattr(job, name) for name in SAME},
         state=job.state.value,
-        stage=job.stage,
         progress=round(job.progress, 3),
-        attempts=job.attempts,
-        file_name=job.file_name,
         asked_by=job.asked_by or None,
-        size_bytes=job.size_bytes,
-        sha256=job.sha256,
         settings=view_settings(job.request),
         created_at=job.created_at.isoformat(),
         started_at=job.started_at.isoformat() if job.started_at else None,
         ended_at=job.ended_at.isoformat() if job.ended_at else None,
         links=dict(describe_links(job)),
-        batch_id=job.batch_id,
-        replaced_by=job.replaced_by,
-        interruptions=job.interruptions,
         conclusion=concluded,
         conclusion_draft=drafted,
     )
@@ -448,24 +445,11 @@ def describe_links(job: Job) -> Mapping[str, str]:
 def view_settings(request: ReportRequest) -> dict[str, Any]:
     """Show what was asked."""
     names = (
-        "subject",
-        "side",
-        "method",
-        "pose",
-        "calibration_windows_s",
-        "pose_held",
-        "arm_axis",
-        "slip_times_s",
-        "no_slip_times_s",
-        "rate_hz",
-        "source",
-        "paper",
+        *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
+        *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
     )
     periods = [period.model_dump() for period in view_periods(request.diary)]
     return {name: getattr(request, name) for name in names} | {"periods": periods}
-
-
-# Recordings, and long lists page by page.
 
 
 # Long lists, page by page.
@@ -607,13 +591,9 @@ def view_recording(row: StoredRow) -> RecordingView:
     links = {"self": own} | {part: f"{own}/{part}" for part in ("file", "inspection", "periods")}
     about = {name: value for name, value in asdict(row.about).items() if value is not None}
     return RecordingView(
-        id=row.id,
+        **{name: getattr(row, name) for name in ("id", "sha256", "size_bytes", "duplicate_of", "start")},
         **{"side": None} | about,
-        sha256=row.sha256,
-        size_bytes=row.size_bytes,
-        duplicate_of=row.duplicate_of,
         warnings=[SENT_BEFORE] if row.duplicate_of else [],
-        start=row.start,
         period_count=len(row.diary),
         version=row.version,
         state=row.state,

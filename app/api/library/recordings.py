@@ -239,7 +239,7 @@ async def put_periods(
     """Say what the day consisted of, by rows of JSON or a diary file; the next analyses go by it."""
     body = await read_small_body(request, MOST_DIARY_BYTES)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
-    diary = read_diary(body) if is_csv else parse_periods(body)
+    diary = read_diary(body) if is_csv else read_periods(validate_model(PeriodList, parse_json(body)).root)
     row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)
     periods = [period.model_dump() for period in view_periods(row.diary)]
     return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
@@ -255,11 +255,6 @@ def _store_periods(
             found = _inspect(services, row)
         check_periods(diary, found)
     return services.recordings.put_diary(row, diary)
-
-
-def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
-    """Read periods from JSON. Raises BadParameter or fusion.errors.UnusableDiary."""
-    return read_periods(validate_model(PeriodList, parse_json(body)).root)
 
 
 def has_trash(services: Services) -> bool:

@@ -21,7 +21,7 @@ from app.access.gate import Credentials, Gate
 from app.access.routes import ROUTE_TABLE
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
-from app.api.middleware.echoes import holds_token
+from app.api.middleware.problems import holds_token
 from app.api.middleware.readings import KnownLines, Recorder
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.jobs.audit_log import NOBODY, set_actor

@@ -2,10 +2,12 @@
 
 import json
 import logging
+import re
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar, cast
+from urllib.parse import parse_qsl, unquote, urlencode
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -13,7 +15,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
-from app.api.middleware.echoes import hide_tokens, show_input
+from app.access.accounts import TOKEN_PREFIX
 from app.api.middleware.guard import check_json
 from app.errors import (
     AppError,
@@ -169,8 +171,6 @@ def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
     headers = {"Content-Language": language, "Vary": "Accept-Language"}
     if request.method not in ("GET", "HEAD"):
         headers["Connection"] = "close"  # there may be a body that nobody will read
-    if isinstance(error, WrongVerb) and error.facts.get("allowed"):
-        headers["Allow"] = str(error.facts["allowed"])
     if isinstance(error, NoSuchRange):
         headers["Content-Range"] = f"bytes */{error.facts['size']}"
     if view.retryable and view.status in (409, 423, 429, 503, 507):
@@ -189,7 +189,7 @@ def translate_error(request: Request, error: Exception) -> Refusal:
     if isinstance(error, RequestValidationError):
         return _build_bad_parameter(error.errors()[0], partial(format_route_hint, request))
     if isinstance(error, HTTPException) and error.status_code == 405:
-        return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
+        return WrongVerb()
     if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
         cause = error.__cause__
         return cause if isinstance(cause, Refusal) else BadParameter(name="body", value="", allowed="JSON")
@@ -232,3 +232,56 @@ def _format_context_hint(error: Mapping[str, Any]) -> str:
         return str(limits["expected"]).replace("'", "").replace(" or ", ", ")
     lengths = {"max_length": "≤", "min_length": "≥"}
     return ", ".join(f"{sign} {limits[name]}" for name, sign in lengths.items() if name in limits)
+
+
+# What of a request may stand in an answer: never a password, a token, a code or another secret.
+
+
+LONGEST = 60
+HIDDEN = "…"
+_SECRET = re.compile(r"passw|pwd|secret|token|(code|key|proof|ticket)s?(?![a-z])")
+_TOKEN = re.compile(rf"{TOKEN_PREFIX}[\w-]{{43}}")
+
+
+def holds_token(text: str) -> bool:
+    """Return whether a token stands in a part of an address, however it is quoted."""
+    return _TOKEN.search(unquote(text)) is not None
+
+
+def is_secret(name: object) -> bool:
+    """Return whether a field of this name may hold what opens something."""
+    return isinstance(name, str) and _SECRET.search(name.lower()) is not None
+
+
+def show_input(error: Mapping[str, Any]) -> str:
+    """Return what a refused field held, as an answer may repeat it; ``error`` is pydantic's.
+
+    A whole body, and what has fields of its own, may hold a secret beside what is wrong: it is not repeated.
+    """
+    place, given = error["loc"], error.get("input")
+    is_whole = error["type"] == "missing" or place in ((), ("body",))
+    if is_whole or any(map(is_secret, place)) or isinstance(given, dict | list | tuple | bytes):
+        return HIDDEN
+    return hide_tokens(str(given))[:LONGEST]
+
+
+def hide_tokens(text: str) -> str:
+    """Return a text without the tokens in it."""
+    return _TOKEN.sub(HIDDEN, text)
+
+
+def drop_secrets(query: str) -> str:
+    """Return a query without the fields that may hold a secret."""
+    pairs = parse_qsl(query, keep_blank_values=True)
+    kept = [pair for pair in pairs if not is_secret(pair[0]) and not any(map(holds_token, pair))]
+    return query if len(kept) == len(pairs) else urlencode(kept)
+
+
+def hide_address(request: Request) -> Request:
+    """Return a request whose address holds no token; the same one where it holds none."""
+    scope = request.scope
+    path, query = str(scope["path"]), scope["query_string"].decode("latin-1")
+    if not holds_token(f"{path}?{query}"):
+        return request
+    hidden = hide_tokens(unquote(path))
+    return Request({**scope, "path": hidden, "query_string": drop_secrets(query).encode("latin-1")})

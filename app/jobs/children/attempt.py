@@ -124,14 +124,10 @@ def load_and_make_report(
         importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
 
 
-def load_and_render_again(finished: Path) -> MakeReport:
-    """Give the short road: from the finished analysis in a folder to its report in another language."""
-    return partial(_load_and_render_again, finished)
-
-
-def _load_and_render_again(
+def load_and_render_again(
     finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
+    """Take the short road: from the finished analysis in a folder to its report in another language."""
     importlib.import_module("app.roads.analyse").make_report_again(finished, request, out, on_stage)
 
 

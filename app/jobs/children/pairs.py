@@ -13,10 +13,10 @@ import json
 import secrets
 import shutil
 import threading
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from app.errors import RecordedProblem
 from app.jobs.children.attempt import Attempt, choose_limits, make_now
@@ -46,55 +46,32 @@ def load_and_make_pair(
     _on_stage: OnStage,
 ) -> None:
     """Make a report of several in the child process, from the folders of finished analyses."""
-    if isinstance(asked, ProfileRequest):
-        importlib.import_module("app.roads.pair").make_profile(sources, asked, out)
-    else:
-        importlib.import_module("app.roads.pair").make_report_of_two(sources, asked, out)
+    road = importlib.import_module("app.roads.pair")
+    make = road.make_profile if isinstance(asked, ProfileRequest) else road.make_report_of_two
+    make(sources, asked, out)
+
+
+Asked_co = TypeVar("Asked_co", bound=PairRequest | ProfileRequest, covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class PairedJobs:
-    """The finished analyses of a report of two, in order, and what is asked of them.
+class AskedJobs(Generic[Asked_co]):
+    """The finished analyses of a report of several, in order, and what is asked of them.
 
-    ``trunk`` belongs to a pair only.
+    Of a pair: left, right and, where there is one, trunk. Of several days: those before a change first.
     """
 
-    first: Job
-    second: Job
-    trunk: Job | None
-    request: PairRequest
-
-    @property
-    def jobs(self) -> tuple[Job, ...]:
-        """Every analysis that the report is made from."""
-        return tuple(filter(None, (self.first, self.second, self.trunk)))
+    jobs: tuple[Job, ...]
+    request: Asked_co
 
     def identify(self) -> str:
         """Hash attempts, request and software: the same three give the same report."""
-        asked = self.request
-        stated = (asked.same_subject, asked.mixed_methods)
-        return _identify(self, (asked.offset_s, asked.trunk_offset_s, asked.paper, *stated))
+        tokens = [job.token for job in self.jobs]
+        parts = (self.request.kind, asdict(self.request), tokens, software_revision())
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
-@dataclass(frozen=True, slots=True)
-class ProfiledJobs:
-    """The finished analyses of several days, those before a change first, and what is asked of them."""
-
-    jobs: tuple[Job, ...]
-    request: ProfileRequest
-
-    def identify(self) -> str:
-        """Hash attempts, request and software, as :meth:`PairedJobs.identify`."""
-        asked = self.request
-        return _identify(self, (asked.before_count, asked.paper, asked.same_subject, asked.mixed_methods))
-
-
-AskedJobs = PairedJobs | ProfiledJobs
-
-
-def _identify(asked: AskedJobs, choices: tuple[object, ...]) -> str:
-    parts = (asked.request.kind, tuple(job.token for job in asked.jobs), *choices, software_revision())
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+AnyJobs = AskedJobs[PairRequest | ProfileRequest]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +124,7 @@ class PairReports:
         with self._publishing:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def make(self, asked: AskedJobs) -> PairReport:
+    def make(self, asked: AnyJobs) -> PairReport:
         """Give a report of two, made now unless it is there and whole.
 
         Raises
@@ -165,7 +142,7 @@ class PairReports:
                     self._make(asked, report)
         return report
 
-    def _make(self, asked: AskedJobs, report: PairReport) -> None:
+    def _make(self, asked: AnyJobs, report: PairReport) -> None:
         kept = report.folder
         staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
         out = staging / "out"
@@ -191,7 +168,7 @@ class PairReports:
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
-    def _publish(self, asked: AskedJobs, out: Path, kept: Path) -> None:
+    def _publish(self, asked: AnyJobs, out: Path, kept: Path) -> None:
         """Keep what was made, unless one of the analyses was deleted meanwhile."""
         with self._publishing:
             self._check_there(asked)
@@ -202,7 +179,7 @@ class PairReports:
             for path in entries[:-MOST_KEPT]:
                 shutil.rmtree(path, ignore_errors=True)
 
-    def _check_there(self, asked: AskedJobs) -> None:
+    def _check_there(self, asked: AnyJobs) -> None:
         """Raise NotHere where one of the analyses was deleted meanwhile."""
         for job in asked.jobs:
             self.results.store.get(job.id)

@@ -160,13 +160,13 @@ def find_database_file(url: str) -> str | None:
     return str(parts.database) if parts.get_backend_name() == "sqlite" else None
 
 
-def lock_tables(connection: Connection) -> None:
+def lock_tables(connection: Connection, lock: int = _TABLES_LOCK) -> None:
     """Let one transaction at a time create tables, or look for a repeated request and add it.
 
-    SQLite's transaction has locked the database already.
+    ``lock`` names other work. SQLite's transaction has locked the database already.
     """
     if connection.dialect.name == "postgresql":
-        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _TABLES_LOCK})
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})
 
 
 @contextmanager
@@ -179,7 +179,7 @@ def one_request_at_a_time(engine: Engine) -> Iterator[None]:
         yield
         return
     with engine.begin() as connection:
-        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _REQUEST_LOCK})
+        lock_tables(connection, _REQUEST_LOCK)
         yield
 
 

@@ -245,7 +245,7 @@ retention = Table(
     Column("days", Integer, nullable=False),
 )
 
-# Group figures of a study as they were published once (app/jobs/governance/aggregate.py).
+# Group figures of a study as they were published once (app/jobs/governance.py).
 aggregate_blocks = Table(
     "aggregate_blocks",
     metadata,

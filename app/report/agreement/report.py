@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -168,21 +167,12 @@ def _build_sections(
 # ------------------------------------------------------------------ a study, as in the source paper's Table 1
 
 
-@dataclass(frozen=True, slots=True)
-class StudyFacts:
-    """What the sheet says beside the figures."""
-
-    method: str
-    pose: str
-    software: Software
-    report_id: str
-
-
 def build_study(
     entries: Sequence[AgreementEntry],
     cells: Sequence[AgreementCell],
     problems: Sequence[tuple[str, str, str]],
-    facts: StudyFacts,
+    software: Software,
+    report_id: str,
     language: Language,
 ) -> AgreementReport:
     """Turn a study into all that a template may use; ``problems`` are (file, what was wrong, code)."""
@@ -203,8 +193,8 @@ def build_study(
         sentences.append(fill(entry["sentence"], {"device": name, "low": low, "high": high}))
     return _build_sheet(
         language,
-        facts.report_id,
-        facts.software,
+        report_id,
+        software,
         title=entry["title"],
         header=[Pair(entry["header"][name], counts[name]) for name in entry["header"]],
         sentences=sentences,

@@ -391,8 +391,7 @@ def _tabulate_time(context: Context) -> Table:
         f"{format_reason(reason, context.words)} ({format_duration(us / MICROSECONDS, language)})"
         for reason, us in _sum_exclusions(context.findings).items()
     )
-    note = fill(entry["note"], {"reasons": reasons})
-    return Table.lay(entry, rows, note=note)
+    return Table.lay(entry, rows, note=fill(entry["note"], {"reasons": reasons}))
 
 
 def _build_time_rows(

@@ -20,6 +20,7 @@ from app.report.words.numbers import Clock, format_angle, format_duration, forma
 from app.report.words.wording import Words, fill, join_clauses
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import MinuteProfile
+from fusion.numerics.intervals import find_uncovered, join_overlapping
 from fusion.recording import MICROSECONDS
 from fusion.recording import Span as LeftOut
 
@@ -99,12 +100,9 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
     runs = _build_runs(findings.exposure.minutes, duration_s)
     left_out = merge_spans(findings.exclusions)
     marks = [Mark(a, b, "left out", format_reason(reason, words)) for a, b, reason in left_out]
-    covered = sorted([(b.start_s, b.end_s) for run in runs for b in run] + [(a, b) for a, b, _ in left_out])
-    reached_s = 0.0  # what neither a minute with values nor a stretch left out covers is missing
-    for start_s, end_s in (*covered, (duration_s, duration_s)):
-        if start_s > reached_s:
-            marks.append(Mark(reached_s, start_s, "missing", words["day"]["missing"]))
-        reached_s = max(reached_s, end_s)
+    known = [(b.start_s, b.end_s) for run in runs for b in run] + [(a, b) for a, b, _ in left_out]
+    missing = find_uncovered(known, 0.0, duration_s, 0.0)
+    marks += [Mark(a, b, "missing", words["day"]["missing"]) for a, b in missing]
     shown = (mark for mark in marks if mark.end_s - mark.start_s >= SHORTEST_MARK_S)
     worst = (
         (w.start_s, w.start_s + w.length_s)
@@ -140,13 +138,14 @@ def format_reason(reason: str, words: Words) -> str:
 
 def merge_spans(spans: Iterable[LeftOut]) -> list[tuple[float, float, str]]:
     """Join stretches of one reason that touch or overlap; seconds, in time order."""
-    merged: list[tuple[int, int, str]] = []
-    for span in sorted(spans, key=lambda s: (s.reason, s.start_us)):
-        if merged and merged[-1][2] == span.reason and span.start_us <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(merged[-1][1], span.end_us), span.reason)
-        else:
-            merged.append((span.start_us, span.end_us, span.reason))
-    return sorted((a / MICROSECONDS, b / MICROSECONDS, reason) for a, b, reason in merged)
+    by_reason: dict[str, list[tuple[int, int]]] = {}
+    for span in spans:
+        by_reason.setdefault(span.reason, []).append((span.start_us, span.end_us))
+    return sorted(
+        (start_us / MICROSECONDS, end_us / MICROSECONDS, reason)
+        for reason, of_reason in by_reason.items()
+        for start_us, end_us in join_overlapping(of_reason)
+    )
 
 
 def _build_runs(minutes: MinuteProfile, duration_s: float) -> tuple[Run, ...]:

@@ -166,12 +166,9 @@ def group_days(
     mixed_methods
         Figures of several methods, or versions of one, are wanted beside one another.
 
-    Raises
-    ------
-    CannotProfile
-        With a single recording; one twice; the same hours of one arm twice; recordings without a code beside
-        several codes, or of which nobody says that they are of one person; fewer than five people of one arm
-        in a group; several methods that nobody asked to mix.
+    Raises CannotProfile with a single recording; one twice; the same hours of one arm twice; recordings
+    without a code beside several codes, or of which nobody says that they are of one person; fewer than five
+    people of one arm in a group; several methods that nobody asked to mix.
     """
     if len(days) < 2:
         raise CannotProfile(why="one")

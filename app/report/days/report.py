@@ -58,7 +58,7 @@ MOST_ROWS = 14
 
 def build_days(studied: StudiedDays, language: Language) -> Report:
     """Turn several days into one report."""
-    words, common = _load_words(language), load_wording(language)
+    words, common = load_wording(language, "days"), load_wording(language)
     every = [day.kept for day in studied.days]
     rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
     poses = dict.fromkeys(format_pose_caution(kept.findings, common) for kept in every)
@@ -294,14 +294,9 @@ def _list_sections(studied: StudiedDays, words: Words, language: Language) -> It
         yield _build_sources(studied, words, language)
 
 
-def _load_words(language: Language) -> Words:
-    """Read the words of a report of several days."""
-    return load_wording(language, "days")
-
-
 def _name_arm(side: Side | None, stage: Stage, language: Language) -> str:
     """Name an arm, and the side of the change where there is one: "Right arm, before"."""
-    words = _load_words(language)
+    words = load_wording(language, "days")
     arm = str(words["arm"][side or "unknown"])
     return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
 
@@ -333,7 +328,7 @@ def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iter
                 format_figure(figure.mean, name, language),
                 _format_span(figure.mean_range, name, language) or NONE,
                 _format_pose(arm.find_pose_ends(name), name, language) or NONE,
-                _format_points(figure.sd, name, language),
+                format_points(figure.sd, name, language),
                 format_ends(figure.sd_range, 1, language) or NONE,
             )
             for name, figure in describe_arm(arm).items()
@@ -342,10 +337,6 @@ def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iter
         tables += [Table(name, tuple(entry["columns"]), rows, note=entry["note"])] if arm.counted else []
     if tables:
         yield Section("means", entry["title"], tables=tuple(tables))
-
-
-def _format_points(points: float | None, name: str, language: Language) -> str:
-    return NONE if points is None else format_points(points, name, language)
 
 
 def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
@@ -359,8 +350,8 @@ def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iter
                 format_figure(spread.mean, name, language),
                 _format_span(spread.mean_range, name, language) or NONE,
                 _format_pose(find_group_pose(studied, name, side, stage), name, language) or NONE,
-                _format_points(spread.between_sd, name, language),
-                _format_points(spread.within_sd, name, language),
+                format_points(spread.between_sd, name, language),
+                format_points(spread.within_sd, name, language),
             )
             for name, spread in figures.items()
         )
@@ -384,7 +375,7 @@ def _build_changes(studied: StudiedDays, words: Words, language: Language) -> It
                 format_ends(Interval(*change["change_range"]), 1, language)
                 if change["change_range"]
                 else NONE,
-                _format_points(change["detectable"], name, language),
+                format_points(change["detectable"], name, language),
                 entry["verdict"][change["verdict"]],
             )
             for name, change in figures.items()

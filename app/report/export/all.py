@@ -7,9 +7,14 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from app.report.export.columns import encode_dictionary, encode_summary, summarise_results
+from app.report.export.columns import (
+    DATAPACKAGE,
+    encode_datapackage,
+    encode_dictionary,
+    encode_summary,
+    summarise_results,
+)
 from app.report.export.csv import FRENCH_EXCEL, Row, encode_table
-from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.parquet import lay_some_numbers, lay_some_texts
 from app.report.export.xlsx import encode_workbook
 from app.report.figures import SUMMARY, SUMMARY_OF_ONE, Results, find_unit

@@ -42,7 +42,8 @@ from app.request import Conclusion
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
-from fusion.recording import MICROSECONDS, QualityFlag
+from fusion.quality.types import TimeAccount, TimePart
+from fusion.recording import MICROSECONDS, QualityFlag, Span
 from fusion.settings import AnalysisSettings
 
 if TYPE_CHECKING:
@@ -79,22 +80,9 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "columns": json.loads(subject.columns) if subject.columns else None,
         },
         "time": {
-            "recorded_s": time.recorded_us / MICROSECONDS,
-            "analysed_s": time.analysed_us / MICROSECONDS,
-            "missing_s": time.missing_us / MICROSECONDS,
-            "excluded_s": time.excluded_us / MICROSECONDS,
-            "parts": [
-                {"account": part.account, "name": part.name, "duration_s": part.duration_us / MICROSECONDS}
-                for part in time.parts
-            ],
-            "exclusions": [
-                {
-                    "start_s": span.start_us / MICROSECONDS,
-                    "duration_s": span.duration_us / MICROSECONDS,
-                    "reason": span.reason,
-                }
-                for span in findings.exclusions
-            ],
+            **_describe_us(time),
+            "parts": list(map(_describe_us, time.parts)),
+            "exclusions": list(map(_describe_us, findings.exclusions)),
         },
         "calibration": asdict(findings.calibration) if findings.calibration else None,
         "method": asdict(findings.method) if findings.method else None,
@@ -111,8 +99,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             ],
         },
         "software": {
-            "version": subject.software.version,
-            "revision": subject.software.revision,
+            **asdict(subject.software),
             "reader": {"name": reader[0], "version": reader[1]} if reader else None,  # a plug-in
         },
         "conclusion": asdict(subject.conclusion) if subject.conclusion else None,
@@ -152,6 +139,15 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
         said["conclusion"] = asdict(subject.conclusion)
     text = json.dumps(round_all(said), sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
+
+
+def _describe_us(record: TimeAccount | TimePart | Span) -> dict[str, object]:
+    """Describe a record with its microseconds as seconds; :func:`_read_us` turns them back."""
+    told: dict[str, object] = {}
+    for name, value in asdict(record).items():
+        is_us = name.endswith("_us")
+        told[f"{name.removesuffix('_us')}_s" if is_us else name] = value / MICROSECONDS if is_us else value
+    return told
 
 
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
@@ -296,10 +292,7 @@ def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
 def decode_results(content: bytes) -> Kept:
     """Read what :func:`encode_results` wrote; the subject lacks what a person said of a correction.
 
-    Raises
-    ------
-    ValueError
-        When it is no such file, or of another form.
+    Raises ValueError if it is no such file, or of another form.
     """
     try:
         results = json.loads(content)

@@ -10,8 +10,7 @@ from pathlib import Path
 from app.report.analysis.report import build_report
 from app.report.export.results import decode_results
 from app.report.findings import Findings, Kept
-from app.report.model import Report
-from app.report.render.brief import format_brief
+from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
@@ -42,10 +41,7 @@ def write_report(
 def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
     """Write the reports of a finished analysis anew into ``out``, where its results are put too.
 
-    Raises
-    ------
-    OSError, ValueError
-        When the folder holds no results, or those of another version.
+    Raises OSError or ValueError if the folder holds no results, or those of another version.
     """
     kept = read_kept(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
@@ -55,9 +51,6 @@ def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
 def read_kept(finished: Path) -> Kept:
     """Read what the analysis in a folder found.
 
-    Raises
-    ------
-    OSError, ValueError
-        As :func:`rewrite_reports`.
+    Raises OSError or ValueError as :func:`rewrite_reports`.
     """
     return decode_results((finished / RESULTS).read_bytes())

@@ -55,10 +55,7 @@ def clean_text(text: str) -> str:
 def check_conclusion(text: str) -> str:
     """Take a conclusion of one paragraph or more, each on a line of its own.
 
-    Raises
-    ------
-    ValueError
-        Nothing of it can be seen.
+    Raises ValueError if nothing of it can be seen.
     """
     paragraphs = clean_paragraphs(text)
     if not paragraphs:

@@ -1,9 +1,9 @@
 """Pages of the recordings and of one analysis: its state or answer, versions, changes and damage."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -17,7 +17,7 @@ from app.api.middleware.problems import Refusal
 from app.api.trust import find_names, find_person_name
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Entry
+from app.jobs.listing import Entry
 from app.jobs.results import can_regenerate
 from app.jobs.results import retry as retry_job
 from app.jobs.store import JobFilter
@@ -29,22 +29,15 @@ from app.report.words.wording import Language, fill, find_nearest, load_device_n
 from app.request import ReportRequest
 from app.services import Services, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
-from app.web.pairs import Offer as PairOffer
-from app.web.pairs import find_offers
-from app.web.profile import find_days_address
-from app.web.recording.columns import Offer as ColumnOffer
+from app.web.pairs import find_days_address, find_offers
 from app.web.recording.columns import find_offer
-from app.web.recording.conclusion import ConclusionCard, build_conclusion
-from app.web.recording.day import DayClock, DayView, build_day, build_hours, find_day, list_axes
-from app.web.recording.page_one import PageOne, read_page_one
+from app.web.recording.conclusion import build_conclusion
+from app.web.recording.day import DayClock, build_day, build_hours, find_day, list_axes
+from app.web.recording.page_one import read_page_one
 from app.web.rendering import Page, UsedPage
-from app.web.trust import ReleaseCard, build_release
+from app.web.trust import build_release
 from app.web.views import (
-    Answer,
     Fact,
-    JobRow,
-    OldVersion,
-    ShownEntry,
     build_answer,
     build_entry,
     build_figures,
@@ -201,47 +194,31 @@ class Changes:
     settings: tuple[Row, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class AnswerView:
-    """Answer, hours and day of a finished analysis, and where it leads; or the damage of one of its files.
+def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
+    """Read answer, hours and day of a finished analysis, and where it leads; the form shows ``asked``.
 
-    ``days``: the address of all days of the person.
+    Nothing of any other. If a file is damaged, what is read before it is shown, and the damage is named.
     """
-
-    answer: Answer | None = None
-    hours: Sequence[tuple[str, ...]] = ()
-    offers: Sequence[PairOffer] = ()
-    days: str = ""
-    day: DayView | None = None
-    page_one: PageOne | None = None
-    damage: Damage | None = None
-
-
-def read_answer(page: Page, job: Job, asked: ReportRequest) -> AnswerView:
-    """Read the answer of a finished analysis, or nothing of any other; the form shows ``asked``.
-
-    If a file is damaged, what is read before it is shown, and the damage is named.
-    """
-    services, language, shown = page.services, page.language, AnswerView()
+    services, language = page.services, page.language
+    shown: dict[str, Any] = dict.fromkeys(("answer", "day", "page_one", "damage"))
+    shown |= {"hours": (), "offers": (), "days": ""}
     try:
         results = find_results(services, job)
         if results is None:
             return shown
         name = f"answer.{find_nearest(language, job.request.languages)}.txt"
-        shown = replace(
-            shown,
-            answer=build_answer(results, services.results.read(job, name).decode(), language),
-            hours=build_hours(results, language),
-            offers=find_offers(page, job, results.get("recording", {}).get("start") or ""),
-            days=find_days_address(services, job),
-        )
+        shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
+        shown["hours"] = build_hours(results, language)
+        shown["offers"] = find_offers(page, job, results.get("recording", {}).get("start") or "")
+        shown["days"] = find_days_address(services, job)
         day = None
         with suppress(NoSuchFile):
             day = find_day(services, job)
-            shown = replace(shown, day=build_day(day, asked, language))
-        return replace(shown, page_one=read_page_one(services, job, day, language))
+            shown["day"] = build_day(day, asked, language)
+        shown["page_one"] = read_page_one(services, job, day, language)
     except ResultDamaged as damaged:
-        return replace(shown, damage=build_damage(page, damaged.facts))
+        shown["damage"] = build_damage(page, damaged.facts)
+    return shown
 
 
 def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
@@ -317,35 +294,6 @@ class Seen(BaseModel):
     attempt: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class AnalysisView:
-    """One analysis: ``row`` is its state, ``job_request`` what the form of corrections shows.
-
-    ``reason`` and ``attempt_id`` are those of a failed attempt whose settings are shown; ``failed`` is one
-    that came later, ``report`` the current report where this is not it.
-    """
-
-    row: JobRow
-    entry: ShownEntry
-    settings: Sequence[Fact]
-    job_request: ReportRequest
-    reason: str
-    attempt_id: str
-    why_unusable: Mapping[str, str]
-    axes: Sequence[tuple[str, str]]
-    is_of_sensors: bool
-    offer: ColumnOffer | None
-    changes: Changes | None
-    conclusion: ConclusionCard | None
-    release: ReleaseCard
-    versions: Sequence[VersionRow]
-    recording_id: str
-    source: Problem | None
-    failed: JobRow | None
-    report: Job | None
-    old: OldVersion | None
-
-
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 
@@ -355,7 +303,7 @@ def home(page: UsedPage) -> Response:
     services, limit_bytes = page.services, page.services.settings.max_upload_bytes
     return page.render(
         "home.html",
-        build_library(page, read_filter(page.request)),
+        **build_library(page, read_filter(page.request)),
         max_bytes=limit_bytes,
         max_size=format_size(limit_bytes, page.language),
         devices=load_device_names(page.language),
@@ -370,7 +318,7 @@ def home(page: UsedPage) -> Response:
 def rows(page: UsedPage, only: str = "") -> Response:
     """Return the list alone, for a page that is open already; ``only`` one analysis if named."""
     if not only:
-        return page.render("rows.html", build_library(page, read_filter(page.request)))
+        return page.render("rows.html", **build_library(page, read_filter(page.request)))
     entry = Entry(page.services.store.get(only), None)
     entries = [build_entry(entry, page.language, find_took(page.services, [entry]))]
     return page.render("rows.html", entries=entries, is_empty=False, count="", query="")
@@ -397,7 +345,8 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
     subject = find_subject(page.request)
     own_name = find_person_name(page.request, subject.id)
-    view = AnalysisView(
+    return page.render(
+        "analysis.html",
         row=entry.row,
         entry=entry,
         settings=build_settings(job, clock, language),
@@ -417,8 +366,9 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
         failed=build_row(failed, language) if failed else None,
         report=None if is_current else report,
         old=describe_old(job, history.reports, page),
+        **find_neighbours(page, job),
+        **read_answer(page, job, asked),
     )
-    return page.render("analysis.html", view, find_neighbours(page, job), read_answer(page, job, asked))
 
 
 def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:

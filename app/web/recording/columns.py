@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 from app.api.library.analyses import check_queue
 from app.errors import BadParameter
 from app.jobs.job import Job, JobState
-from app.jobs.library.mappings import UNNAMED
+from app.jobs.mappings import UNNAMED
 from app.report.words.columns import format_columns
 from app.report.words.subject import clean_text, cut_text
 from app.request import write_profile
@@ -19,7 +19,7 @@ from app.services import Services
 from app.storage.store import borrow_recording
 from app.web.forms import Form, UsedForm, first
 from app.web.rendering import Page, UsedPage
-from app.web.views import ProblemBox, build_problem, format_moment
+from app.web.views import build_problem, format_moment
 
 AXES = ("x", "y", "z")
 VECTORS = ("acceleration", "angular_rate")
@@ -59,23 +59,6 @@ class Offer:
     is_unnamed: bool
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnsView:
-    """The form of the columns: what was ``found`` in the first rows, or named before, and the choices."""
-
-    job: Job
-    problem: ProblemBox | None
-    found: Mapping[str, Any]
-    rate: str | float
-    offer: Offer | None
-    waiting: int
-    is_unnamed: bool
-    choices: Sequence[Choice]
-    time: int
-    units: Mapping[str, Sequence[str]]
-    orders: Sequence[str] = DATE_ORDERS
-
-
 @router.get("/analyses/{analysis_id}/columns")
 def ask_columns(analysis_id: str, page: UsedPage) -> Response:
     """Ask which column is what, with the first rows and a proposal by their names."""
@@ -87,23 +70,24 @@ def ask_columns(analysis_id: str, page: UsedPage) -> Response:
     profile = json.loads(job.request.profile or "{}")
     named = {"sensor": "", "rate_hz": "", "date_order": ""} | found | profile
     time = profile.get("time") if job.request.profile else named["time"]
-    view = ColumnsView(
-        job,
-        build_problem(job, page.language),
-        named,
-        named["rate_hz"],
-        find_offer(page, job, header),
-        _count_others(services, job, header),
-        header.startswith(UNNAMED),
-        [
+    return page.render(
+        "columns.html",
+        job=job,
+        problem=build_problem(job, page.language),
+        found=named,
+        rate=named["rate_hz"],
+        offer=find_offer(page, job, header),
+        waiting=_count_others(services, job, header),
+        is_unnamed=header.startswith(UNNAMED),
+        choices=[
             Choice(f"{vector}_{axis}", vector, axis, _find_column(place, columns))
             for vector in VECTORS
             for axis, place in zip(AXES, named[vector] or (None, None, None), strict=True)
         ],
-        _find_column(time, columns),
-        UNITS,
+        time=_find_column(time, columns),
+        units=UNITS,
+        orders=DATE_ORDERS,
     )
-    return page.render("columns.html", view)
 
 
 @router.post("/analyses/{analysis_id}/columns")

@@ -3,8 +3,8 @@
 After a correction it is shown as a draft, until a person confirms or dismisses it.
 """
 
-from dataclasses import dataclass
 from datetime import date
+from typing import Any
 
 from fastapi import APIRouter, Response
 
@@ -22,42 +22,26 @@ from app.web.rendering import Page, UsedPage
 router = APIRouter(prefix="/analyses/{analysis_id}", include_in_schema=False)
 
 
-@dataclass(frozen=True, slots=True)
-class ConclusionCard:
-    """The conclusion of the report or the draft of one, its date in words, and what the form holds.
+def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -> dict[str, Any] | None:
+    """Return the conclusion of a finished analysis or, if it is the current report, the draft of one.
 
-    ``draft``: where the draft comes from, in words; "" if ``said`` is in the report.
-    ``own_name``: of the person logged in, "" where a name is typed.
-    ``is_open``: the figures are this engine's; those of an earlier one may move, and are analysed first.
-    """
-
-    said: Conclusion | None
-    draft: str
-    when: str
-    today: str
-    most: int
-    is_open: bool
-    own_name: str = ""
-
-
-def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -> ConclusionCard | None:
-    """Return the card of a finished analysis, with its draft if it is the current report; None for any other.
-
-    ``own_name``: of the person logged in.
+    None for any other. ``draft``: where the draft comes from, in words; "" if ``said`` is in the report.
+    ``own_name``: of the person logged in, "" where a name is typed. ``is_open``: the figures are this
+    engine's; those of an earlier one may move, and are analysed first.
     """
     if job.state is not JobState.SUCCEEDED or job.replaced_by is not None:
         return None
     draft = job.request.draft if is_current else None
     said = draft.conclusion if draft else job.request.conclusion
-    return ConclusionCard(
-        said,
-        describe_draft(draft, page.language) if draft else "",
-        format_date(date.fromisoformat(said.date), page.language) if said else "",
-        date.today().isoformat(),  # noqa: DTZ011
-        LONGEST_CONCLUSION,
-        any(one.id == job.id for one in page.services.store.find_same(job.sha256, job.request)),
-        own_name,
-    )
+    return {
+        "said": said,
+        "draft": describe_draft(draft, page.language) if draft else "",
+        "when": format_date(date.fromisoformat(said.date), page.language) if said else "",
+        "today": date.today().isoformat(),  # noqa: DTZ011
+        "most": LONGEST_CONCLUSION,
+        "is_open": any(one.id == job.id for one in page.services.store.find_same(job.sha256, job.request)),
+        "own_name": own_name,
+    }
 
 
 def describe_draft(draft: ConclusionDraft, language: Language) -> str:

@@ -16,6 +16,7 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
+from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.errors import BadParameter, NoSuchFile
 from app.jobs.job import Job, JobState
 from app.report.words.numbers import Clock, format_angle, format_duration, format_number, format_percent
@@ -397,8 +398,7 @@ def export_diary(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
     clock = DayClock.of(_find_day_of(page, analysis_id)[1].facts)
     rows = place_rows(read_rows(form, clock), clock)
     body = write_csv([(row.start, row.end, row.kind, row.label) for row in rows], clock, bom=BOM)
-    headers = {"Content-Disposition": 'attachment; filename="diary.csv"'}
-    return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+    return respond_with_file(body, MEDIA_TYPES["csv"], "diary.csv")
 
 
 def _find_day_of(page: Page, analysis_id: str) -> tuple[Job, DayFile]:
@@ -476,78 +476,47 @@ class Question:
     end: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class AxisView:
-    """Which sensor axis lay along the arm: what was ``asked`` ("" for none), and what the form offers.
-
-    ``drawing`` names the drawing of the sensor, ``where`` says how its axes lie and ``nearest`` which of them
-    is nearest to the axis that was found.
-    """
-
-    asked: str
-    choices: tuple[tuple[str, str], ...]
-    drawing: str
-    where: str
-    nearest: str
-
-
-@dataclass(frozen=True, slots=True)
-class DayView:
-    """Everything the timeline's part of the page needs."""
-
-    start: str
-    duration_s: float
-    needs_date: bool
-    rows: list[PeriodRow]
-    windows: tuple[WindowRow, ...]
-    level: WindowRow
-    held: str
-    slips: str
-    no_slips: str
-    axis: AxisView
-    questions: tuple[Question, ...]
-    proposals: tuple[Proposal, ...]
-    kinds: tuple[tuple[str, str], ...]
-    has_samples: bool
-
-
-def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayView:
-    """Build the view of a day and of its request."""
+def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[str, Any]:
+    """Build everything that the timeline's part of the page needs of a day and of its request."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
     count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
-    return DayView(
-        start=str(day.facts["start"] or ""),
-        duration_s=clock.duration_s,
-        needs_date=clock.needs_date,
-        rows=place_rows(request.select_diary(), clock),
-        windows=tuple(_build_window(place, day, request, clock) for place in range(count)),
-        level=_build_window(1, day, request, clock) if request.pose == "two-point" else NO_WINDOW,
-        held=request.pose_held or "",
-        slips="; ".join(map(clock.format, request.slip_times_s)),
-        no_slips="; ".join(map(clock.format, request.no_slip_times_s)),
-        axis=_build_axis(day.facts, request, words, language),
-        questions=tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
-        proposals=_build_proposals(day.facts, clock, words, language),
-        kinds=tuple((kind, str(names[kind])) for kind in KINDS),
-        has_samples=bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
-    )
+    return {
+        "start": str(day.facts["start"] or ""),
+        "duration_s": clock.duration_s,
+        "needs_date": clock.needs_date,
+        "rows": place_rows(request.select_diary(), clock),
+        "windows": tuple(_build_window(place, day, request, clock) for place in range(count)),
+        "level": _build_window(1, day, request, clock) if request.pose == "two-point" else NO_WINDOW,
+        "held": request.pose_held or "",
+        "slips": "; ".join(map(clock.format, request.slip_times_s)),
+        "no_slips": "; ".join(map(clock.format, request.no_slip_times_s)),
+        "axis": _build_axis(day.facts, request, words, language),
+        "questions": tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
+        "proposals": _build_proposals(day.facts, clock, words, language),
+        "kinds": tuple((kind, str(names[kind])) for kind in KINDS),
+        "has_samples": bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
+    }
 
 
 def _build_axis(
     facts: Mapping[str, Any], request: ReportRequest, words: Words, language: Language
-) -> AxisView:
+) -> dict[str, Any]:
+    """Return which axis was ``asked`` ("" for none), what the form offers, and which was ``nearest``.
+
+    ``drawing`` names the drawing of the sensor, ``where`` says how its axes lie.
+    """
     entry, device = words["along"], facts["device"]
     drawing = device if device in entry["where"] else "other"
     nearest, apart_deg = (None if request.arm_axis else facts.get("nearest_axis")) or ("", 0.0)
     told = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
-    return AxisView(
-        asked=request.arm_axis or "",
-        choices=list_axes(),
-        drawing=drawing,
-        where=str(entry["where"][drawing]),
-        nearest=fill(entry["nearest"], told) if nearest else "",
-    )
+    return {
+        "asked": request.arm_axis or "",
+        "choices": list_axes(),
+        "drawing": drawing,
+        "where": str(entry["where"][drawing]),
+        "nearest": fill(entry["nearest"], told) if nearest else "",
+    }
 
 
 def list_axes() -> tuple[tuple[str, str], ...]:

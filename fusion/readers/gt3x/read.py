@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
-from fusion.numerics.intervals import join_overlapping
+from fusion.numerics.intervals import find_uncovered, join_overlapping
 from fusion.readers.archives import check_parts, is_archive, open_archive, read_member, read_text
 from fusion.readers.gt3x.clock import LONGEST_GAP_S, Run, Seconds, Timeline, order_seconds
 from fusion.readers.gt3x.records import (
@@ -33,7 +33,6 @@ from fusion.readers.gt3x.records import (
     DeviceEvents,
     RowDecoder,
     ScanTally,
-    cut_out,
     make_decoder,
     pair_sleep,
     parse_schema,
@@ -447,9 +446,9 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
         early_s = -timeline.place_s(start_unix_s)
         if 0 < early_s <= LONGEST_GAP_S:
             asides += (QualityFlag(Caveat.SLEEP, 1, float(early_s)),)
-        start_s = max(0, -early_s)
-        stop_s = min(end_s, timeline.place_s(end_unix_s))
-        asleep += cut_out(start_s, stop_s, sorted([*covered, *docked]))
+        start_s, stop_s = max(0, -early_s), min(end_s, timeline.place_s(end_unix_s))
+        inside = [(first_s, last_s) for first_s, last_s in (*covered, *docked) if first_s < stop_s]
+        asleep += find_uncovered(inside, start_s, stop_s, 0)
     spans = tuple(
         Span(first_s * MICROSECONDS, (stop_s - first_s) * MICROSECONDS, reason)
         for reason, found in (("docked", docked), ("asleep", asleep))

@@ -437,17 +437,3 @@ def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tupl
     if entered is not None:
         spans.append((entered, last_unix_s))
     return [(start, end) for start, end in spans if end > start]
-
-
-def cut_out(start_s: int, end_s: int, covered: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
-    """What of [start, end) is not covered; ``covered`` in order and without overlap."""
-    left: list[tuple[int, int]] = []
-    for first, stop in covered:
-        if stop <= start_s or first >= end_s:
-            continue
-        if first > start_s:
-            left.append((start_s, first))
-        start_s = max(start_s, stop)
-    if start_s < end_s:
-        left.append((start_s, end_s))
-    return left

@@ -11,9 +11,7 @@ from sqlalchemy import insert, update
 from app.api.housekeeping import grow_older, write_side_files
 from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.database.tables import analyses, answers
-from app.jobs.governance.aggregate import AggregateStore
-from app.jobs.governance.releases import ReleaseStore
-from app.jobs.governance.retention import DAY_S, RetentionStore
+from app.jobs.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore
 from app.jobs.job import Job
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore

@@ -7,7 +7,7 @@ import pytest
 from app.errors import NotHere
 from app.jobs.batches import BatchStore
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Library, LibraryFilter
+from app.jobs.listing import Library, LibraryFilter
 from app.jobs.queue import WayIn
 from app.jobs.recordings import RecordingStore, StoredRow
 from app.jobs.store import JobStore

@@ -9,9 +9,8 @@ import pytest
 
 from app.errors import CannotCompare
 from app.report.findings import Kept
-from app.report.model import Report
+from app.report.model import Report, format_brief
 from app.report.pairs import build_comparison, describe_comparison, encode_document, refuse_no_comparison
-from app.report.render.brief import format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language

@@ -15,9 +15,8 @@ from app.errors import CannotPair
 from app.report.export.parquet import write_elevation
 from app.report.export.results import encode_results
 from app.report.findings import Kept
-from app.report.model import Report
+from app.report.model import Report, format_brief
 from app.report.pairs import ArmPair, OnePerson, build_pair, describe_pair
-from app.report.render.brief import format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.report.agreement.report import StudyFacts, build_study
+from app.report.agreement.report import build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
 from app.roads.validate import find_study_files
@@ -154,7 +154,7 @@ def study_of_two_devices(tmp_path: Path) -> Path:
         for device in ("gt9x", "lsm9ds1")
         for task in TITLES
     ]
-    facts = StudyFacts("smoothed", "n-pose", Software("1", "a"), "id")
-    report = build_study(entries, summarise_agreement_study(entries), [], facts, "en")
+    cells = summarise_agreement_study(entries)
+    report = build_study(entries, cells, [], Software("1", "a"), "id", "en")
     (tmp_path / "study.html").write_bytes(render_html(report))
     return tmp_path / "study.html"

@@ -188,10 +188,14 @@ def test_every_refusal_is_a_problem_document(
     assert answer.headers["content-type"] == "application/problem+json"
 
 
-def test_a_wrong_verb_is_told_every_right_one(shared: TestClient) -> None:
-    refused = shared.delete("/api/v1/recordings")
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [("/api/v1/recordings", "GET, POST"), ("/columns/0", "POST"), ("/login", "GET, POST"), ("/help", "GET")],
+)
+def test_a_wrong_verb_is_told_every_right_one(shared: TestClient, path: str, allowed: str) -> None:
+    refused = shared.delete(path)
 
-    assert (refused.status_code, refused.headers["allow"]) == (405, "GET, POST")
+    assert (refused.status_code, refused.headers["allow"]) == (405, allowed)
 
 
 ALL_THREE = "acromion account add, --hosts, --tls-cert"

@@ -20,8 +20,9 @@ from fastapi.testclient import TestClient
 from starlette.requests import Request
 
 from app.api import housekeeping
-from app.api.webhooks import Message, WebhookSender, check_address, is_public, send_message
+from app.api.webhooks import WebhookSender, check_address, is_public, send_message
 from app.errors import ForeignWebhook
+from app.jobs.webhooks import Delivery
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.services import Services, find_services
@@ -327,7 +328,7 @@ def test_terms_pass_while_one_never_answers(
 
 
 def deliver(url: str, limit_s: float) -> bool:
-    message = Message("msg_1", url, "whsec_" + base64.b64encode(b"key").decode(), "{}")
+    message = Delivery("msg_1", url, "whsec_" + base64.b64encode(b"key").decode(), "{}", 0)
     return run_coroutine(send_message(message, allow_private=True, limit_s=limit_s))
 
 

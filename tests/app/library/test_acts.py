@@ -9,8 +9,7 @@ from sqlalchemy import delete
 
 from app.jobs.database.tables import saved_views
 from app.jobs.job import Job, JobState
-from app.jobs.library.figures import HeadlineFigures
-from app.jobs.library.listing import VIEWS_FILE, Library, LibraryFilter, SavedViews
+from app.jobs.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter, SavedViews
 from app.jobs.recordings import RecordingStore
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore

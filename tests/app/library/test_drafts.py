@@ -11,7 +11,7 @@ from app.errors import StaleVersion
 from app.jobs import versions
 from app.jobs.database.tables import audit_log
 from app.jobs.job import Job
-from app.jobs.library.figures import HeadlineFigures
+from app.jobs.listing import HeadlineFigures
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
 from app.request import Conclusion, ConclusionDraft, ReportRequest

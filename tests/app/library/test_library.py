@@ -7,8 +7,7 @@ from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
 from app.jobs.job import Job
-from app.jobs.library.figures import HeadlineFigures, summarise_day
-from app.jobs.library.listing import Library, LibraryFilter
+from app.jobs.listing import HeadlineFigures, Library, LibraryFilter, summarise_day
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.main import create_app

@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.job import Job, JobState
-from app.jobs.library.mappings import MappingStore
+from app.jobs.mappings import MappingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.request import write_profile

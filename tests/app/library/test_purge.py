@@ -41,23 +41,19 @@ def purged(
     small_gt3x: bytes,
     caplog: pytest.LogCaptureFixture,
     tmp_path: Path,
-) -> set[str]:
-    """Make every kind of row and file of which a person's words can become part, then purge them all.
-
-    Returns the ids of the recordings.
-    """
+) -> None:
+    """Make every kind of row and file of which a person's words can become part, then purge them all."""
     caplog.set_level(logging.INFO)
+    assert len(CANARY) == 32
     WebhookStore(store.engine, store.reader).add("https://nobody.invalid/", EVENTS, ServerSecret(tmp_path))
     post(client, "recordings", json={"subject": CANARY})
-    half = send_by_tus(client, b"PATIENT " + CANARY.encode(), is_whole=False)
-    assert client.delete(half, headers={"tus-resumable": "1.0.0"}).status_code == 204
     send_by_tus(client, b"PATIENT " + CANARY.encode())
     analyse_in_every_way(client, bench, small_gt3x)
-    found = client.get("/api/v1/recordings").json()["items"]
-    assert len(found) == 3
-    for kept in found:
-        assert client.delete(f"/api/v1/recordings/{kept['id']}?purge=true").status_code == 200
-    return {kept["id"] for kept in found}
+    for trashed in (False, True):
+        found = client.get("/api/v1/recordings", params={"trashed": trashed}).json()["items"]
+        assert trashed or len(found) == 3
+        for kept in found:
+            client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
 
 
 def post(client: TestClient, place: str, **more: Any) -> dict[str, Any]:
@@ -65,20 +61,21 @@ def post(client: TestClient, place: str, **more: Any) -> dict[str, Any]:
     return answer
 
 
-def send_by_tus(client: TestClient, content: bytes, *, is_whole: bool = True) -> str:
-    """Send a file, or its first bytes; returns the address of the upload."""
+def send_by_tus(client: TestClient, content: bytes) -> None:
     metadata_words = {"filename": WORDS["file_name"], **WORDS}
     said = ",".join(
         f"{name} {base64.b64encode(word.encode()).decode()}" for name, word in metadata_words.items()
     )
-    tus = {"tus-resumable": "1.0.0", "content-type": "application/offset+octet-stream"}
-    begin = tus | {"upload-length": str(len(content)), "upload-metadata": said}
-    address = client.post("/api/v1/uploads", content=content[:20], headers=begin).headers["location"]
+    headers = {
+        "tus-resumable": "1.0.0",
+        "upload-length": str(len(content)),
+        "upload-metadata": said,
+        "content-type": "application/offset+octet-stream",
+    }
+    address = client.post("/api/v1/uploads", content=content[:20], headers=headers).headers["location"]
     client.get(f"{address}/inspection")
-    if is_whole:
-        more = tus | {"upload-offset": "20"}
-        assert client.patch(address, content=content[20:], headers=more).status_code == 204
-    return address
+    more = {name: headers[name] for name in ("tus-resumable", "content-type")} | {"upload-offset": "20"}
+    assert client.patch(address, content=content[20:], headers=more).status_code == 204
 
 
 def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes) -> None:
@@ -102,9 +99,8 @@ def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes
 
 
 @on_both_set_ups
-def test_no_table_no_byte_and_no_line_of_the_log_holds_a_word_of_what_was_purged(
-    purged: set[str], store: JobStore, settings: Settings, storage: Storage, caplog: pytest.LogCaptureFixture
-) -> None:
+@pytest.mark.usefixtures("purged")
+def test_no_table_holds_a_word_of_what_was_purged(store: JobStore) -> None:
     with store.reader.connect() as connection:
         rows = {table.name: connection.execute(select(table)).all() for table in metadata.sorted_tables}
 
@@ -113,13 +109,21 @@ def test_no_table_no_byte_and_no_line_of_the_log_holds_a_word_of_what_was_purged
     assert [row.recording_id for row in rows["uploads"]] == ["purged"]
     assert rows["deliveries"] != []
 
-    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
-    assert [*storage.find_names(), *storage.find_recordings()] == []
-    assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
-    assert purged <= storage.find_erased()
 
+@on_both_set_ups
+@pytest.mark.usefixtures("purged")
+def test_no_byte_of_the_data_folder_and_of_the_bucket_holds_one(settings: Settings, storage: Storage) -> None:
+    assert list(storage.find_names()) == []
+    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
+
+    assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
+
+
+@pytest.mark.usefixtures("purged")
+def test_no_line_of_the_log_holds_one(caplog: pytest.LogCaptureFixture) -> None:
     ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
     written = "\n".join(logging.Formatter().format(record) for record in ours)
+
     assert "attempt 1: finished" in written
     assert CANARY not in written
 
@@ -131,16 +135,26 @@ def keep_samples(settings: Settings, recording_id: str) -> Path:
     return cache.folder
 
 
-def test_a_purge_removes_the_decoded_samples_of_its_recording_alone(
+def test_a_purge_removes_the_decoded_samples(client: TestClient, settings: Settings) -> None:
+    kept = client.post("/api/v1/recordings", content=b"x").json()
+    folder = keep_samples(settings, kept["id"])
+    assert len(list(folder.iterdir())) == 1
+
+    client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+
+    assert list(folder.iterdir()) == []
+
+
+def test_decoded_samples_of_the_same_bytes_in_another_recording_stay(
     client: TestClient, settings: Settings
 ) -> None:
     names = ({"file_name": name} for name in ("a.csv", "b.csv"))
-    ids = [client.post("/api/v1/recordings", content=b"x", params=name).json()["id"] for name in names]
-    folders = [keep_samples(settings, recording_id) for recording_id in ids]
+    first, second = (client.post("/api/v1/recordings", content=b"x", params=name).json() for name in names)
+    folder = keep_samples(settings, second["id"])
 
-    client.delete(f"/api/v1/recordings/{ids[0]}", params={"purge": True})
+    client.delete(f"/api/v1/recordings/{first['id']}", params={"purge": True})
 
-    assert [len(list(folder.iterdir())) for folder in folders] == [0, 1]
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_samples_that_were_written_after_their_recording_was_purged_go_too(

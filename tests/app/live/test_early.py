@@ -14,8 +14,16 @@ from fastapi.testclient import TestClient
 
 from app.api import live as live_api
 from app.api.live import LIVE_FOLDER
-from app.live.early import EarlyFile, EarlyPort, SessionFiles, begin_files, find_left, read_about, read_pieces
-from app.live.ports import PushedPort
+from app.live.ports import (
+    EarlyFile,
+    EarlyPort,
+    PushedPort,
+    SessionFiles,
+    begin_files,
+    find_left,
+    read_about,
+    read_pieces,
+)
 from app.live.raw_file import write_early_rows
 from app.main import create_app
 from app.settings import Settings
@@ -203,9 +211,9 @@ def test_a_session_that_cannot_start_leaves_no_file(
 PROGRAM = """
 import os, signal, sys
 from pathlib import Path
-from app.live.early import EarlyFile, EarlyPort
+from app.live.ports import EarlyFile, EarlyPort
 from app.live.ports import PushedPort
-from app.live.early import begin_files
+from app.live.ports import begin_files
 from app.settings import Settings
 from tests.app.live.test_early import ASKED, BOARD, read_early, wait_for, write_rows
 

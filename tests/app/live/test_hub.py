@@ -9,8 +9,8 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from app.errors import TooManySessions
-from app.live.early import SessionFiles, begin_files
 from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
+from app.live.ports import SessionFiles, begin_files
 from app.live.raw_file import Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts

@@ -17,8 +17,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
 from app.jobs.database.tables import audit_log, deliveries, recordings
 from app.jobs.store import JobStore
-from app.live.early import SessionFiles, begin_files
-from app.live.ports import SerialPort
+from app.live.ports import SerialPort, SessionFiles, begin_files
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
@@ -358,7 +357,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
-    assert [session.state for session in hub.sessions()] == ["stopped"]
+    assert [session.state for session in hub._sessions.values()] == ["stopped"]
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
 from app.api.library.analyses import run_to_end
+from app.jobs.cluster import install, revive_if_leading
 from app.jobs.database.connect import open_database
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
-from app.jobs.processes.cluster import install, revive_if_leading
-from app.jobs.processes.leader import REVIVAL, Leader
+from app.jobs.leader import REVIVAL, Leader
 from app.jobs.store import JobStore
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench

@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.job import Job, JobState
-from app.jobs.library.listing import Library, Took
+from app.jobs.listing import Library, Took
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.web.views import estimate_left_s

@@ -12,14 +12,13 @@ from typing import cast
 import pytest
 from sqlalchemy import select, update
 
-from app.jobs import worker
+from app.jobs import pool, worker
 from app.jobs.children import attempt
 from app.jobs.children import fork_server as forking
 from app.jobs.children.attempt import NICENESS, MakeReport, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
-from app.jobs.processes import pool
 from app.jobs.store import JobStore
 from app.jobs.worker import Lease, return_expired, run_next
 from app.settings import Settings

@@ -18,7 +18,7 @@ from app.report.export.columns import PERIOD_COLUMNS, encode_dictionary, find_pa
 from app.report.export.naming import pack_files
 from app.report.export.results import encode_results
 from app.report.figures import SUMMARY, find_unit
-from app.report.render.brief import format_brief
+from app.report.model import format_brief
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.request import ReportRequest
 from app.roads.analyse import make_report

@@ -19,7 +19,7 @@ from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL
 from app.report.export.results import build_results
 from app.report.export.xlsx import encode_workbook
 from app.report.findings import Findings
-from app.report.render.brief import format_brief
+from app.report.model import format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import Language

@@ -18,8 +18,7 @@ from app.report.findings import (
     RepeatFacts,
     StillFacts,
 )
-from app.report.model import Report
-from app.report.render.brief import format_brief
+from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.request import ReportRequest
 from app.web.pairs import align_request

@@ -17,7 +17,15 @@ from fusion.angle_files import (
     holds_samples,
     read_angle_file,
 )
-from fusion.errors import MissingSegment, RefusedXml, UnknownAxis, UnknownRate, UnusableTime, WrongAngle
+from fusion.errors import (
+    FusionError,
+    MissingSegment,
+    RefusedXml,
+    UnknownAxis,
+    UnknownRate,
+    UnusableTime,
+    WrongAngle,
+)
 from fusion.readers import read_recording
 from tests.factories import hold
 from tests.simulated_mvnx import write_mvnx
@@ -56,15 +64,14 @@ def test_frames_of_mvnx_are_timed_by_their_number() -> None:
     assert read(mvnx(frames)).time_s.tolist() == [0.0, 0.05]
 
 
-def test_without_orientation_the_joints_tell_the_angle() -> None:
-    # The elbow 0.2 m below and 0.2 m beside the shoulder: 45 deg.
-    file = read(mvnx(FRAMES.format(elbow="0.2 0 1.2")))
+@pytest.mark.parametrize(("elbow", "angle_deg"), [("0.2 0 1.2", 45.0), ("0 0 1.1", 0.0)])
+def test_without_orientation_the_joints_tell_the_angle_of_an_assumed_arm(
+    elbow: str, angle_deg: float
+) -> None:
+    file = read(mvnx(FRAMES.format(elbow=elbow)))
 
-    assert file.elevation_deg == pytest.approx([45.0], abs=1e-4)
-
-
-def test_an_arm_that_hangs_in_position_is_at_0() -> None:
-    assert read(mvnx(FRAMES.format(elbow="0 0 1.1"))).elevation_deg == pytest.approx([0.0], abs=1e-3)
+    assert file.elevation_deg == pytest.approx([angle_deg], abs=1e-3)
+    assert [flag.code for flag in file.flags] == ["W-SIDE-ASSUMED"]
 
 
 def test_an_mvnx_without_upper_arm_is_refused_by_name() -> None:
@@ -74,31 +81,20 @@ def test_an_mvnx_without_upper_arm_is_refused_by_name() -> None:
     assert refusal.value.facts == {"segment": "RightUpperArm"}
 
 
-def test_the_arm_that_was_not_asked_for_is_said_to_be_assumed() -> None:
-    assert [flag.code for flag in read(mvnx(FRAMES.format(elbow="0 0 1"))).flags] == ["W-SIDE-ASSUMED"]
-
-
 @pytest.mark.parametrize(
-    "head",
+    ("head", "cut", "reason"),
     [
-        "<!DOCTYPE mvnx>",
-        '<!DOCTYPE mvnx [<!ENTITY a "b">]>',
-        '<!DOCTYPE mvnx SYSTEM "http://127.0.0.1:9/x.dtd">',
-        '<!DOCTYPE mvnx [<!ENTITY a SYSTEM "file:///etc/passwd">]>',
+        ("<!DOCTYPE mvnx>", None, "forbidden"),
+        ('<!DOCTYPE mvnx [<!ENTITY a SYSTEM "file:///etc/passwd">]>', None, "forbidden"),
+        ("", -20, "broken"),
     ],
+    ids=["document type", "entity", "cut"],
 )
-def test_a_document_type_is_refused(head: str) -> None:
+def test_a_document_type_and_a_cut_mvnx_are_refused(head: str, cut: int | None, reason: str) -> None:
     with pytest.raises(RefusedXml) as refusal:
-        read(mvnx(FRAMES.format(elbow="0 0 1"), head))
+        read(mvnx(FRAMES.format(elbow="0 0 1"), head)[:cut])
 
-    assert refusal.value.facts == {"reason": "forbidden"}
-
-
-def test_a_cut_mvnx_is_refused() -> None:
-    with pytest.raises(RefusedXml) as refusal:
-        read(mvnx(FRAMES.format(elbow="0 0 1"))[:-20])
-
-    assert refusal.value.facts == {"reason": "broken"}
+    assert refusal.value.facts == {"reason": reason}
 
 
 def test_a_csv_of_angles_keeps_its_own_clock_and_its_holes() -> None:
@@ -107,41 +103,45 @@ def test_a_csv_of_angles_keeps_its_own_clock_and_its_holes() -> None:
     assert (file.time_s.tolist(), file.first_s) == ([5.0, 5.2], 5.0)
 
 
-def test_semicolons_with_decimal_commas_are_read() -> None:
-    file = read("Temps;Angle\n0,0;10,5\n0,1;11,5\n")
+@pytest.mark.parametrize(
+    "text", ["Temps;Angle\n0,0;10,5\n0,1;11,5\n", "time_ms,angle\n0,10.5\n100,11.5\n"], ids=["commas", "ms"]
+)
+def test_decimal_commas_and_milliseconds_are_read(text: str) -> None:
+    file = read(text)
 
+    assert file.time_s.tolist() == [0.0, 0.1]
     assert file.elevation_deg == pytest.approx([10.5, 11.5])
 
 
-def test_milliseconds_are_told_by_the_name() -> None:
-    assert read("time_ms,angle\n0,1\n20,2\n").time_s.tolist() == [0.0, 0.02]
+# Hanging, then turned by 60 deg about x: half angles 0 and 30 deg.
+TURNED = "time,qw,qx,qy,qz\n0,1,0,0,0\n1,0.8660254,0.5,0,0\n"
 
 
 def test_a_quaternion_needs_a_pose() -> None:
-    # Hanging, then turned by 60 deg about x: half angles 0 and 30 deg.
-    file = read("time,qw,qx,qy,qz\n0,1,0,0,0\n1,0.8660254,0.5,0,0\n")
-
-    calibrated = calibrate_file(file, (0.0, 0.5))
+    file = read(TURNED)
 
     assert file.elevation_deg is None
-    assert calibrated.elevation_deg == pytest.approx([0.0, 60.0], abs=1e-4)
+    assert calibrate_file(file, (0.0, 0.5)).elevation_deg == pytest.approx([0.0, 60.0], abs=1e-4)
 
 
 def test_a_pose_in_which_the_sensor_turned_is_refused() -> None:
-    file = read("time,qw,qx,qy,qz\n0,1,0,0,0\n1,0.8660254,0.5,0,0\n")
-
     with pytest.raises(UnknownAxis):
-        calibrate_file(file, (0.0, 1.0))
+        calibrate_file(read(TURNED), (0.0, 1.0))
 
 
-def test_an_angle_that_cannot_be_is_refused() -> None:
-    with pytest.raises(WrongAngle):
-        read("time,angle\n0,1\n1,200\n")
-
-
-def test_time_that_runs_backwards_is_refused() -> None:
-    with pytest.raises(UnusableTime):
-        read("time,angle\n1,1\n0,2\n")
+@pytest.mark.parametrize(
+    ("text", "refusal"),
+    [
+        ("time,angle\n0,1\n1,200\n", WrongAngle),
+        ("time,angle\n1,1\n0,2\n", UnusableTime),
+        ("// MT Manager version: 2022.2.0\nPacketCounter\tRoll\tPitch\n1\t0\t0\n2\t0\t0\n", UnknownRate),
+    ],
+)
+def test_an_impossible_angle_or_time_and_an_unknown_rate_are_refused(
+    text: str, refusal: type[FusionError]
+) -> None:
+    with pytest.raises(refusal):
+        read(text)
 
 
 def test_our_own_parquet_loses_what_is_not_valid() -> None:
@@ -157,11 +157,6 @@ def test_a_counter_of_16_bits_may_start_over() -> None:
     file = read(f"// Update Rate: 100.0Hz\nPacketCounter\tRoll\tPitch\n{rows}")
 
     assert file.time_s == pytest.approx([0.0, 0.01, 0.02])
-
-
-def test_mt_manager_of_2022_asks_for_the_rate() -> None:
-    with pytest.raises(UnknownRate):
-        read("// MT Manager version: 2022.2.0\nPacketCounter\tRoll\tPitch\n1\t0\t0\n2\t0\t0\n")
 
 
 @pytest.mark.real_recordings
@@ -210,18 +205,7 @@ def test_dot_is_read_with_its_clock(shared_data: Callable[[str], Path]) -> None:
 
 @pytest.mark.real_recordings
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_axis_of_a_real_mvnx_is_level_in_its_t_pose(
-    side: str, shared_data: Callable[[str], Path]
-) -> None:
-    with shared_data("xsens/test_mocap.mvnx").open("rb") as file:
-        read_file = read_angle_file(file, options=AngleFileOptions(side))
-
-    assert float(read_file.understood["t_pose_elevation_deg"]) == pytest.approx(90.0, abs=1.0)
-
-
-@pytest.mark.real_recordings
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_orientation_and_joint_positions_of_a_real_mvnx_agree(
+def test_a_real_mvnx_is_level_in_its_t_pose_and_orientation_and_joint_positions_agree(
     side: str, shared_data: Callable[[str], Path]
 ) -> None:
     text = shared_data("xsens/test_mocap.mvnx").read_text()
@@ -229,6 +213,7 @@ def test_orientation_and_joint_positions_of_a_real_mvnx_agree(
 
     by_orientation, by_position = read(text, side=side), read(only_positions, side=side)
 
+    assert float(by_orientation.understood["t_pose_elevation_deg"]) == pytest.approx(90.0, abs=1.0)
     assert by_position.elevation_deg == pytest.approx(by_orientation.elevation_deg, abs=0.1)
 
 
@@ -248,26 +233,18 @@ def write_dot(columns: str, rows: str) -> bytes:
     return f"sep=,\nDeviceTag:,one\nOutputRate:,60Hz\n\n{columns}\n{rows}".encode()
 
 
-def test_a_dot_file_with_samples_is_to_be_fused() -> None:
-    columns = "PacketCounter,SampleTimeFine,Quat_W,Quat_X,Quat_Y,Quat_Z,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
+@pytest.mark.parametrize("samples", ["Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z", ""])
+def test_a_dot_file_is_to_be_fused_if_it_has_samples(samples: str) -> None:
+    columns = f"PacketCounter,SampleTimeFine,Quat_W,Quat_X,Quat_Y,Quat_Z,{samples}".rstrip(",")
 
-    assert holds_samples(io.BytesIO(write_dot(columns, "")))
-
-
-def test_a_dot_file_with_an_orientation_alone_is_not() -> None:
-    body = write_dot("PacketCounter,SampleTimeFine,Quat_W,Quat_X,Quat_Y,Quat_Z", "1,1,1,0,0,0\n")
-
-    assert not holds_samples(io.BytesIO(body))
+    assert holds_samples(io.BytesIO(write_dot(columns, ""))) is bool(samples)
 
 
 def test_a_dot_recording_is_named_as_one() -> None:
     made = hold((0, 10), (60, 10), rate_hz=60).recording.segments[0]
-    samples = np.hstack([made.acc_g * 9.80665, made.gyr_dps]) + np.random.default_rng(1).normal(
-        0, 0.02, (len(made), 6)
-    )
-    rows = "".join(
-        f"{k},{k * 16667}," + ",".join(f"{v:.5f}" for v in row) + "\n" for k, row in enumerate(samples)
-    )
+    noise = np.random.default_rng(1).normal(0, 0.02, (len(made), 6))
+    samples = np.hstack([made.acc_g * 9.80665, made.gyr_dps]) + noise
+    rows = "".join(f"{k},{k * 16667}," + ",".join(map(str, row)) + "\n" for k, row in enumerate(samples))
     columns = "PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
 
     recording = read_recording(io.BytesIO(write_dot(columns, rows)))

@@ -26,10 +26,6 @@ def recording_of(acc: Matrix, gyr: Matrix, **stated: Any) -> Recording:
     return Recording("other", "", None, None, segment.duration_us, (segment,), stated=Stated(**stated))
 
 
-def test_columns_under_their_own_names_do_not_look_exchanged() -> None:
-    assert not are_exchanged(recording_of(*turning()).segments)
-
-
 def test_exchanged_columns_are_refused_with_their_cause() -> None:
     acc_g, gyr_dps = turning()
 

@@ -21,26 +21,21 @@ def swings(size: float, rows: int = 4000) -> NDArray[np.float32]:
     return np.column_stack([0.0 * swing, 0.0 * swing, np.round(swing / 0.07) * 0.07]).astype(np.float32)
 
 
-def test_the_size_at_which_swings_are_cut_off_is_found() -> None:
-    assert find_flat_range([summarise_sensor(np.clip(swings(200.0), -100.0, 100.0))], 50.0) == 100.0
-
-
-def test_the_ends_of_a_signed_range_may_differ_by_a_count() -> None:
-    assert find_flat_range([summarise_sensor(np.clip(swings(200.0), -100.0, 99.93))], 50.0) == 100.0
-
-
-def test_round_tops_are_no_flat_tops() -> None:
-    assert find_flat_range([summarise_sensor(swings(300.0))], 50.0) is None
-
-
-def test_four_flat_tops_are_not_enough() -> None:
-    assert find_flat_range([summarise_sensor(np.clip(swings(200.0, 350), -100.0, 100.0))], 50.0) is None
-
-
-def test_coarse_noise_of_a_sensor_at_rest_is_not_cut_off() -> None:
-    noise = np.random.default_rng(0).integers(-1, 2, (5000, 3)).astype(np.float32)
-
-    assert find_flat_range([summarise_sensor(noise)], 50.0) is None
+@pytest.mark.parametrize(
+    ("samples", "top"),
+    [
+        (np.clip(swings(200.0), -100.0, 100.0), 100.0),
+        (np.clip(swings(200.0), -100.0, 99.93), 100.0),
+        (swings(300.0), None),
+        (np.clip(swings(200.0, 350), -100.0, 100.0), None),
+        (np.random.default_rng(0).integers(-1, 2, (5000, 3)).astype(np.float32), None),
+    ],
+    ids=["flat tops", "ends a count apart", "round tops", "four flat tops", "coarse noise at rest"],
+)
+def test_the_size_at_which_swings_are_cut_off_is_found(
+    samples: NDArray[np.float32], top: float | None
+) -> None:
+    assert find_flat_range([summarise_sensor(samples)], 50.0) == top
 
 
 def test_what_is_cut_off_below_the_stated_range_is_excluded() -> None:

@@ -26,7 +26,6 @@ def rounded(step_g: float, step_dps: float) -> list[QualityFlag]:
     ("step_g", "step_dps", "facts"),
     [
         (32 / 1024, 0.061, {"step_mg": 31.2}),
-        (16 / 1024, 0.061, {"step_mg": 15.6}),
         (0.0005, 4000 / 1024, {"step_dps": 3.91}),
     ],
 )

@@ -5,8 +5,6 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fusion.comparison import BETWEEN_DAY_SD
 from fusion.days import (
@@ -19,7 +17,7 @@ from fusion.days import (
     overlay_days,
     pool_deviation,
 )
-from fusion.days.overlay import ClockBand
+from fusion.exposure.types import Interval
 from fusion.recording import Float64Array
 from tests.factories import elevate
 
@@ -33,21 +31,14 @@ def held(*angles_deg: float, start: datetime = EIGHT, quarter_s: float = 900.0) 
     return lay_on_clock(elevate(angles, rate_hz=RATE_HZ), start)
 
 
-def clock(bands: tuple[ClockBand, ...]) -> list[float]:
-    return [band.start_s / 3600 for band in bands]
+@pytest.mark.parametrize(
+    ("start", "quarters"), [(EIGHT, (32, 33)), (EIGHT.replace(hour=23, minute=45), (95, 0))]
+)
+def test_time_lies_at_the_hour_that_the_clock_showed(start: datetime, quarters: tuple[int, int]) -> None:
+    day = held(10.05, 50.05, start=start)
 
-
-def test_time_lies_at_the_hour_that_the_clock_showed() -> None:
-    day = held(10.05, 50.05)
-
-    assert np.flatnonzero(day.sum(axis=1)).tolist() == [32, 33]  # 08:00 and 08:15
-    assert (day[32, 100], day[33, 500]) == (900.0, 900.0)
-
-
-def test_time_after_midnight_lies_in_the_first_quarter_hours() -> None:
-    day = held(10.05, 50.05, start=EIGHT.replace(hour=23, minute=45))
-
-    assert np.flatnonzero(day.sum(axis=1)).tolist() == [0, 95]
+    assert np.flatnonzero(day.sum(axis=1)).tolist() == sorted(quarters)
+    assert (day[quarters[0], 100], day[quarters[1], 500]) == (900.0, 900.0)
 
 
 def test_what_is_not_valid_is_not_counted() -> None:
@@ -57,30 +48,23 @@ def test_what_is_not_valid_is_not_counted() -> None:
 
 
 def test_the_median_of_days_counts_each_day_once() -> None:
-    long, short = held(10.0), held(50.0, quarter_s=450.0)
-    other = held(50.0, quarter_s=450.0)
+    (band,) = overlay_days([held(10.0), *[held(50.0, quarter_s=450.0)] * 2])
 
-    (band,) = overlay_days([long, short, other])
-
+    # a third of the time at 10, two thirds at 50: the median is a quarter into the cell of 50
     assert band.days == 3
     assert band.percentiles_deg is not None
-    # a third of the time at 10, two thirds at 50: the median is a quarter into the cell of 50
     assert band.percentiles_deg[50] == pytest.approx(50.025, abs=1e-6)
     assert band.percentiles_deg[25] == pytest.approx(10.075, abs=1e-6)
 
 
-def test_a_quarter_hour_of_one_day_alone_is_not_shown() -> None:
-    first, second = overlay_days([held(10.0, 10.0), held(10.0)])
+@pytest.mark.parametrize(("both", "first"), [(1, 1), (2, 3)], ids=["one day alone", "fewer than half"])
+def test_a_quarter_hour_of_one_day_or_of_fewer_than_half_of_the_days_is_not_shown(
+    both: int, first: int
+) -> None:
+    bands = overlay_days([held(10.0, 20.0)] * both + [held(10.0)] * first)
 
-    assert (first.days, second.days) == (2, 1)
-    assert first.percentiles_deg is not None
-    assert second.percentiles_deg is None
-
-
-def test_a_quarter_hour_of_fewer_than_half_of_the_days_is_not_shown() -> None:
-    days = [held(10.0, 20.0)] * 2 + [held(10.0)] * 3
-
-    assert [band.percentiles_deg is None for band in overlay_days(days)] == [False, True]
+    assert [band.days for band in bands] == [both + first, both]
+    assert [band.percentiles_deg is None for band in bands] == [False, True]
 
 
 def test_a_day_with_less_than_half_of_a_quarter_hour_does_not_count_in_it() -> None:
@@ -92,55 +76,46 @@ def test_a_day_with_less_than_half_of_a_quarter_hour_does_not_count_in_it() -> N
 def test_a_night_shift_is_drawn_from_its_beginning() -> None:
     night = held(10.0, 10.0, 10.0, start=EIGHT.replace(hour=23, minute=30))
 
-    assert clock(overlay_days([night, night])) == [23.5, 23.75, 0.0]
-
-
-def test_without_days_there_is_no_overlay() -> None:
+    assert [band.start_s / 3600 for band in overlay_days([night, night])] == [23.5, 23.75, 0.0]
     assert overlay_days([]) == ()
 
 
-def test_the_mean_of_days_has_the_range_of_students_t() -> None:
-    days = describe_days([4.0, 8.0, 6.0])
+@pytest.mark.parametrize(
+    ("values", "low", "high"),
+    [
+        ([4.0, 8.0, 6.0], 1.032, 10.968),  # t(2; 0.975) = 4.303; 4.303 x 2 / sqrt(3) = 4.968
+        ([4.0, 6.0], 0.0, 17.706),  # t(1; 0.975) = 12.706, SE = 1; not below nothing
+        ([94.0, 96.0], 82.294, 100.0),  # not more than the whole
+    ],
+)
+def test_the_mean_of_days_has_the_range_of_students_t_inside_the_scale(
+    values: list[float], low: float, high: float
+) -> None:
+    days = describe_days(values, most=100.0)
 
-    assert (days.days, days.mean, days.sd) == (3, 6.0, 2.0)
-    assert days.mean_range is not None  # t(2; 0.975) = 4.303; 4.303 x 2 / sqrt(3) = 4.968
-    assert (days.mean_range.low, days.mean_range.high) == pytest.approx((1.032, 10.968), abs=1e-3)
-
-
-def test_the_range_of_a_share_does_not_fall_below_nothing() -> None:
-    days = describe_days([4.0, 6.0])
-
-    assert days.mean_range is not None  # t(1; 0.975) = 12.706, SE = 1
-    assert (days.mean_range.low, days.mean_range.high) == pytest.approx((0.0, 17.706), abs=1e-3)
-
-
-def test_the_range_of_a_share_does_not_exceed_the_whole() -> None:
-    days = describe_days([94.0, 96.0], most=100.0)
-
+    assert days.mean == sum(values) / len(values)
     assert days.mean_range is not None
-    assert days.mean_range.high == 100.0
+    assert (days.mean_range.low, days.mean_range.high) == pytest.approx((low, high), abs=1e-3)
+
+
+def find_factors(interval: Interval | None, value: float | None) -> list[float]:
+    assert interval is not None
+    assert value
+    return [interval.low / value, interval.high / value]
 
 
 def test_the_deviation_of_five_days_is_known_to_a_factor() -> None:
     days = describe_days([1.0, 2.0, 3.0, 4.0, 5.0])
 
     assert days.sd == pytest.approx(sqrt(2.5))
-    assert days.sd_range
-    assert days.sd
-    factors = [end / days.sd for end in (days.sd_range.low, days.sd_range.high)]
-    assert factors == pytest.approx([0.599, 2.874], abs=1e-3)
+    assert find_factors(days.sd_range, days.sd) == pytest.approx([0.599, 2.874], abs=1e-3)
 
 
-def test_one_day_has_no_spread() -> None:
-    day = describe_days([6.0])
+def test_one_day_has_no_spread_and_days_that_do_not_differ_no_range_of_it() -> None:
+    day, equal = describe_days([6.0]), describe_days([6.0, 6.0])
 
     assert (day.sd, day.mean_range, day.sd_range) == (None, None, None)
-
-
-def test_days_that_do_not_differ_have_no_range_of_their_deviation() -> None:
-    days = describe_days([6.0, 6.0])
-
-    assert (days.sd, days.sd_range) == (0.0, None)
+    assert (equal.sd, equal.sd_range) == (0.0, None)
 
 
 def test_four_days_are_judged_by_the_published_deviation() -> None:
@@ -151,20 +126,14 @@ def test_four_days_are_judged_by_the_published_deviation() -> None:
     assert telling.detectable == pytest.approx(2.479, abs=1e-3)
 
 
-def test_five_days_are_judged_by_their_own() -> None:
+def test_five_days_are_judged_by_their_own_and_known_as_well_as_it() -> None:
     telling = find_telling(describe_days([9.0, 10.0, 10.0, 10.0, 11.0]), 2.0)
 
     # SD sqrt(0.5); 1.96 x sqrt(2) x 0.7071 = 1.96, less than half of 10
     assert (telling.sd_from, telling.days, telling.more_days) == ("person", 1, 0)
     assert telling.detectable == pytest.approx(1.96 * sqrt(2 / 5) * sqrt(0.5))
-
-
-def test_what_five_days_tell_is_known_as_well_as_their_deviation_is() -> None:
-    telling = find_telling(describe_days([9.0, 10.0, 10.0, 10.0, 11.0]), 2.0)
-
-    assert telling.detectable_range is not None
-    ends = (telling.detectable_range.low, telling.detectable_range.high)
-    assert [end / telling.detectable for end in ends] == pytest.approx([0.599, 2.874], abs=1e-3)
+    factors = find_factors(telling.detectable_range, telling.detectable)
+    assert factors == pytest.approx([0.599, 2.874], abs=1e-3)
 
 
 def test_a_change_between_unequal_numbers_of_days() -> None:
@@ -176,33 +145,27 @@ def test_a_change_between_unequal_numbers_of_days() -> None:
 def test_the_deviation_of_two_series_is_pooled() -> None:
     # squares 2 and 2, one degree of freedom and two
     assert pool_deviation([[4.0, 6.0], [9.0, 10.0, 11.0]]) == pytest.approx((sqrt(4 / 3), 3))
-
-
-def test_single_days_have_no_pooled_deviation() -> None:
     assert pool_deviation([[4.0], [6.0]]) is None
 
 
-def test_the_spread_of_a_group_is_split_between_and_within_people() -> None:
-    group = describe_group({"A": [4.0, 6.0], "B": [10.0, 12.0]})
+@pytest.mark.parametrize(
+    ("people", "mean", "within_sd", "between_sd"),
+    [
+        # MSW = 4 / 2, MSB = 2 x 9 + 2 x 9, n0 = 2
+        ({"A": [4.0, 6.0], "B": [10.0, 12.0]}, 8.0, sqrt(2.0), sqrt((36.0 - 2.0) / 2.0)),
+        # each person once: (5 + 10) / 2; MSW = 4/3, MSB = 2 x 9 + 3 x 4, n0 = 5 - 13/5
+        ({"A": [4.0, 6.0], "B": [9.0, 10.0, 11.0]}, 7.5, sqrt(4 / 3), sqrt((30.0 - 4 / 3) / 2.4)),
+        # people who differ no more than their days
+        ({"A": [4.0, 8.0], "B": [5.0, 7.0]}, 6.0, sqrt(5.0), 0.0),
+    ],
+)
+def test_the_spread_of_a_group_is_split_between_and_within_people(
+    people: dict[str, list[float]], mean: float, within_sd: float, between_sd: float
+) -> None:
+    group = describe_group(people)
 
-    # MSW = 4 / 2, MSB = 2 x 9 + 2 x 9, n0 = 2
-    assert (group.people, group.days, group.mean) == (2, 4, 8.0)
-    assert group.within_sd == pytest.approx(sqrt(2.0))
-    assert group.between_sd == pytest.approx(sqrt((36.0 - 2.0) / 2.0))
-
-
-def test_people_with_different_numbers_of_days() -> None:
-    group = describe_group({"A": [4.0, 6.0], "B": [9.0, 10.0, 11.0]})
-
-    # each person once: (5 + 10) / 2; MSW = 4/3, MSB = 2 x 9 + 3 x 4, n0 = 5 - 13/5
-    assert group.mean == 7.5
-    assert group.between_sd == pytest.approx(sqrt((30.0 - 4 / 3) / 2.4))
-
-
-def test_people_who_differ_no_more_than_their_days_have_no_spread_between_them() -> None:
-    group = describe_group({"A": [4.0, 8.0], "B": [5.0, 7.0]})
-
-    assert group.between_sd == 0.0
+    assert (group.people, group.days) == (2, sum(map(len, people.values())))
+    assert (group.mean, group.within_sd, group.between_sd) == pytest.approx((mean, within_sd, between_sd))
 
 
 def test_one_day_of_each_person_cannot_be_split() -> None:
@@ -225,17 +188,3 @@ def test_a_change_is_that_of_people_measured_on_both_sides() -> None:
 
 def test_without_a_person_on_both_sides_there_is_no_change() -> None:
     assert compare_people({"A": [4.0]}, {"B": [4.0]}) is None
-
-
-@given(st.lists(st.floats(0, 100), min_size=2, max_size=12), st.floats(0, 50))
-def test_the_deviation_does_not_know_where_the_days_lie(values: list[float], shift: float) -> None:
-    here, there = describe_days(values), describe_days([value + shift for value in values])
-
-    assert here.sd == pytest.approx(there.sd, abs=1e-6)
-
-
-@given(st.permutations([3.0, 5.5, 9.0, 4.0]))
-def test_the_order_of_days_is_of_no_account(values: list[float]) -> None:
-    days = describe_days(values)
-
-    assert (days.mean, days.sd) == pytest.approx((5.375, sqrt(20.6875 / 3)))

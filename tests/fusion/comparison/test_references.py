@@ -19,32 +19,19 @@ def find(exposure: Exposure, key: str, verdict: str = "good") -> tuple[float | N
     return found[key].measured, found[key].reason
 
 
-def test_time_above_60_deg_stands_beside_its_proposal() -> None:
+def test_a_figure_of_a_whole_day_of_good_data_stands_beside_its_reference() -> None:
     assert find(work(5), "above_60") == (50.0, "")
-
-
-def test_a_part_of_a_day_is_not_compared() -> None:
+    assert find(work(8), "above_90_hours") == (2.0, "")
     assert find(work(3.9), "above_60")[1] == "short"
-
-
-def test_poor_data_are_not_compared() -> None:
     assert find(work(5), "above_60", "poor")[1] == "poor"
 
 
-def test_a_fused_speed_is_never_set_beside_the_60_deg_per_s() -> None:
-    exposure = replace(work(5), velocity_dps={"generalised": Velocity(1, 2, 3, 4, 5)})
+def test_only_the_accelerometers_speed_is_set_beside_the_60_deg_per_s() -> None:
+    fused = replace(work(5), velocity_dps={"generalised": Velocity(1, 2, 3, 4, 5)})
+    unfused = replace(work(5), velocity_dps={"generalised_accelerometer": Velocity(1, 71, 3, 4, 5)})
 
-    assert find(exposure, "velocity") == (None, "not computed")
-
-
-def test_the_accelerometers_speed_is() -> None:
-    exposure = replace(work(5), velocity_dps={"generalised_accelerometer": Velocity(1, 71, 3, 4, 5)})
-
-    assert find(exposure, "velocity") == (71, "")
-
-
-def test_hours_above_90_deg_stand_beside_the_guidance() -> None:
-    assert find(work(8), "above_90_hours") == (2.0, "")
+    assert find(fused, "velocity") == (None, "not computed")
+    assert find(unfused, "velocity") == (71, "")
 
 
 def test_every_reference_the_brief_marks_as_read_is_shipped_with_its_values() -> None:

@@ -27,25 +27,6 @@ def list_runs(elevation: Elevation) -> list[tuple[Run, float]]:
     return runs
 
 
-def time_between(elevation: Elevation, lower_deg: float, upper_deg: float) -> float:
-    return sum(
-        period_s
-        for run, period_s in list_runs(elevation)
-        for _, angle in run
-        if lower_deg <= angle < upper_deg or (upper_deg == 180 and angle == 180)
-    )
-
-
-def find_percentile(elevation: Elevation, percent: float) -> float:
-    rows = sorted((angle, period_s) for run, period_s in list_runs(elevation) for _, angle in run)
-    total_s, reached_s = sum(period_s for _, period_s in rows), 0.0
-    for angle, period_s in rows:
-        reached_s += period_s
-        if reached_s >= total_s * percent / 100 - 1e-9:
-            return angle
-    raise AssertionError
-
-
 def _states(run: Run, threshold_deg: float) -> list[bool]:
     states: list[bool] = []
     for _, angle in run:
@@ -109,66 +90,3 @@ def find_worst_window(elevation: Elevation, length_s: int, duration_s: float) ->
         if best is None or percent > best[1] + 1e-7:
             best = (start_s, percent)
     return best
-
-
-def list_turning_points(run: Run, hysteresis_deg: float) -> list[float]:
-    """After a valley comes the highest row before the first that lies the hysteresis below it, and so on."""
-    angles = [angle for _, angle in run]
-    for i in range(len(angles)):
-        high, low = max(angles[: i + 1]), min(angles[: i + 1])
-        if high - low >= hysteresis_deg:
-            up = angles[i] == high
-            break
-    else:
-        return []
-    points, since = [low if up else high], angles[i:]
-    while True:
-        sign = 1 if up else -1
-        extremes = [max(since[: k + 1], key=lambda angle: sign * angle) for k in range(len(since))]
-        back = [k for k, angle in enumerate(since) if sign * (extremes[k] - angle) >= hysteresis_deg]
-        if not back:
-            return [*points, extremes[-1]]
-        points.append(extremes[back[0]])
-        since, up = since[back[0] :], not up
-
-
-def count_rainflow(points: list[float]) -> list[tuple[float, float]]:
-    """ASTM E1049-85 §5.4.4 in its own words; (range, count)."""
-    rest, counted, reading = [], [], list(points)
-    while reading:
-        rest.append(reading.pop(0))
-        while len(rest) >= 3:
-            x, y = abs(rest[-1] - rest[-2]), abs(rest[-2] - rest[-3])
-            if x < y:
-                break
-            if len(rest) == 3:
-                counted.append((y, 0.5))
-                del rest[0]
-            else:
-                counted.append((y, 1.0))
-                del rest[-3:-1]
-    return counted + [(abs(b - a), 0.5) for a, b in pairwise(rest)]
-
-
-def count_cycles(elevation: Elevation, lower_deg: float, upper_deg: float) -> float:
-    return sum(
-        count
-        for run, _ in list_runs(elevation)
-        for size, count in count_rainflow(list_turning_points(run, 5))
-        if lower_deg <= size < upper_deg
-    )
-
-
-def time_in_eva_cell(
-    elevation: Elevation, angles_deg: tuple[float, float], durations_s: tuple[float, float]
-) -> float:
-    def is_inside(row: Row) -> bool:
-        return angles_deg[0] <= row[1] < angles_deg[1] or (angles_deg[1] == 180 and row[1] == 180)
-
-    stays_s = [
-        len(list(group)) * period_s
-        for run, period_s in list_runs(elevation)
-        for inside, group in groupby(run, key=is_inside)
-        if inside
-    ]
-    return sum(stay_s for stay_s in stays_s if durations_s[0] <= stay_s + 1e-9 < durations_s[1])

@@ -1,6 +1,5 @@
 """What holds for the exposure of any movement: parts add up, rate and holes do not matter, trust does."""
 
-from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -29,20 +28,17 @@ def wander(seconds: float, rate_hz: float = 100.0, seed: int = 0) -> NDArray[np.
     return np.asarray(np.clip(slow + work, 0, 180), np.float64)
 
 
-def distrust(elevation: Elevation, segment: int, rows: slice) -> Elevation:
+def distrust(elevation: Elevation, rows: slice) -> Elevation:
     """Mark rows as not valid."""
-    segments = list(elevation.segments)
-    valid = segments[segment].valid.copy()
-    valid[rows] = False
-    segments[segment] = replace(segments[segment], valid=valid)
-    return replace(elevation, segments=tuple(segments))
+    elevation.segments[0].valid[rows] = False
+    return elevation
 
 
 def shares(exposure: Exposure) -> list[float]:
     return [part.percent for part in exposure.bins]
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 99.87, 500.0, 952.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 99.87, 952.0])
 def test_the_metric_filter_is_scipys_to_the_last_digit(rate_hz: float) -> None:
     noise = np.random.default_rng(1).normal(45, 20, 5000).astype(np.float32)
 
@@ -50,14 +46,14 @@ def test_the_metric_filter_is_scipys_to_the_last_digit(rate_hz: float) -> None:
     assert filter_angle(noise, rate_hz) == pytest.approx(expected, abs=1e-10)
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 32.0, 99.87, 100.0, 119.0, 476.0, 500.0, 952.0, 1000.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 99.87, 100.0, 476.0, 1000.0])
 def test_the_section_is_scipys_to_the_bit(rate_hz: float) -> None:
     expected = butter(2, 5, fs=rate_hz, output="sos")[0]
 
     assert design_filter(rate_hz) == (*expected[:3], *expected[4:])
 
 
-@pytest.mark.parametrize("rows", [2, 5, 9, 10])
+@pytest.mark.parametrize("rows", [2, 9, 10])
 def test_a_run_too_short_for_the_usual_padding_mirrors_what_it_has(rows: int) -> None:
     noise = np.random.default_rng(1).normal(45, 20, rows)
 
@@ -85,7 +81,7 @@ def test_under_20_hz_nothing_is_filtered_and_it_is_said() -> None:
 
 
 @given(st.integers(0, 1000), st.floats(20.0, 600.0), st.lists(st.integers(2, 4000), min_size=1, max_size=4))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_bins_hours_and_minutes_each_add_up_to_the_analysed_time(
     seed: int, rate_hz: float, lengths: list[int]
 ) -> None:
@@ -101,38 +97,18 @@ def test_bins_hours_and_minutes_each_add_up_to_the_analysed_time(
     assert exposure.eva.percent.sum() == pytest.approx(100.0)
 
 
-@given(st.integers(0, 1000))
-@settings(max_examples=20, deadline=None)
-def test_higher_thresholds_are_passed_for_less_time_and_higher_percentiles_lie_higher(seed: int) -> None:
-    exposure = summarise_exposure(elevate(wander(300, seed=seed)))
-
-    percents = [above.percent for above in exposure.time_above]
-    angles = list(exposure.percentiles_deg.values())
-    assert percents == sorted(percents, reverse=True)
-    assert angles == sorted(angles)
-
-
-def test_the_worst_minute_is_no_better_than_the_worst_quarter_and_that_no_better_than_the_hour() -> None:
-    exposure = summarise_exposure(elevate(wander(3600, rate_hz=25.0), rate_hz=25.0))
-
-    percents = [window.percent_above_60 or 0.0 for window in exposure.peak_windows]
-    assert percents == sorted(percents, reverse=True)
-    assert percents[-1] == pytest.approx(exposure.time_above[1].percent)
-
-
 @pytest.mark.parametrize("rate_hz", [50.0, 99.87, 500.0])
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])  # curves that graze no threshold
-def test_the_rate_does_not_matter(seed: int, rate_hz: float) -> None:
-    at_100 = summarise_exposure(elevate(wander(120, 100.0, seed)))
-    other = summarise_exposure(elevate(wander(120, rate_hz, seed), rate_hz=rate_hz))
+def test_the_rate_does_not_matter(rate_hz: float) -> None:
+    at_100 = summarise_exposure(elevate(wander(120)))  # a curve that grazes no threshold
+    other = summarise_exposure(elevate(wander(120, rate_hz), rate_hz=rate_hz))
 
     assert shares(other) == pytest.approx(shares(at_100), abs=0.25)
     assert [e.count for e in other.entries] == [e.count for e in at_100.entries]
     assert [c.count for c in other.cycles] == [c.count for c in at_100.cycles]
-    assert other.velocity_dps["inclination"].p90_dps == pytest.approx(  # type: ignore[union-attr]
-        at_100.velocity_dps["inclination"].p90_dps,  # type: ignore[union-attr]
-        rel=0.02,
-    )
+    slow, fast = (exposure.velocity_dps["inclination"] for exposure in (at_100, other))
+    assert slow is not None
+    assert fast is not None
+    assert fast.p90_dps == pytest.approx(slow.p90_dps, rel=0.02)
 
 
 def test_a_hole_leaves_the_denominator() -> None:
@@ -143,26 +119,9 @@ def test_a_hole_leaves_the_denominator() -> None:
     assert shares(exposure) == pytest.approx(shares(summarise_exposure(elevate(whole))))
 
 
-def test_a_hole_in_a_hold_makes_two_holds_of_which_one_is_censored() -> None:
-    raised = np.concatenate([np.full(2000, 10.0), np.full(1000, 80.0)])
-    exposure = summarise_exposure(elevate(raised, raised[::-1], hole_s=1.0))
-
-    holds = exposure.episodes[1]
-    assert (holds.count, holds.censored) == (2, 1)
-    assert exposure.entries[1].count == 1  # the second run starts above: a hold, no repetition
-
-
-def test_rows_that_are_not_trusted_end_a_hold_like_a_hole() -> None:
-    raised = np.concatenate([np.full(2000, 10.0), np.full(2000, 80.0), np.full(2000, 10.0)])
-    exposure = summarise_exposure(distrust(elevate(raised), 0, slice(2900, 3000)))
-
-    holds = exposure.episodes[1]
-    assert (holds.count, holds.censored, exposure.entries[1].count) == (2, 1, 1)
-
-
 def test_rows_that_are_not_trusted_count_nowhere() -> None:
     exposure = summarise_exposure(
-        distrust(elevate(np.repeat([10.0, 80.0], 6000)), 0, slice(6000, 12_000)), START
+        distrust(elevate(np.repeat([10.0, 80.0], 6000)), slice(6000, 12_000)), START
     )
 
     assert exposure.analysed_s == 60.0
@@ -215,17 +174,19 @@ def test_the_profile_gives_each_minute_its_own_median() -> None:
     assert exposure.minutes.start_s.tolist() == [0.0, 60.0, 120.0]
 
 
-def test_hours_begin_at_the_full_hours_of_the_clock() -> None:
-    exposure = summarise_exposure(elevate(np.full(36_000, 50.0), rate_hz=10.0), START)
+@pytest.mark.parametrize(
+    ("start", "parts"),
+    [
+        (START, [("2026-03-02T07:00", 0.0, 2850.0), ("2026-03-02T08:00", 2850.0, 4000.0)]),
+        (None, [("+00:00", 0.0, 3600.0), ("+01:00", 3600.0, 4000.0)]),
+    ],
+)
+def test_hours_begin_at_the_full_hours_of_the_clock_if_there_is_one(
+    start: datetime | None, parts: list[tuple[str, float, float]]
+) -> None:
+    exposure = summarise_exposure(elevate(np.full(4000, 50.0), rate_hz=1.0), start)
 
-    parts = [(part.label, part.start_s, part.end_s) for part in exposure.by_hour]
-    assert parts == [("2026-03-02T07:00", 0.0, 2850.0), ("2026-03-02T08:00", 2850.0, 3600.0)]
-
-
-def test_without_a_clock_hours_run_from_the_first_sample() -> None:
-    exposure = summarise_exposure(elevate(np.full(4000, 50.0), rate_hz=1.0))
-
-    assert [part.label for part in exposure.by_hour] == ["+00:00", "+01:00"]
+    assert [(part.label, part.start_s, part.end_s) for part in exposure.by_hour] == parts
 
 
 def test_an_hour_without_analysed_time_stays_in_the_list_without_figures() -> None:
@@ -244,39 +205,13 @@ def test_entries_belong_to_the_hour_in_which_the_arm_rose() -> None:
     assert [part.entries_above_60_per_h for part in exposure.by_hour] == pytest.approx([0.0, 3600 / 750])
 
 
-def test_a_window_with_less_than_80_percent_analysed_is_no_window() -> None:
-    exposure = summarise_exposure(distrust(elevate(np.full(60, 70.0), rate_hz=1.0), 0, slice(0, 13)))
+@pytest.mark.parametrize(("untrusted_s", "percent"), [(12, 100.0), (13, None)])
+def test_a_window_needs_80_percent_of_analysed_time_and_counts_by_it(
+    untrusted_s: int, percent: float | None
+) -> None:
+    exposure = summarise_exposure(distrust(elevate(np.full(60, 70.0), rate_hz=1.0), slice(0, untrusted_s)))
 
-    assert exposure.peak_windows[0].percent_above_60 is None
-
-
-def test_a_window_with_80_percent_analysed_counts_by_what_was_analysed() -> None:
-    exposure = summarise_exposure(distrust(elevate(np.full(60, 70.0), rate_hz=1.0), 0, slice(0, 12)))
-
-    assert exposure.peak_windows[0].percent_above_60 == 100.0
-
-
-def test_of_equally_loaded_windows_the_earliest_is_named() -> None:
-    angle = np.full(3000, 10.0)
-    angle[100:200] = angle[1000:1100] = 70.0
-    exposure = summarise_exposure(elevate(angle, rate_hz=1.0))
-
-    assert exposure.peak_windows[0].start_s == 100.0
-
-
-def test_the_angles_are_not_changed() -> None:
-    elevation = elevate(wander(60))
-    before = elevation.segments[0].elevation_deg.copy()
-    summarise_exposure(elevation)
-
-    assert np.array_equal(elevation.segments[0].elevation_deg, before)
-
-
-def test_a_short_gap_with_a_hole_in_it_is_not_merged() -> None:
-    angle = np.repeat([10.0, 80.0, 10.0, 80.0, 10.0], [20, 20, 3, 20, 20])  # at 10 Hz: a gap of 0.3 s
-    exposure = summarise_exposure(distrust(elevate(angle, rate_hz=10.0), 0, slice(41, 42)))
-
-    assert exposure.episodes[1].count == 2
+    assert exposure.peak_windows[0].percent_above_60 == percent
 
 
 def test_an_arm_at_exactly_60_deg_is_above_60_deg_in_every_figure() -> None:

@@ -50,13 +50,3 @@ def test_an_error_of_the_angle_does_not_widen_speeds() -> None:
 
     first, second = (exposure.intervals["inclination_velocity_p50_dps"] for exposure in exposures)
     assert first == second
-
-
-def test_an_error_of_the_angle_widens_repetitions(day: Exposure) -> None:
-    interval = day.intervals["episodes_above_60_median_s"]
-
-    assert interval.high - interval.low > 1.0
-
-
-def test_without_an_error_there_is_no_interval() -> None:
-    assert summarise_exposure(elevate(np.full(1000, 50.0), rate_hz=25.0)).intervals == {}

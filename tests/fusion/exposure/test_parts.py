@@ -21,32 +21,28 @@ def divide(*rows: tuple[int, int, str, str]) -> DayDivision:
     return DayDivision(periods, divide_day(periods, 3600 * SECOND_US))
 
 
-def test_rows_of_one_label_are_one_task_and_what_no_row_names_is_work() -> None:
+def test_rows_of_one_label_are_one_task_of_their_pooled_time_and_what_no_row_names_is_work() -> None:
+    angles = np.full(3600, 100.0)
+    angles[:600], angles[1200:1500] = 10.0, 70.0
     division = divide((0, 600, "a", ""), (600, 900, "b", ""), (1200, 1500, "a", ""))
-    tasks = summarise_exposure(elevate(np.full(3600, 40.0), rate_hz=1.0), division=division).by_task
+
+    tasks = summarise_exposure(elevate(angles, rate_hz=1.0), division=division).by_task
 
     told = [(part.kind, part.label, part.periods, part.recorded_s) for part in tasks]
     assert told == [("task", "a", 2, 900.0), ("task", "b", 1, 300.0), ("work", "", 1, 2400.0)]
+    assert round(tasks[0].percentiles_deg[50]) == 10  # two thirds of the pooled time
+    assert tasks[0].percent_above[60] == pytest.approx(100 / 3)
 
 
 def test_a_row_that_is_left_out_is_not_pooled_with_those_that_are_analysed() -> None:
     division = divide((0, 600, "a", ""), (1200, 1500, "a", "task"))
     day = elevate(np.full(3600, 40.0), rate_hz=1.0)
     day.segments[0].valid[1200:1500] = False
+
     tasks = summarise_exposure(day, division=division).by_task
 
     told = [(part.label, part.reason, part.recorded_s, part.analysed_s) for part in tasks]
     assert told == [("a", "", 600.0, 600.0), ("a", "task", 300.0, 0.0), ("", "", 2700.0, 2700.0)]
-
-
-def test_a_task_has_the_percentiles_of_its_pooled_time() -> None:
-    division = divide((0, 600, "a", ""), (1200, 1500, "a", ""))
-    angles = np.full(3600, 100.0)
-    angles[:600], angles[1200:1500] = 10.0, 70.0
-    task = summarise_exposure(elevate(angles, rate_hz=1.0), division=division).by_task[0]
-
-    assert round(task.percentiles_deg[50]) == 10  # two thirds of the pooled time
-    assert round(task.percent_above[60], 6) == round(100 / 3, 6)
 
 
 def test_the_ranges_of_the_differences_between_hours_hold_them() -> None:

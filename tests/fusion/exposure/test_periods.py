@@ -1,6 +1,7 @@
 """The rows of a diary find their place on the recording, and the parts of the day make the whole."""
 
 from datetime import UTC, datetime, timedelta
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from fusion.diary import KINDS, DiaryEntry, Kind
 from fusion.errors import UnusableDiary
-from fusion.exposure.periods import Period, Placed, divide_day, find_left_out, place_diary
+from fusion.exposure.periods import Period, Placed, divide_day, place_diary
 
 SECOND = 1_000_000
 HOUR = 3600 * SECOND
@@ -20,61 +21,52 @@ def place(*entries: DiaryEntry, start: datetime | None = START, hours: int = 8) 
     return place_diary(entries, start, hours * HOUR)
 
 
-def hours_of(placed: Placed) -> list[tuple[float, float]]:
-    return [(period.start_us / HOUR, period.end_us / HOUR) for period in placed.periods]
-
-
 def refuse(*entries: DiaryEntry, start: datetime | None = START, hours: int = 8) -> dict[str, object]:
     with pytest.raises(UnusableDiary) as refusal:
         place(*entries, start=start, hours=hours)
     return dict(refusal.value.facts)
 
 
-def test_a_clock_time_is_measured_from_the_first_sample() -> None:
-    assert hours_of(place(DiaryEntry("09:00:00", "10:30:00", "task"))) == [(2.0, 3.5)]
+ZONED = datetime(2027, 3, 14, 0, 0, tzinfo=ZoneInfo("America/Toronto"))
+NIGHT = START.replace(hour=22)
 
 
-def test_seconds_need_no_clock() -> None:
-    placed = place(DiaryEntry(1.5, 3600.0, "task"), start=None)
+@pytest.mark.parametrize(
+    ("entries", "start", "hours"),
+    [
+        ([DiaryEntry("09:00:00", "10:30:00", "task")], START, [(2.0, 3.5)]),
+        ([DiaryEntry(5400.0, 7200.0, "task")], None, [(1.5, 2.0)]),
+        ([DiaryEntry("23:30:00", "02:00:00", "task")], NIGHT, [(1.5, 4.0)]),
+        (
+            [DiaryEntry("08:00:00", None, "task"), DiaryEntry("09:00:00", None, "break")],
+            START,
+            [(1.0, 2.0), (2.0, 8.0)],
+        ),
+        ([DiaryEntry("06:50:00", "15:30:00", "shift")], START, [(0.0, 8.0)]),
+        ([DiaryEntry("01:00:00", "04:00:00", "task")], ZONED, [(1.0, 3.0)]),
+        (
+            [DiaryEntry("2026-03-02T09:00:00+01:00", "2026-03-02T10:00:00+01:00", "task")],
+            START.replace(tzinfo=UTC),
+            [(1.0, 2.0)],
+        ),
+    ],
+    ids=[
+        "from the first sample", "seconds need no clock", "next day after midnight", "until the next row",
+        "cut to the recording", "over a change of clocks", "a time with an offset",
+    ],
+)  # fmt: skip
+def test_the_rows_of_a_diary_have_their_place(
+    entries: list[DiaryEntry], start: datetime | None, hours: list[tuple[float, float]]
+) -> None:
+    placed = place(*entries, start=start)
 
-    assert (placed.periods[0].start_us, placed.periods[0].end_us) == (1_500_000, HOUR)
-
-
-def test_after_midnight_a_clock_time_is_of_the_next_day() -> None:
-    night = datetime(2026, 3, 2, 22, 0)  # noqa: DTZ001
-
-    assert hours_of(place(DiaryEntry("23:30:00", "02:00:00", "task"), start=night)) == [(1.5, 4.0)]
-
-
-def test_a_row_without_an_end_lasts_until_the_next_and_the_last_until_the_end() -> None:
-    placed = place(DiaryEntry("08:00:00", None, "task"), DiaryEntry("09:00:00", None, "break"))
-
-    assert hours_of(placed) == [(1.0, 2.0), (2.0, 8.0)]
-
-
-def test_what_reaches_past_the_recording_is_cut() -> None:
-    assert hours_of(place(DiaryEntry("06:50:00", "15:30:00", "shift"))) == [(0.0, 8.0)]
+    assert [(period.start_us / HOUR, period.end_us / HOUR) for period in placed.periods] == hours
 
 
 def test_rows_outside_the_recording_are_left_aside_with_a_caveat() -> None:
     placed = place(DiaryEntry("08:00:00", "09:00:00", "task"), DiaryEntry("16:00:00", "16:15:00", "break"))
 
     assert (len(placed.periods), placed.flags[0].code, placed.flags[0].count) == (1, "W-DIARY", 1)
-
-
-def test_a_clock_with_a_zone_is_followed_over_its_change() -> None:
-    start = datetime(2027, 3, 14, 0, 0, tzinfo=ZoneInfo("America/Toronto"))
-
-    assert hours_of(place(DiaryEntry("01:00:00", "04:00:00", "task"), start=start)) == [(1.0, 3.0)]
-
-
-def test_a_time_with_an_offset_is_put_on_a_clock_with_a_zone() -> None:
-    placed = place(
-        DiaryEntry("2026-03-02T09:00:00+01:00", "2026-03-02T10:00:00+01:00", "task"),
-        start=START.replace(tzinfo=UTC),
-    )
-
-    assert hours_of(placed) == [(1.0, 2.0)]
 
 
 @pytest.mark.parametrize(
@@ -102,43 +94,31 @@ def test_a_row_without_a_place_is_refused_with_its_line(
     assert (facts["why"], facts["line"]) == (why, 4)
 
 
-def test_rows_out_of_order_in_the_sequential_form_are_refused_at_the_later_line() -> None:
-    facts = refuse(DiaryEntry("09:00:00", None, "task", line=2), DiaryEntry("08:00:00", None, "task", line=3))
+@pytest.mark.parametrize(
+    ("first", "second", "why"),
+    [(("09:00:00", None), ("08:00:00", None), "order"), ((0.0, 101.1), (100.0, 150.0), "overlap")],
+)
+def test_rows_out_of_order_and_two_tasks_at_once_are_refused_at_the_later_line(
+    first: tuple[Any, Any], second: tuple[Any, Any], why: str
+) -> None:
+    facts = refuse(DiaryEntry(*first, "task", line=2), DiaryEntry(*second, "task", line=3))
 
-    assert (facts["why"], facts["line"]) == ("order", 3)
+    assert (facts["why"], facts["line"]) == (why, 3)
+    assert why != "overlap" or facts["other"] == 2
 
 
-def test_two_tasks_at_once_are_refused_with_both_lines() -> None:
-    facts = refuse(DiaryEntry(0.0, 100.0, "task", line=2), DiaryEntry(50.0, 150.0, "task", line=3))
-
-    assert (facts["why"], facts["line"], facts["other"]) == ("overlap", 3, 2)
-
-
-def test_tasks_may_touch_by_a_rounded_second() -> None:
+def test_tasks_may_overlap_by_a_rounded_second() -> None:
     placed = place(DiaryEntry(0.0, 101.0, "task"), DiaryEntry(100.0, 150.0, "task"))
 
     assert len(placed.periods) == 2
 
 
-def test_a_break_within_a_task_cuts_it() -> None:
-    pieces = divide_day([Period(0, 100, "task"), Period(40, 60, "break", reason="break")], 100)
+def test_a_break_within_a_task_cuts_it_and_what_no_row_names_is_work() -> None:
+    pieces = divide_day([Period(0, 100, "task"), Period(40, 60, "break", reason="break")], 180)
 
-    assert [(p.start_us, p.end_us, p.period) for p in pieces] == [(0, 40, 0), (40, 60, 1), (60, 100, 0)]
-
-
-def test_outside_the_shift_nothing_is_analysed() -> None:
-    pieces = divide_day([Period(10, 90, "shift")], 100)
-
-    assert [(s.start_us, s.end_us, s.reason) for s in find_left_out(pieces)] == [
-        (0, 10, "outside"),
-        (90, 100, "outside"),
-    ]
-
-
-def test_without_a_shift_what_no_row_names_is_work() -> None:
-    pieces = divide_day([Period(10, 20, "break", reason="break")], 100)
-
-    assert [(p.end_us - p.start_us, p.reason) for p in pieces] == [(10, ""), (10, "break"), (80, "")]
+    assert [(p.end_us, p.period, p.reason) for p in pieces] == [
+        (40, 0, ""), (60, 1, "break"), (100, 0, ""), (180, -1, ""),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def speed(name: str, elevation: Elevation, recording: Recording, bias_dps: NDArr
     return velocity
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 99.87, 500.0])
+@pytest.mark.parametrize("rate_hz", [99.87, 500.0])
 @pytest.mark.parametrize("name", ["inclination", "generalised", "generalised_accelerometer", "gyroscope"])
 def test_a_slow_lift_has_its_own_speed_in_all_four_kinds(name: str, rate_hz: float) -> None:
     elevation, recording = turn(9.0, 15.0, rate_hz)
@@ -40,17 +40,12 @@ def test_a_slow_lift_has_its_own_speed_in_all_four_kinds(name: str, rate_hz: flo
     assert speed(name, elevation, recording, NOTHING).p50_dps == pytest.approx(9.0, abs=0.02)
 
 
-def test_the_gyroscopes_offset_is_taken_off() -> None:
+def test_the_gyroscopes_offset_is_taken_off_and_without_it_there_is_no_speed() -> None:
     elevation, recording = turn(9.0, 15.0, 100.0)
 
-    assert speed("gyroscope", elevation, recording, np.array([0.0, -2.0, 0.0])).p50_dps == pytest.approx(
-        7.0, abs=0.02
-    )
+    velocity = speed("gyroscope", elevation, recording, np.array([0.0, -2.0, 0.0]))
 
-
-def test_without_the_offset_there_is_no_speed_of_the_gyroscope() -> None:
-    elevation, recording = turn(9.0, 15.0, 100.0)
-
+    assert velocity.p50_dps == pytest.approx(7.0, abs=0.02)
     assert summarise_exposure(elevation, None, recording).velocity_dps["gyroscope"] is None
 
 
@@ -80,23 +75,13 @@ def test_filtering_in_blocks_is_filtering_the_whole() -> None:
     assert joined == pytest.approx(whole, abs=1e-10)
 
 
-@pytest.mark.parametrize("rows", [1, 2, BLOCK_ROWS, BLOCK_ROWS + 1, BLOCK_ROWS + 2])
+@pytest.mark.parametrize("rows", [1, BLOCK_ROWS, BLOCK_ROWS + 1])
 def test_blocks_share_one_row_and_miss_none(rows: int) -> None:
     blocks = list(filter_blocks(np.ones((rows, 3), np.float32), 100.0))
 
     ends = [first + len(block) for first, block in blocks]
     assert ends[-1] == rows
     assert all(end - 1 == first for end, (first, _) in zip(ends, blocks[1:], strict=False))
-
-
-def test_a_jump_into_trusted_rows_is_no_movement() -> None:
-    angle, valid = np.repeat([10.0, 50.0], 100).astype(np.float32), np.ones(200, np.bool_)
-    valid[90:100] = False
-    segment = ElevationSegment(0, 10.0, angle, valid)
-
-    inclination = summarise_exposure(Elevation((segment,), None)).velocity_dps["inclination"]
-    assert inclination is not None
-    assert inclination.mean_dps == 0.0
 
 
 def test_each_row_of_the_gyroscope_counts_once_however_many_blocks_there_are() -> None:

@@ -5,39 +5,12 @@ import pytest
 
 from fusion.live.lines import StreamClock
 
+Frame = tuple[int | None, int | None, int]
 
-def place(*frames: tuple[int | None, int | None, int]) -> list[tuple[int, int]]:
+
+def place(*frames: Frame) -> list[tuple[int, int]]:
     clock = StreamClock(10_000.0)
     return [clock.place(*frame) for frame in frames]
-
-
-def test_the_first_frame_is_at_zero() -> None:
-    assert place((4_000_000, 77, 0)) == [(0, 0)]
-
-
-def test_a_stamp_that_wraps_goes_on() -> None:
-    assert place(((1 << 32) - 4_000, 5, 0), (6_000, 6, 10_000))[1] == (10_000, 1)
-
-
-def test_a_counter_of_eight_bits_wraps() -> None:
-    assert place((0, 255, 0), (10_000, 0, 10_000))[1] == (10_000, 1)
-
-
-def test_a_counter_of_sixteen_bits_wraps_over_a_loss() -> None:
-    # 65,534 is followed by 2: 65,535, 0 and 1 were lost.
-    assert place((0, 65_534, 0), (40_000, 2, 40_000))[1] == (40_000, 4)
-
-
-def test_lost_frames_show_in_the_counter() -> None:
-    assert place((0, 10, 0), (30_000, 13, 30_000))[1] == (30_000, 3)
-
-
-def test_without_a_counter_time_shows_lost_frames() -> None:
-    assert place((0, None, 0), (40_000, None, 40_000))[1] == (40_000, 4)
-
-
-def test_without_a_counter_a_late_frame_is_not_a_loss() -> None:
-    assert place((0, None, 0), (14_000, None, 14_000))[1] == (14_000, 1)
 
 
 def test_without_a_stamp_rows_are_a_period_apart_however_they_come() -> None:
@@ -58,13 +31,29 @@ def test_without_a_stamp_the_time_follows_a_board_whose_rate_is_another() -> Non
     assert placed[-1][0] == pytest.approx(9_901 * 5999, abs=30_000)
 
 
-def test_without_stamp_and_counter_a_silence_is_a_loss() -> None:
-    # A second without a row: the row after it is due 10 ms after the one before, and 99 were lost.
-    assert place((None, None, 0), (None, None, 1_000_000))[1] == (1_000_000, 100)
-
-
-def test_without_a_stamp_a_counter_tells_a_delay_from_a_loss() -> None:
-    assert place((None, 7, 0), (None, 8, 1_000_000))[1] == (10_500, 1)
+@pytest.mark.parametrize(
+    ("first", "second", "placed"),
+    [
+        (((1 << 32) - 4_000, 5, 0), (6_000, 6, 10_000), (10_000, 1)),
+        ((0, 255, 0), (10_000, 0, 10_000), (10_000, 1)),
+        ((0, 65_534, 0), (40_000, 2, 40_000), (40_000, 4)),  # 65,535, 0 and 1 were lost
+        ((0, 10, 0), (30_000, 13, 30_000), (30_000, 3)),
+        ((0, None, 0), (40_000, None, 40_000), (40_000, 4)),
+        ((0, None, 0), (14_000, None, 14_000), (14_000, 1)),
+        ((None, None, 0), (None, None, 1_000_000), (1_000_000, 100)),
+        ((None, 7, 0), (None, 8, 1_000_000), (10_500, 1)),
+    ],
+    ids=[
+        "stamp wraps", "8 bits wrap", "16 bits wrap over a loss", "counter shows a loss",
+        "time shows a loss", "a late frame is no loss", "a silence is a loss", "counter shows a delay",
+    ],
+)  # fmt: skip
+def test_a_frame_is_placed_by_its_stamp_its_counter_and_its_arrival(
+    first: tuple[int | None, int | None, int],
+    second: tuple[int | None, int | None, int],
+    placed: tuple[int, int],
+) -> None:
+    assert place(first, second) == [(0, 0), placed]
 
 
 def test_a_board_that_restarts_goes_on_by_the_arrivals() -> None:

@@ -38,22 +38,18 @@ def read(text: str) -> tuple[LineReader, Frames]:
     )
 
 
-def test_the_header_tells_device_ranges_and_rate() -> None:
-    reader, _ = read(PREAMBLE + HEADER + write_rows(0, 300))
+def test_the_header_tells_device_ranges_and_rate_and_no_row_is_lost_from_the_first_on() -> None:
+    reader, frames = read(PREAMBLE + HEADER + write_rows(0, 300))
 
     facts = reader.facts
     assert facts is not None
     assert (facts.device, facts.rate_hz) == ("lsm9ds1", 100.0)
     assert (facts.acc_range_g, facts.gyr_range_dps) == (16.0, 2000.0)
-
-
-def test_no_row_is_lost_from_the_first_on() -> None:
-    reader, frames = read(PREAMBLE + HEADER + write_rows(0, 300))
-
     assert frames.counter.tolist() == list(range(300))
     assert frames.time_us.tolist() == [10_000 * k for k in range(300)]
     assert frames.acc_g[:, 0] == pytest.approx(np.arange(300) / 1000)
     assert reader.torn == 0
+    assert reader.finish() is None  # nothing is given twice
 
 
 def test_rows_too_few_to_tell_the_rate_at_once_are_given_at_the_end() -> None:
@@ -66,49 +62,31 @@ def test_rows_too_few_to_tell_the_rate_at_once_are_given_at_the_end() -> None:
     assert frames.counter.tolist() == list(range(60))
 
 
-def test_at_the_end_nothing_is_given_twice() -> None:
-    reader, _ = read(HEADER + write_rows(0, 300))
-
-    assert reader.finish() is None
+ROW = write_rows(250, 251)
+REST = ",0.25,0.0,1.0,0.5,0.0,0.0\n"
 
 
-def test_a_torn_line_is_left_out_and_shows_as_lost() -> None:
-    torn = write_rows(250, 251)[:17] + "\n"
-
-    reader, frames = read(HEADER + write_rows(0, 250) + torn + write_rows(251, 300))
+@pytest.mark.parametrize(
+    ("line", "next_row"),
+    [
+        (ROW[:17] + "\n", 251),
+        (ROW.rstrip("\n") + write_rows(251, 252), 252),
+        (ROW.replace("0.250", "nan"), 251),
+        (ROW.replace("0.250", "1e9"), 251),
+        (ROW.replace("0.250", "x"), 251),
+        (ROW.replace("0.250", ""), 251),
+        ("inf,250" + REST, 251),
+        ("1e300,250" + REST, 251),
+        ("2500000,99999999999999999999" + REST, 251),
+    ],
+    ids=["cut", "two run together", "nan", "1e9 g", "a word", "empty", "inf us", "1e300 us", "count"],
+)
+def test_a_line_that_no_board_sends_is_torn_and_left_out(line: str, next_row: int) -> None:
+    reader, frames = read(HEADER + write_rows(0, 250) + line + write_rows(next_row, 300))
 
     assert reader.torn == 1
     assert 250 not in frames.counter
-    assert len(frames) == 299
-
-
-def test_two_lines_that_ran_together_are_left_out() -> None:
-    together = write_rows(250, 251).rstrip("\n") + write_rows(251, 252)
-
-    reader, frames = read(HEADER + write_rows(0, 250) + together + write_rows(252, 300))
-
-    assert reader.torn == 1
-    assert len(frames) == 298
-
-
-@pytest.mark.parametrize("value", ["nan", "1e9", "x", ""])
-def test_a_value_that_no_sensor_has_is_a_torn_line(value: str) -> None:
-    wrong = f"2500000,250,{value},0.0,1.0,0.5,0.0,0.0\n"
-
-    reader, frames = read(HEADER + write_rows(0, 250) + wrong + write_rows(251, 300))
-
-    assert reader.torn == 1
-    assert len(frames) == 299
-
-
-@pytest.mark.parametrize("start", ["inf,250", "1e300,250", "2500000,99999999999999999999"])
-def test_a_stamp_or_a_count_that_no_board_has_is_a_torn_line(start: str) -> None:
-    wrong = f"{start},0.25,0.0,1.0,0.5,0.0,0.0\n"
-
-    reader, frames = read(HEADER + write_rows(0, 250) + wrong + write_rows(251, 300))
-
-    assert reader.torn == 1
-    assert len(frames) == 299
+    assert len(frames) == 300 - (next_row - 250)
 
 
 def test_a_board_that_is_reset_while_its_rate_is_measured_is_read_from_there() -> None:
@@ -132,11 +110,21 @@ def test_a_header_that_changes_is_followed() -> None:
     assert frames.gyr_dps[250, 0] == pytest.approx(28.648, abs=0.001)
 
 
-def test_a_torn_header_changes_nothing() -> None:
-    reader, frames = read(HEADER + write_rows(0, 250) + HEADER[12:] + write_rows(250, 300))
+@pytest.mark.parametrize(
+    ("text", "torn", "rows"),
+    [
+        (HEADER + write_rows(0, 250) + HEADER[12:] + write_rows(250, 300), 1, 300),
+        (write_rows(0, 60) + PREAMBLE + HEADER + write_rows(60, 360), 0, 300),
+        (HEADER + write_rows(0, 10) + "123,4\n" + write_rows(11, 300), 0, 299),
+    ],
+    ids=["torn header", "late header", "torn line before the header is understood"],
+)
+def test_a_torn_or_late_header_loses_no_row_after_it(text: str, torn: int, rows: int) -> None:
+    reader, frames = read(text)
 
-    assert reader.torn == 1
-    assert len(frames) == 300
+    assert len(frames) == rows
+    assert reader.facts is not None
+    assert reader.torn == torn
 
 
 def test_a_board_that_sends_at_another_rate_is_refused() -> None:
@@ -159,20 +147,15 @@ def test_without_stamps_rows_in_bursts_tell_the_rate() -> None:
     assert reader.facts.rate_hz == pytest.approx(100.0)
 
 
-def test_bytes_that_are_no_text_are_torn_lines() -> None:
+@pytest.mark.parametrize(
+    "pieces", [[b"\xff\xfe\x00\x01,,\n"], [b"0" * 1000] * 5], ids=["no text", "no end: fills no memory"]
+)
+def test_bytes_that_are_no_line_are_a_torn_line(pieces: list[bytes]) -> None:
     reader = LineReader()
     feed(reader, HEADER + write_rows(0, 250))
 
-    reader.feed(b"\xff\xfe\x00\x01,,\n", 0)
-
-    assert reader.torn == 1
-
-
-def test_a_line_without_end_fills_no_memory() -> None:
-    reader = LineReader()
-
-    for _ in range(5):
-        reader.feed(b"0" * 1000, 0)
+    for piece in pieces:
+        reader.feed(piece, 0)
 
     assert reader.torn == 1
 
@@ -195,19 +178,6 @@ def test_a_board_that_starts_anew_goes_on_after_a_hole() -> None:
     assert np.all(np.diff(frames.time_us) > 0)
 
 
-def test_a_header_that_comes_late_is_waited_for() -> None:
-    reader, frames = read(write_rows(0, 60) + PREAMBLE + HEADER + write_rows(60, 360))
-
-    assert reader.facts is not None
-    assert len(frames) == 300
-
-
-def test_a_torn_line_before_the_header_is_understood_does_no_harm() -> None:
-    _, frames = read(HEADER + write_rows(0, 10) + "123,4\n" + write_rows(11, 300))
-
-    assert len(frames) == 299
-
-
 def test_the_nano_s_library_is_left_handed_and_prints_too_little() -> None:
     # IMU_Capture: no stamp and no counter; its arrivals tell the rate. The library prints 61.04 mdps for 70.
     reader = LineReader()
@@ -227,6 +197,7 @@ def test_the_nano_s_library_is_left_handed_and_prints_too_little() -> None:
     [
         ("time_us,acc_x,acc_y,acc_z,gyr_x_dps,gyr_y_dps,gyr_z_dps\n", UnknownUnit),
         ("time_us,acc_x_g,acc_y_g,acc_z_g,mag_x,mag_y,mag_z\n", NoGyroscope),
+        ("hello\n", UnknownColumns),
     ],
 )
 def test_a_header_that_leaves_something_open_is_refused(header: str, refusal: type[Exception]) -> None:
@@ -234,8 +205,3 @@ def test_a_header_that_leaves_something_open_is_refused(header: str, refusal: ty
 
     with pytest.raises(refusal):
         read(header + rows)
-
-
-def test_words_that_are_no_header_are_refused() -> None:
-    with pytest.raises(UnknownColumns):
-        read("hello\n" + write_rows(0, 300))

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fusion.errors import UnusableArrays
 from fusion.live import LiveElevation
-from fusion.orientation.arrays import UnusableArrays
 from fusion.orientation.live import LiveVertical
 from tests.factories import hold
 from tests.fusion.made_motion import angle_between_deg, tumble
@@ -41,25 +41,21 @@ def test_what_comes_later_changes_nothing_before() -> None:
     assert np.array_equal(first[:1200], second[:1200])
 
 
-def test_until_the_first_rest_there_is_no_elevation() -> None:
+def test_an_arm_raised_after_hanging_is_read_from_the_first_rest_on() -> None:
     # A still moment is 1.5 s: the 150th sample completes it.
-    made = hold((0.0, 5.0), rate_hz=100.0).recording.segments[0]
+    made = hold((0.0, 5.0), (95.0, 10.0)).recording.segments[0]
 
     elevation_deg = LiveElevation(100.0).update(made.acc_g, made.gyr_dps)
 
     assert np.isnan(elevation_deg[:149]).all()
     assert np.isfinite(elevation_deg[149:]).all()
+    assert elevation_deg[-1] == pytest.approx(95.0, abs=0.5)
 
 
-def test_an_arm_raised_after_hanging_is_read() -> None:
-    made = hold((0.0, 5.0), (95.0, 10.0), rate_hz=100.0).recording.segments[0]
-
-    assert LiveElevation(100.0).update(made.acc_g, made.gyr_dps)[-1] == pytest.approx(95.0, abs=0.5)
-
-
-def test_with_a_known_arm_axis_it_starts_at_once() -> None:
+def test_with_a_known_arm_axis_it_starts_at_once_if_anything_is_felt() -> None:
     live = LiveElevation(100.0, arm_axis=np.array([0.0, 0.0, 1.0]))
 
+    assert np.isnan(live.update([0.0, 0.0, 0.0], [0.0, 0.0, 0.0])).all()
     assert live.update([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]) == pytest.approx([90.0])
 
 
@@ -108,17 +104,29 @@ def test_a_bias_given_beforehand_is_used_from_the_first_sample() -> None:
     assert angle_between_deg(up, motion.up).max() < 1.0
 
 
-def test_samples_that_are_not_numbers_are_refused() -> None:
-    with pytest.raises(UnusableArrays):
-        LiveElevation(100.0).update([np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
-
-
 @pytest.mark.parametrize("rate_hz", [0.0, -5.0, np.nan, np.inf])
 def test_a_rate_that_is_not_positive_is_refused_at_once(rate_hz: float) -> None:
     with pytest.raises(UnusableArrays) as refused:
         LiveElevation(rate_hz)
 
     assert refused.value.facts["why"] == "rate"
+
+
+UNIT = np.tile([0.0, 0.0, 1.0], (300, 1))
+
+
+@pytest.mark.parametrize(
+    ("acc", "gyr_rows", "why"),
+    [(UNIT[:3] * np.nan, 3, "finite"), (UNIT[:3], 4, "shape"), (9.80665 * UNIT, 300, "unit")],
+    ids=["no numbers", "lengths that differ", "metres per second squared"],
+)
+def test_samples_that_cannot_be_fused_are_refused_while_waiting_too(
+    acc: NDArray[np.float64], gyr_rows: int, why: str
+) -> None:
+    with pytest.raises(UnusableArrays) as refused:
+        LiveElevation(100.0).update(acc, np.zeros((gyr_rows, 3)))
+
+    assert refused.value.facts["why"] == why
 
 
 @pytest.mark.parametrize("axis", [None, np.array([0.0, 0.0, 1.0])])
@@ -142,12 +150,6 @@ def test_an_arm_axis_that_is_no_unit_vector_is_refused_at_once(axis: list[object
         LiveElevation(100.0, np.array(axis))
 
 
-def test_chunks_of_unlike_length_are_refused_while_waiting_too() -> None:
-    # Three accelerations with four rates would put every later pair out of step.
-    with pytest.raises(UnusableArrays):
-        LiveElevation(100.0).update(np.tile([0.0, 0.0, 1.0], (3, 1)), np.zeros((4, 3)))
-
-
 def test_a_chunk_that_is_refused_changes_nothing() -> None:
     acc, gyr = np.tile([0.0, 0.0, 1.0], (200, 1)), np.zeros((200, 3))
     broken = np.where(np.arange(200)[:, None] < 199, acc, np.nan)
@@ -158,18 +160,3 @@ def test_a_chunk_that_is_refused_changes_nothing() -> None:
 
     # As at the very first chunk: a moment of stillness is waited for again.
     assert np.isnan(live.update(acc[:1], gyr[:1])).all()
-
-
-def test_where_nothing_was_felt_there_is_no_direction() -> None:
-    up = LiveVertical(100.0).update(np.zeros((3, 3)), np.zeros((3, 3)))
-
-    assert np.isnan(up).all()
-
-
-def test_an_arm_at_rest_in_metres_per_second_squared_is_refused() -> None:
-    made = hold((0.0, 5.0), rate_hz=100.0).recording.segments[0]
-
-    with pytest.raises(UnusableArrays) as refused:
-        LiveElevation(100.0).update(made.acc_g * 9.80665, made.gyr_dps)
-
-    assert refused.value.facts == {"why": "unit", "g": 9.807}

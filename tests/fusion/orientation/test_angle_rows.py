@@ -44,9 +44,8 @@ def bridge(recording: Recording, *holes: tuple[int, int]) -> Recording:
 
 
 def fuse(recording: Recording, method: MethodName = "smoothed") -> Elevation:
-    return estimate_elevation(
-        calibrate(recording, AnalysisSettings(calibration_windows_s=((0.5, 4.5),))), method
-    )
+    settings = AnalysisSettings(calibration_windows_s=((0.5, 4.5),))
+    return estimate_elevation(calibrate(recording, settings), method)
 
 
 def find_missing_us(analysis: Analysis) -> dict[str, int]:
@@ -63,21 +62,14 @@ def test_as_few_samples_make_a_row_as_come_to_100_hz(rate_hz: float, per_row: in
     assert (rows.per_row, rows.rate_hz) == (per_row, row_hz)
 
 
-def test_samples_over_a_last_whole_row_lose_no_time() -> None:
-    rows = lay_rows(run(5004, 500.0))
+@pytest.mark.parametrize(("samples", "rows"), [(5004, 1000), (3, 1), (0, 0)])
+def test_samples_over_a_last_whole_row_lose_no_time_and_fewer_than_a_row_are_one(
+    samples: int, rows: int
+) -> None:
+    laid = lay_rows(run(samples, 500.0))
 
-    assert len(rows) == 1000
-    assert len(rows) * rows.period_us == pytest.approx(10_008_000, abs=1e-6)
-
-
-def test_fewer_samples_than_a_row_takes_are_one_row() -> None:
-    rows = lay_rows(run(3, 500.0))
-
-    assert (len(rows), round(rows.period_us)) == (1, 6000)
-
-
-def test_no_sample_makes_no_row() -> None:
-    assert len(lay_rows(run(0, 500.0))) == 0
+    assert len(laid) == rows
+    assert len(laid) * laid.period_us == pytest.approx(2000 * samples, abs=1e-6)
 
 
 @pytest.mark.parametrize(("samples", "rate_hz"), [(1000, 500.0), (1004, 500.0), (401, 200.0), (955, 476.03)])
@@ -94,26 +86,22 @@ def test_the_first_row_has_only_the_samples_from_its_stamp_on() -> None:
     assert found_deg[0] == pytest.approx((0.0 + 0.18 + 0.36) / 3)
 
 
-def test_each_of_five_samples_weighs_a_fifth() -> None:
+@pytest.mark.parametrize(
+    ("rate_hz", "sample", "x", "rows"), [(500.0, 502, 0.05, [100]), (200.0, 201, 0.04, [100, 101])]
+)
+def test_each_of_five_samples_weighs_a_fifth_and_the_outer_two_of_an_even_number_half(
+    rate_hz: float, sample: int, x: float, rows: list[int]
+) -> None:
     vertical = np.tile([0.0, 0.0, 1.0], (1000, 1))
-    vertical[502, 0] = 0.05
+    vertical[sample, 0] = x
 
-    found_deg = read_angle(vertical, 500.0)
+    found_deg = read_angle(vertical, rate_hz)
 
-    assert np.flatnonzero(found_deg).tolist() == [100]
-    assert found_deg[100] == pytest.approx(np.degrees(np.arctan(0.01)), abs=1e-5)
-
-
-def test_of_an_even_number_the_two_outer_samples_weigh_half() -> None:
-    vertical = np.tile([0.0, 0.0, 1.0], (400, 1))
-    vertical[201, 0] = 0.04
-
-    found_deg = read_angle(vertical, 200.0)
-
-    assert found_deg[[100, 101]] == pytest.approx(np.degrees(np.arctan(0.01)), abs=1e-5)
+    assert np.flatnonzero(found_deg).tolist() == rows
+    assert found_deg[rows] == pytest.approx(np.degrees(np.arctan(0.01)), abs=1e-5)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 200), st.integers(0, 200))
 def test_rows_are_the_same_however_they_are_cut(first: int, stop: int) -> None:
     vertical, rows = lift(1003, 500.0), lay_rows(run(1003, 500.0))
@@ -140,7 +128,7 @@ def test_samples_that_fall_with_a_bridged_one_are_missing_and_nothing_else_is() 
     assert "W-UNTRUSTED" not in {flag.code for flag in analysis.quality.flags}
 
 
-@pytest.mark.parametrize("rate_hz", [119.0, 238.0, 476.03, 500.0, 952.0])
+@pytest.mark.parametrize("rate_hz", [119.0, 476.03, 500.0])
 def test_every_microsecond_of_a_clean_recording_is_analysed(rate_hz: float) -> None:
     made = hold((0.0, 20.0), (80.0, 20.0), (5.0, 20.003), rate_hz=rate_hz).recording
 
@@ -150,17 +138,15 @@ def test_every_microsecond_of_a_clean_recording_is_analysed(rate_hz: float) -> N
     assert round(analysis.exposure.analysed_s * 1e6) == made.duration_us
 
 
-@pytest.mark.parametrize("method", ["smoothed", "published", "live"])
-def test_every_method_gives_a_hundred_rows_a_second(method: MethodName) -> None:
+@pytest.mark.parametrize(("method", "first"), [("smoothed", 0), ("published", 0), ("live", 300)])
+def test_every_method_gives_a_hundred_rows_a_second_and_live_leaves_out_three(
+    method: MethodName, first: int
+) -> None:
     (segment,) = fuse(hold((0.0, 10.0), rate_hz=500.0).recording, method).segments
 
-    assert (len(segment), segment.rate_hz, segment.vertical.shape) == (1000, 100.0, (1000, 3))  # type: ignore[union-attr]
-
-
-def test_live_leaves_out_the_rows_of_the_first_three_seconds() -> None:
-    (segment,) = fuse(hold((0.0, 10.0), rate_hz=500.0).recording, "live").segments
-
-    assert np.flatnonzero(segment.valid)[0] == 300
+    assert isinstance(segment.vertical, np.ndarray)
+    assert (len(segment), segment.rate_hz, segment.vertical.shape) == (1000, 100.0, (1000, 3))
+    assert np.flatnonzero(segment.valid)[0] == first
 
 
 def test_the_angle_of_a_fast_swing_is_that_at_its_stamps() -> None:
@@ -180,10 +166,3 @@ def test_a_sample_counts_where_all_rows_that_it_reaches_into_are_valid() -> None
     valid = np.array([True, False, True, True])
 
     assert find_valid_samples(valid, 10).tolist() == [True] * 2 + [False] * 3 + [True] * 5
-
-
-@pytest.mark.parametrize(("rate_hz", "is_kept"), [(100.0, False), (500.0, True)])
-def test_the_vertical_is_kept_where_a_row_is_made_of_several_samples(rate_hz: float, is_kept: bool) -> None:
-    (segment,) = fuse(hold((0.0, 10.0), rate_hz=rate_hz).recording).segments
-
-    assert isinstance(segment.vertical, np.ndarray) is is_kept

@@ -4,10 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, describe_method, estimate_elevation, measure_elevation
@@ -18,9 +15,8 @@ from tests.factories import hold, move_arm
 
 
 def fuse(recording: Recording, method: MethodName = "smoothed") -> Elevation:
-    return estimate_elevation(
-        calibrate(recording, AnalysisSettings(calibration_windows_s=((0.5, 4.5),))), method
-    )
+    settings = AnalysisSettings(calibration_windows_s=((0.5, 4.5),))
+    return estimate_elevation(calibrate(recording, settings), method)
 
 
 def still_then_swing(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,36 +39,10 @@ def test_held_poses_are_read_as_held(method: MethodName, within_deg: float) -> N
 def test_a_swinging_arm_is_followed_although_it_accelerates() -> None:
     made = move_arm(still_then_swing, 65.0)
 
-    error_deg = fuse(made.recording).segments[0].elevation_deg - made.elevation_deg
+    (segment,) = fuse(made.recording).segments
 
-    assert np.sqrt(np.mean(error_deg**2)) < 0.5
-
-
-@settings(max_examples=8, deadline=None)
-@given(st.integers(0, 10_000))
-def test_the_mounting_does_not_change_the_elevation(seed: int) -> None:
-    straight = move_arm(still_then_swing, 25.0)
-    turn = Rotation.random(random_state=seed).as_matrix().astype(np.float32)
-    segment = straight.recording.segments[0]
-    turned = replace(segment, acc_g=segment.acc_g @ turn.T, gyr_dps=segment.gyr_dps @ turn.T)
-
-    mounted = fuse(replace(straight.recording, segments=(turned,))).segments[0].elevation_deg
-
-    assert np.abs(mounted - fuse(straight.recording).segments[0].elevation_deg).max() < 0.01
-
-
-@settings(max_examples=5, deadline=None)
-@given(st.integers(7, 30))
-def test_cut_at_a_still_moment_the_pieces_give_what_the_whole_gives(held_s: int) -> None:
-    made = hold((0.0, 10.0), (80.0, float(held_s)), (20.0, 10.0), (60.0, 10.0), rate_hz=50.0)
-    samples = calibrate(made.recording, AnalysisSettings(calibration_windows_s=((0.5, 4.5),)))
-    whole = estimate_elevation(samples).segments[0].elevation_deg
-    cut = round((10.0 + held_s / 2.0) * 50.0)
-
-    pieces = estimate_elevation(replace(samples, recording=split(made.recording, cut))).segments
-
-    joined = np.concatenate([piece.elevation_deg for piece in pieces])
-    assert np.abs(joined - whole).max() < 0.1
+    assert np.sqrt(np.mean((segment.elevation_deg - made.elevation_deg) ** 2)) < 0.5
+    assert segment.valid.all()
 
 
 def split(recording: Recording, row: int) -> Recording:
@@ -81,17 +51,6 @@ def split(recording: Recording, row: int) -> Recording:
     first = replace(segment, acc_g=segment.acc_g[:row], gyr_dps=segment.gyr_dps[:row])
     second = Segment(second_us, segment.rate_hz, segment.acc_g[row:], segment.gyr_dps[row:])
     return replace(recording, segments=(first, second))
-
-
-def test_half_the_rate_gives_the_same_elevation() -> None:
-    fine = fuse(move_arm(still_then_swing, 45.0, rate_hz=100.0).recording).segments[0].elevation_deg
-    coarse = fuse(move_arm(still_then_swing, 45.0, rate_hz=50.0).recording).segments[0].elevation_deg
-
-    assert np.abs(fine[::2] - coarse).max() < 0.2
-
-
-def test_an_ordinary_recording_is_valid_throughout() -> None:
-    assert fuse(move_arm(still_then_swing, 25.0).recording).segments[0].valid.all()
 
 
 def test_rows_that_bridge_a_hole_are_not_valid() -> None:
@@ -120,18 +79,17 @@ def test_seconds_in_which_past_and_future_contradict_each_other_are_not_valid() 
     assert valid[500:1500].all()
 
 
-def test_the_vertical_is_kept_as_unit_vectors_in_single_precision() -> None:
+def test_the_vertical_of_each_sample_is_worked_out_on_demand_as_unit_vectors_in_single_precision() -> None:
     kept = fuse(hold((0.0, 10.0)).recording).segments[0].vertical
+
     assert kept is not None
-
-    vertical = kept[:]
-
-    assert vertical.dtype == np.float32
-    assert np.abs(np.linalg.norm(vertical, axis=1) - 1.0).max() < 1e-5
+    assert not isinstance(kept, np.ndarray)
+    assert kept[:].dtype == np.float32
+    assert np.abs(np.linalg.norm(kept[:], axis=1) - 1.0).max() < 1e-5
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-3, 30.0, 90.0, 179.999, 180.0])
-def test_the_angle_is_exact_near_its_ends(degrees: float) -> None:
+def test_the_angle_is_exact_near_its_ends_too(degrees: float) -> None:
     up = np.array([[np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))]])
 
     assert measure_elevation(up, np.array([0.0, 0.0, 1.0]))[0] == pytest.approx(degrees, abs=1e-5)

@@ -23,12 +23,11 @@ def missing_s(analysis: Analysis) -> dict[str, float]:
     ("content", "name"),
     [
         (ordered(thinned_at_random(2000, 4000)).encode(), "shift.csv"),
-        (ordered(thinned_at_random(2000, 5000)).encode(), "shift.csv"),
         (stalls().encode(), "shift.csv"),
         (replaced(59, second(59, stamp=59 + 3600))(), "shift.gt3x"),
         (replaced(30, second(30, n_rows=60))(), "shift.gt3x"),
     ],
-    ids=["pieces under 1 s", "no sampling", "stalls", "last second an hour late", "60 rows in a second"],
+    ids=["pieces under 1 s", "stalls", "last second an hour late", "60 rows in a second"],
 )
 def test_inspect_and_analysis_count_alike(content: bytes, name: str) -> None:
     recording = read_recording(io.BytesIO(content), file_name=name)

@@ -9,7 +9,7 @@ from fusion.caveats import Caveat
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.quality.flags import flag_untrusted
 from fusion.quality.time_account import propose_nonwear
-from fusion.recording import QualityFlag, Recording, Segment, Span, flag_spans
+from fusion.recording import Float64Array, QualityFlag, Recording, Segment, Span, flag_spans
 
 MINUTE = 60_000_000
 
@@ -24,16 +24,11 @@ def lie(*, still_min: float, noise_g: float = 0.005, moving_min: float = 10.0) -
     return Recording("other", "", None, None, segment.duration_us, (segment,))
 
 
-def test_ten_minutes_without_movement_are_proposed() -> None:
-    assert propose_nonwear(lie(still_min=10)) == (Span(10 * MINUTE, 10 * MINUTE, "not-worn"),)
-
-
-def test_nine_minutes_are_not() -> None:
-    assert propose_nonwear(lie(still_min=9)) == ()
-
-
-def test_an_arm_that_moves_a_little_is_worn() -> None:
-    assert propose_nonwear(lie(still_min=30, noise_g=0.015)) == ()
+@pytest.mark.parametrize(
+    ("still_min", "proposed"), [(10, (Span(10 * MINUTE, 10 * MINUTE, "not-worn"),)), (9, ())]
+)
+def test_ten_minutes_without_movement_are_proposed(still_min: int, proposed: tuple[Span, ...]) -> None:
+    assert propose_nonwear(lie(still_min=still_min)) == proposed
 
 
 @pytest.mark.parametrize(("swing_g", "count"), [(0.0129, 1), (0.0131, 0)])
@@ -44,18 +39,18 @@ def test_still_is_a_standard_deviation_under_0_013_g(swing_g: float, count: int)
     assert len(propose_nonwear(recording)) == count
 
 
-def test_one_axis_that_moves_is_enough() -> None:
+@pytest.mark.parametrize(
+    ("axis", "added_g", "count"),
+    [(1, np.tile([0.02, -0.02], 18_000), 0), (2, np.linspace(0, 0.1, 36_000), 1)],
+    ids=["one axis moves", "a slow drift of temperature"],
+)
+def test_one_axis_that_moves_is_enough_and_a_drift_is_no_movement(
+    axis: int, added_g: Float64Array, count: int
+) -> None:
     recording = lie(still_min=30)
-    recording.segments[0].acc_g[12_000:48_000, 1] += np.tile([0.02, -0.02], 18_000).astype(np.float32)
+    recording.segments[0].acc_g[12_000:48_000, axis] += added_g.astype(np.float32)
 
-    assert propose_nonwear(recording) == ()
-
-
-def test_a_slow_drift_of_temperature_is_no_movement() -> None:
-    recording = lie(still_min=30)
-    recording.segments[0].acc_g[12_000:48_000, 2] += np.linspace(0, 0.1, 36_000, dtype=np.float32)
-
-    assert len(propose_nonwear(recording)) == 1
+    assert len(propose_nonwear(recording)) == count
 
 
 @pytest.mark.parametrize(("end_min", "count"), [(20, 0), (14, 1)], ids=["all of it", "a part of it"])
@@ -77,27 +72,25 @@ def test_of_many_stretches_the_hundred_longest_are_told() -> None:
     assert (flag.count, len(flag.spans_s), flag.spans_s[0][0]) == (150, 100, 0.05)
 
 
-def distrust(*rows: slice) -> tuple[Recording, Elevation]:
+def flag_distrust(
+    *rows: slice, bridged: bool = False, left_out: tuple[Span, ...] = ()
+) -> tuple[QualityFlag, ...]:
     recording = lie(still_min=1, moving_min=1)
     valid = np.ones(len(recording.segments[0]), np.bool_)
     for stretch in rows:
         valid[stretch] = False
-    angle = np.zeros(len(valid), np.float32)
-    return recording, Elevation((ElevationSegment(0, 20.0, angle, valid),), None)
+    if bridged:
+        recording = replace(recording, segments=(replace(recording.segments[0], bridged=((100, 140),)),))
+    segment = ElevationSegment(0, 20.0, np.zeros(len(valid), np.float32), valid)
+    return flag_untrusted(recording, Elevation((segment,), None), left_out)
 
 
-def test_where_the_direction_was_not_trusted_is_told_with_its_times() -> None:
-    (flag,) = flag_untrusted(*distrust(slice(100, 140), slice(200, 300)), ())
+def test_stretches_whose_direction_was_not_trusted_are_told_with_their_times() -> None:
+    (flag,) = flag_distrust(slice(100, 140), slice(200, 300))
 
     assert (flag.code, flag.seconds, flag.spans_s) == ("W-UNTRUSTED", 7.0, ((5.0, 7.0), (10.0, 15.0)))
 
 
-def test_a_bridged_hole_is_not_distrust() -> None:
-    recording, elevation = distrust(slice(100, 140))
-    bridged = replace(recording.segments[0], bridged=((100, 140),))
-
-    assert flag_untrusted(replace(recording, segments=(bridged,)), elevation, ()) == ()
-
-
-def test_what_is_left_out_is_not_distrust() -> None:
-    assert flag_untrusted(*distrust(slice(100, 140)), (Span(5_000_000, 2_000_000, "break"),)) == ()
+def test_a_bridged_hole_and_what_is_left_out_are_not_distrust() -> None:
+    assert flag_distrust(slice(100, 140), bridged=True) == ()
+    assert flag_distrust(slice(100, 140), left_out=(Span(5_000_000, 2_000_000, "break"),)) == ()

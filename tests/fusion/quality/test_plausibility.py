@@ -21,12 +21,11 @@ def test_an_offset_that_wanders_by_1_dps_is_flagged_from_one_extreme_to_the_othe
     assert (flag.code, flag.first_s, flag.last_s, flag.facts) == ("W-GYRO-DRIFT", 600, 1200, {"dps": 1.0})
 
 
-def test_an_offset_that_wanders_by_less_is_not() -> None:
-    assert flag_gyro_drift(wander(0.0, 0.99)) == ()
-
-
-def test_a_large_offset_that_stays_is_no_drift() -> None:
-    assert flag_gyro_drift(wander(12.0, 12.0)) == ()
+@pytest.mark.parametrize(
+    "offset_dps", [(0.0, 0.99), (12.0, 12.0)], ids=["wanders by less", "large but steady"]
+)
+def test_a_smaller_wander_and_a_large_steady_offset_are_no_drift(offset_dps: tuple[float, ...]) -> None:
+    assert flag_gyro_drift(wander(*offset_dps)) == ()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import io
 import re
 from datetime import UTC
+from functools import cache
 
 import numpy as np
 import pyarrow as pa
@@ -32,9 +33,11 @@ from tests.fusion.readers.device_layouts import (
     sensor_logger,
     shimmer,
 )
-from tests.fusion.readers.tables.table_builder import codes, read_text
+from tests.fusion.readers.seen import codes, counts
+from tests.fusion.readers.tables.table_builder import read_text
 
 
+@cache
 def read_layout(name: str) -> Recording:
     content = TABLES[name]()
     return read_text(content, "arm.zip" if isinstance(content, bytes) else "arm.csv")
@@ -42,22 +45,16 @@ def read_layout(name: str) -> Recording:
 
 @pytest.mark.parametrize("name", TABLES)
 def test_every_layout_is_read_unaided_to_the_same_samples(name: str) -> None:
-    (segment,) = read_layout(name).segments
+    recording = read_layout(name)
 
+    (segment,) = recording.segments
+    changes = [
+        flag.facts["evidence"] for flag in recording.flags if flag.code in ("W-UNITS", "W-ROWS-DROPPED")
+    ]
     np.testing.assert_allclose(segment.acc_g, ACC_G, atol=2e-6)
     np.testing.assert_allclose(segment.gyr_dps, GYR_DPS, atol=1e-4)
     assert segment.rate_hz == pytest.approx(RATE_HZ, abs=1e-3)
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_no_value_of_a_good_file_is_changed(name: str) -> None:
-    changes = {
-        flag.facts["evidence"]
-        for flag in read_layout(name).flags
-        if flag.code in ("W-UNITS", "W-ROWS-DROPPED")
-    }
-
-    assert changes <= ({"rest", "motion"} if name == "serial monitor" else set())
+    assert set(changes) <= ({"rest", "motion"} if name == "serial monitor" else set())
 
 
 @pytest.mark.parametrize("name", ["shimmer", "witmotion", "picoquake", "mtw", "dot", "phyphox", "metawear"])
@@ -73,6 +70,7 @@ def test_the_start_is_that_of_the_files_own_clock(name: str) -> None:
 
     assert start is not None
     assert start.replace(tzinfo=UTC).timestamp() == pytest.approx(START_S, abs=0.001)
+    assert (start.tzinfo is None) == (name in ("excel days", "witmotion"))
 
 
 def test_a_row_of_units_that_gives_the_time_another_quantity_is_no_crash() -> None:
@@ -81,10 +79,6 @@ def test_a_row_of_units_that_gives_the_time_another_quantity_is_no_crash() -> No
     (segment,) = read_text(damaged, "arm.csv").segments
 
     assert segment.rate_hz == pytest.approx(RATE_HZ)
-
-
-def test_the_times_of_a_spreadsheet_are_local_and_not_utc() -> None:
-    assert "W-UTC" not in codes(read_layout("excel days"))
 
 
 def test_a_coarse_day_of_a_spreadsheet_is_spread_over_its_rows() -> None:
@@ -110,41 +104,32 @@ def test_a_zip_is_not_refused_before_its_second_table_has_come(name: str, head_b
     assert preview_head(content[:head_bytes], "arm.zip") == Preview()
 
 
+def read_pair(acceleration: str, angular_rate: str) -> Recording:
+    """Read a zip of two tables of these rows."""
+    names = '"Time (s)","X ({0})","Y ({0})","Z ({0})"\n'
+    content = pack(
+        Accelerometer=names.format("m/s^2") + acceleration, Gyroscope=names.format("rad/s") + angular_rate
+    )
+    return read_text(content, "arm.zip")
+
+
 def test_a_hole_of_the_accelerometer_is_a_hole_of_both() -> None:
     kept = (TIME_S < 10.0) | (TIME_S >= 12.0)
-    names = '"Time (s)","X ({0})","Y ({0})","Z ({0})"\n'
-    holed = names.format("m/s^2") + rows(TIME_S[kept], ACC_MS2[kept])
 
-    recording = read_text(
-        pack(Accelerometer=holed, Gyroscope=names.format("rad/s") + rows(TIME_S, GYR_RAD)), "arm.zip"
-    )
+    recording = read_pair(rows(TIME_S[kept], ACC_MS2[kept]), rows(TIME_S, GYR_RAD))
 
     assert [len(segment) for segment in recording.segments] == [1000, 1800]
 
 
 def test_a_last_line_that_was_torn_off_costs_one_row() -> None:
-    names = '"Time (s)","X ({0})","Y ({0})","Z ({0})"\n'
-    gyroscope = names.format("rad/s") + rows(TIME_S, GYR_RAD) + "30.0,0.01,-0."
+    recording = read_pair(rows(TIME_S, ACC_MS2), rows(TIME_S, GYR_RAD) + "30.0,0.01,-0.")
 
-    recording = read_text(
-        pack(Accelerometer=names.format("m/s^2") + rows(TIME_S, ACC_MS2), Gyroscope=gyroscope), "arm.zip"
-    )
-
-    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-ROWS-DROPPED", 1)]
+    assert counts(recording) == [("W-ROWS-DROPPED", 1)]
     assert len(recording.segments[0]) == len(TIME_S)
 
 
 def test_tables_read_at_different_moments_are_laid_on_the_gyroscopes_times() -> None:
-    early = rows(TIME_S - 0.004, ACC_MS2)
-    names = '"Time (s)","X ({0})","Y ({0})","Z ({0})"\n'
-
-    recording = read_text(
-        pack(
-            Accelerometer=names.format("m/s^2") + early,
-            Gyroscope=names.format("rad/s") + rows(TIME_S, GYR_RAD),
-        ),
-        "arm.zip",
-    )
+    recording = read_pair(rows(TIME_S - 0.004, ACC_MS2), rows(TIME_S, GYR_RAD))
 
     between = 0.6 * ACC_G[:-1] + 0.4 * ACC_G[1:]
     np.testing.assert_allclose(recording.segments[0].acc_g, between, atol=2e-6)
@@ -152,17 +137,23 @@ def test_tables_read_at_different_moments_are_laid_on_the_gyroscopes_times() -> 
 
 TURNED = np.array([-1.0, -1.0, 1.0])
 TWO_SENSORS = (
-    "sensor," + ",".join(["left"] * 6 + ["right"] * 6) + "\naxis,"
+    "sensor," + ",".join(["left"] * 6 + ["right"] * 6) + "\ntime_s,"
     + ",".join(2 * ["acc_x", "acc_y", "acc_z", "gyr_x", "gyr_y", "gyr_z"]) + "\n"
     + rows(TIME_S, ACC_G, GYR_DPS, ACC_G * TURNED, GYR_DPS * TURNED)
 )  # fmt: skip
 
 
-def test_a_table_of_several_sensors_asks_which_one() -> None:
-    with pytest.raises(SeveralSensors) as refusal:
-        read_text(TWO_SENSORS.replace("axis,", "time_s,"))
+def read_sensor(table: str, sensor: str) -> Recording:
+    profile = ColumnProfile(sensor=sensor) if sensor else None
+    return read_recording(io.BytesIO(table.encode()), file_name="two.csv", profile=profile)
 
-    assert refusal.value.facts == {"n": 2, "list": "left, right"}
+
+@pytest.mark.parametrize(("sensor", "wanted"), [("", {}), ("chest", {"wanted": "chest"})])
+def test_a_table_of_several_sensors_asks_which_one(sensor: str, wanted: dict[str, str]) -> None:
+    with pytest.raises(SeveralSensors) as refusal:
+        read_sensor(TWO_SENSORS, sensor)
+
+    assert refusal.value.facts == {"n": 2, "list": "left, right", **wanted}
 
 
 def test_a_column_of_marks_leaves_the_rows_of_remarks_and_units_readable() -> None:
@@ -183,35 +174,17 @@ def test_a_column_of_marks_leaves_the_rows_of_remarks_and_units_readable() -> No
 
 
 def test_the_sensor_that_is_named_is_read() -> None:
-    table = TWO_SENSORS.replace("axis,", "time_s,").encode()
-
-    recording = read_recording(io.BytesIO(table), file_name="two.csv", profile=ColumnProfile(sensor="right"))
+    recording = read_sensor(TWO_SENSORS, "right")
 
     np.testing.assert_allclose(recording.segments[0].acc_g, ACC_G * TURNED, atol=2e-6)
 
 
-def test_a_sensor_that_the_table_does_not_hold_is_refused_with_those_that_it_holds() -> None:
-    table = TWO_SENSORS.replace("axis,", "time_s,").encode()
-
-    with pytest.raises(SeveralSensors) as refusal:
-        read_recording(io.BytesIO(table), file_name="two.csv", profile=ColumnProfile(sensor="chest"))
-
-    assert refusal.value.facts == {"n": 2, "list": "left, right", "wanted": "chest"}
-
-
 def test_the_sensor_may_stand_in_the_names() -> None:
-    names = [
-        f"{sensor}_{name}"
-        for sensor in ("wrist", "upper_arm")
-        for name in ("ax", "ay", "az", "gx", "gy", "gz")
-    ]
-    table = (
-        ",".join(["time_s", *names]) + "\n" + rows(TIME_S, ACC_G * TURNED, GYR_DPS * TURNED, ACC_G, GYR_DPS)
-    )
+    axes = ("ax", "ay", "az", "gx", "gy", "gz")
+    names = [f"{sensor}_{name}" for sensor in ("wrist", "upper_arm") for name in axes]
+    values = rows(TIME_S, ACC_G * TURNED, GYR_DPS * TURNED, ACC_G, GYR_DPS)
 
-    recording = read_recording(
-        io.BytesIO(table.encode()), file_name="two.csv", profile=ColumnProfile(sensor="upper arm")
-    )
+    recording = read_sensor(",".join(["time_s", *names]) + "\n" + values, "upper arm")
 
     np.testing.assert_allclose(recording.segments[0].gyr_dps, GYR_DPS, atol=1e-4)
 
@@ -271,27 +244,20 @@ def core_motion(names: tuple[str, ...], per_g: float = 1.0, user_g: np.ndarray =
 
 
 @pytest.mark.parametrize(
-    "names",
-    [("gravity{}", "acceleration{}"), ("gravity.{}", "userAcceleration.{}"), ("grav_{}", "userAcc_{}")],
+    ("names", "per_g", "user_g"),
+    [
+        (("gravity{}", "acceleration{}"), 1.0, STEP_G),
+        (("gravity.{}", "userAcceleration.{}"), 1.0, STEP_G),
+        (("grav_{}", "userAcc_{}"), 1.0, STEP_G),
+        (("gravity{}", "acceleration{}"), -STANDARD_GRAVITY, STEP_G),
+        (("gravity{}", "acceleration{}"), -STANDARD_GRAVITY, UP + STEP_G),
+    ],
+    ids=["Core Motion", "dots", "short names", "m/s2: the other sign", "gravity was never taken out"],
 )
-def test_gravity_beside_an_acceleration_without_it_is_put_back(names: tuple[str, str]) -> None:
-    (segment,) = read_text(core_motion(names), "watch.csv").segments
-
-    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
-
-
-def test_both_vectors_in_m_s2_are_of_an_accelerometers_sign() -> None:
-    (segment,) = read_text(
-        core_motion(("gravity{}", "acceleration{}"), -STANDARD_GRAVITY), "watch.csv"
-    ).segments
-
-    np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
-
-
-def test_an_acceleration_with_gravity_is_left_alone_by_the_columns_of_gravity() -> None:
-    whole = core_motion(("gravity{}", "acceleration{}"), -STANDARD_GRAVITY, UP + STEP_G)
-
-    (segment,) = read_text(whole, "watch.csv").segments
+def test_gravity_beside_an_acceleration_without_it_is_put_back(
+    names: tuple[str, str], per_g: float, user_g: np.ndarray
+) -> None:
+    (segment,) = read_text(core_motion(names, per_g, user_g), "watch.csv").segments
 
     np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
 

@@ -19,25 +19,24 @@ def identify(content: bytes) -> str:
     return identify_header(io.BytesIO(content))
 
 
-def test_the_rows_do_not_count() -> None:
-    assert identify(write_table(HEADER)) == identify(write_table(HEADER, 500))
+@pytest.mark.parametrize(
+    "content",
+    [
+        write_table(HEADER, 500),
+        b"# serial: A1\n" + write_table(HEADER),
+        gzip.compress(write_table(HEADER)),
+    ],
+    ids=["other rows", "lines before the header", "packed"],
+)
+def test_only_the_header_counts(content: bytes) -> None:
+    assert identify(content) == identify(write_table(HEADER))
 
 
-def test_nor_do_lines_before_the_header() -> None:
-    assert identify(b"# serial: A1\n" + write_table(HEADER)) == identify(write_table(HEADER))
-
-
-def test_nor_does_the_packing() -> None:
-    assert identify(gzip.compress(write_table(HEADER))) == identify(write_table(HEADER))
-
-
-@pytest.mark.parametrize("other", ["t;b;a;c;d;e;f", "t;a;b;c;d;e;g"])
-def test_another_name_or_order_is_another_header(other: str) -> None:
-    assert identify(write_table(other)) != identify(write_table(HEADER))
-
-
-def test_another_delimiter_is_another_header() -> None:
-    assert identify(write_table(HEADER, delimiter=",")) != identify(write_table(HEADER))
+@pytest.mark.parametrize(
+    ("header", "delimiter"), [("t;b;a;c;d;e;f", ";"), ("t;a;b;c;d;e;g", ";"), (HEADER, ",")]
+)
+def test_another_name_order_or_delimiter_is_another_header(header: str, delimiter: str) -> None:
+    assert identify(write_table(header, delimiter=delimiter)) != identify(write_table(HEADER))
 
 
 def test_a_table_without_names_is_known_by_a_dash() -> None:

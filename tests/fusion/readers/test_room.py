@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.readers import room
@@ -35,6 +35,19 @@ def refuse_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "posix_fallocate", refuse)
 
 
+@pytest.mark.parametrize("is_known", [True, False], ids=["disk full", "no such files"])
+def test_without_room_on_the_disk_they_stay_in_memory(
+    monkeypatch: pytest.MonkeyPatch, is_known: bool
+) -> None:
+    refuse_room(monkeypatch) if is_known else monkeypatch.delattr(os, "posix_fallocate")
+    made = fill(700)
+    made.resize(SMALL_BYTES)
+
+    assert made.values.base is None
+    assert made.values[:700].tolist() == list(range(700))
+
+
+@settings(max_examples=50)
 @given(st.lists(st.integers(1, 5000), min_size=1, max_size=8))
 def test_the_rows_that_were_there_all_along_keep_their_values(sizes: list[int]) -> None:
     made, least = fill(700), 700
@@ -64,15 +77,6 @@ def test_the_file_has_no_name(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_room_on_the_disk_they_stay_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    refuse_room(monkeypatch)
-    made = fill(700)
-    made.resize(SMALL_BYTES)
-
-    assert made.values.base is None
-    assert made.values[:700].tolist() == list(range(700))
-
-
 def test_they_go_back_to_memory_when_the_disk_fills_up(monkeypatch: pytest.MonkeyPatch) -> None:
     made = fill(700)
     made.resize(SMALL_BYTES)
@@ -89,14 +93,6 @@ def test_a_disk_with_little_room_is_not_filled(monkeypatch: pytest.MonkeyPatch) 
     made = fill(700)
 
     made.resize(4000)  # 32,000 bytes: more than half
-
-    assert made.values.base is None
-
-
-def test_where_the_system_has_no_such_files_they_stay_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(os, "posix_fallocate")
-    made = fill(700)
-    made.resize(SMALL_BYTES)
 
     assert made.values.base is None
 

@@ -2,6 +2,7 @@
 
 import gzip
 import io
+from functools import cache
 
 import numpy as np
 import pyarrow as pa
@@ -54,8 +55,9 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(samples, "MOST_ROWS", 140_000)
 
 
-def write_rows(count: int) -> bytes:
-    rows = np.random.default_rng(1).integers(100, 999, (count, 6))
+@cache
+def write_rows() -> bytes:
+    rows = np.random.default_rng(1).integers(100, 999, (200_000, 6))
     lines = (f"{10_000 * k},{','.join(f'0.{value}' for value in row)}" for k, row in enumerate(rows))
     return "\n".join([HEADER, *lines, ""]).encode()
 
@@ -63,13 +65,13 @@ def write_rows(count: int) -> bytes:
 @pytest.mark.usefixtures("few")
 def test_a_table_of_too_many_rows_is_refused() -> None:
     with pytest.raises(TooLong):
-        read_recording(io.BytesIO(write_rows(200_000)))
+        read_recording(io.BytesIO(write_rows()))
 
 
 @pytest.mark.usefixtures("few")
 def test_a_packed_table_is_judged_by_its_packed_bytes() -> None:
     with pytest.raises(TooLong):
-        read_recording(io.BytesIO(gzip.compress(write_rows(200_000), 1)))
+        read_recording(io.BytesIO(gzip.compress(write_rows(), 1)))
 
 
 @pytest.mark.usefixtures("few")

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.checks.faults import leave_out_zeros
@@ -17,24 +17,17 @@ from fusion.readers import read_recording
 from fusion.readers.preview import inspect_recording
 from fusion.readers.tables.registers import RECORD
 from fusion.recording import QualityFlag, Recording
+from tests import factories
+from tests.badfiles import gt3x_files as g
 from tests.badfiles import signal_files as s
 from tests.badfiles.arm import Matrix, minute
 from tests.badfiles.table_files import changed, stamped, values
-from tests.factories import record
-from tests.fusion.readers.gt3x.gt3x_builder import pack, schema
-from tests.fusion.readers.gt3x.gt3x_builder import record as log_record
+from tests.fusion.readers.gt3x.gt3x_builder import T0, record
+from tests.fusion.readers.seen import spans_s
 from tests.fusion.readers.tables.table_builder import HEADER
 
 ZERO_ROW = "0,0,0,0,0,0"
 NAMES = HEADER.split(",")
-
-
-def write_table(columns: Matrix) -> bytes:
-    return changed(columns).encode()
-
-
-def write_actilife(columns: Matrix) -> bytes:
-    return s.write_actilife(columns).encode()
 
 
 def write_parquet(columns: Matrix) -> bytes:
@@ -62,21 +55,14 @@ def write_registers(columns: Matrix) -> bytes:
 
 
 def write_gt3x(columns: Matrix) -> bytes:
-    rows = np.zeros(
-        len(columns),
-        [("acc", ">i2", 3), ("temp", ">i2"), ("gyr", ">i2", 3), ("mag", "<i2", 3), ("pad", "u1")],
-    )
-    rows["acc"], rows["gyr"] = np.round(columns[:, :3] * 2048), np.round(columns[:, 3:] * 16.384)
-    log = log_record(24, 1_772_438_220, schema())
-    for k in range(len(rows) // 100):
-        payload = b"\x01\0" + rows[100 * k : 100 * k + 100].tobytes()
-        log += log_record(25, 1_772_438_220 + k, payload)
-    return pack(log).getvalue()
+    seconds = (g.rows_of(one[:, :3], one[:, 3:]) for one in np.split(columns, len(columns) // 100))
+    records = (record(25, T0 + k, b"\x01\0" + rows) for k, rows in enumerate(seconds))
+    return g.pack(g.SCHEMA + b"".join(records))
 
 
 WRITERS: dict[str, Callable[[Matrix], bytes]] = {
-    "shift.csv": write_table,
-    "shift-IMU.csv": write_actilife,
+    "shift.csv": lambda columns: changed(columns).encode(),
+    "shift-IMU.csv": lambda columns: s.write_actilife(columns).encode(),
     "shift.parquet": write_parquet,
     "counted.csv": write_counted,
     "shift.dat": write_registers,
@@ -88,43 +74,42 @@ def read(name: str, columns: Matrix) -> Recording:
     return read_recording(io.BytesIO(WRITERS[name](columns)), file_name=name)
 
 
+def read_filled(
+    rows: slice, value: float | Matrix, name: str = "shift.csv", axes: slice = slice(6)
+) -> Recording:
+    """Read the minute with one value in some rows and channels."""
+    columns = s.readings().copy()
+    columns[rows, axes] = value
+    return read(name, columns)
+
+
 def told(recording: Recording) -> dict[str, QualityFlag]:
     return {flag.code: flag for flag in recording.flags}
 
 
-@pytest.mark.parametrize("rows", [1, 4, 5, 20, 49, 99, 300])
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [*(("shift.csv", rows) for rows in (1, 4, 5, 49, 300)), *((name, 20) for name in WRITERS)],
+)
 def test_zeros_are_missing_however_short(name: str, rows: int) -> None:
-    columns = s.readings().copy()
-    columns[2000 : 2000 + rows] = 0.0
+    recording = read_filled(slice(2000, 2000 + rows), 0.0, name)
 
-    recording = read(name, columns)
-
-    time = analyse(recording).time
-    lost_us = 10_000 * rows
-    flag = told(recording)["W-STUCK-PART"]
+    time, lost_us = analyse(recording).time, 10_000 * rows
+    flag, gap = told(recording)["W-STUCK-PART"], told(recording)["W-GAP"]
     assert (time.recorded_us, time.analysed_us, time.missing_us) == (
         60_000_000,
         60_000_000 - lost_us,
         lost_us,
     )
-    assert (flag.count, flag.seconds, flag.first_s, flag.facts) == (
-        1,
-        lost_us / 1e6,
-        20.0,
-        {"filled": "zeros"},
-    )
-    assert told(recording)["W-GAP"].seconds == lost_us / 1e6
+    assert (flag.count, flag.first_s, flag.facts) == (1, 20.0, {"filled": "zeros"})
+    assert flag.seconds == gap.seconds == lost_us / 1e6
 
 
 def test_four_rows_at_100_hz_are_bridged_and_five_end_the_segment() -> None:
-    lengths = []
-    for rows in (4, 5):
-        columns = s.readings().copy()
-        columns[2000 : 2000 + rows] = 0.0
-        lengths.append([(len(one), one.bridged) for one in read("shift.csv", columns).segments])
+    four, five = (read_filled(slice(2000, stop), 0.0).segments for stop in (2004, 2005))
 
-    assert lengths == [[(6000, ((2000, 2004),))], [(2000, ()), (3995, ())]]
+    assert [(len(one), one.bridged) for one in four] == [(6000, ((2000, 2004),))]
+    assert [(len(one), one.bridged) for one in five] == [(2000, ()), (3995, ())]
 
 
 def test_zeros_at_both_ends_count_as_recorded_and_missing() -> None:
@@ -151,15 +136,19 @@ def test_inspect_and_report_tell_the_same_holes() -> None:
     assert seen["samples"] == 6000 - 163
 
 
-@pytest.mark.parametrize("value", [-0.001, 0.0, 9.0, 999.0])
-@pytest.mark.parametrize("name", ["shift.csv", "shift-IMU.csv", "shift.parquet"])
-def test_one_value_on_all_axes_that_gravity_cannot_have_is_no_reading(name: str, value: float) -> None:
-    columns = s.readings().copy()
-    columns[2000:2010] = value
-
-    recording = read(name, columns)
-
-    assert (told(recording)["W-STUCK-PART"].seconds, analyse(recording).time.missing_us) == (0.1, 100_000)
+@pytest.mark.parametrize(
+    ("rows", "axes", "value", "lost_s"),
+    [
+        *((slice(2000, 2010), slice(6), value, 0.1) for value in (-0.001, 9.0, 999.0)),
+        (slice(2000, 2010), slice(3), 0.0, 0.1),
+        (slice(2000, 2300), slice(3, 6), -999.0, 3.0),
+    ],
+    ids=["-1 mg", "9", "999", "accelerometer alone at zero", "gyroscope alone at one value"],
+)
+def test_one_value_that_no_sensor_can_have_is_no_reading(
+    rows: slice, axes: slice, value: float, lost_s: float
+) -> None:
+    assert told(read_filled(rows, value, axes=axes))["W-STUCK-PART"].seconds == lost_s
 
 
 def test_registers_that_did_not_answer_are_no_reading() -> None:
@@ -173,30 +162,13 @@ def test_registers_that_did_not_answer_are_no_reading() -> None:
     assert told(recording)["W-STUCK-PART"].seconds == 0.1
 
 
-def test_an_accelerometer_alone_at_zero_for_a_tenth_of_a_second_is_no_reading() -> None:
-    columns = s.readings().copy()
-    columns[2000:2010, :3] = 0.0
-
-    assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 0.1
-
-
-def test_a_gyroscope_alone_at_one_value_for_a_tenth_of_a_second_is_no_reading() -> None:
-    columns = s.readings().copy()
-    columns[2000:2300, 3:] = -999.0
-
-    assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 3.0
-
-
 def test_a_gyroscope_at_zero_while_the_arm_is_still_is_a_reading() -> None:
-    columns = s.readings().copy()
-    columns[2000:2040, 3:] = 0.0
-
-    assert told(read("shift.csv", columns)) == {}
+    assert told(read_filled(slice(2000, 2040), 0.0, axes=slice(3, 6))) == {}
 
 
 def test_a_gyroscope_of_whole_degrees_may_rest_at_one_of_them() -> None:
     acc_g, gyr_dps = minute()
-    resting = record(acc_g, np.round(gyr_dps), 100.0)
+    resting = factories.record(acc_g, np.round(gyr_dps), 100.0)
     resting.segments[0].gyr_dps[2000:2040] = 1.0
 
     assert leave_out_zeros(resting) is resting
@@ -246,11 +218,6 @@ def test_zeros_between_all_rows_of_a_table_without_time_are_refused() -> None:
         read("counted.csv", columns)
 
 
-def test_nothing_but_zeros_is_a_dead_sensor() -> None:
-    with pytest.raises(DeadSensor):
-        read("shift.csv", np.zeros((6000, 6)))
-
-
 def test_an_axis_that_is_dead_between_the_zeros_is_named() -> None:
     columns = s.readings().copy()
     columns[:, 4] = 0.25
@@ -262,30 +229,16 @@ def test_an_axis_that_is_dead_between_the_zeros_is_named() -> None:
     assert refusal.value.facts == {"sensor": "gyroscope", "axis": "y"}
 
 
-@pytest.mark.parametrize("name", ["shift.csv", "shift-IMU.csv", "shift.gt3x"])
-def test_zeros_that_come_again_and_again_leave_axes_and_scale_alone(name: str) -> None:
-    columns = np.vstack([s.readings()] * 4)
-    for first in range(1500, 24_000, 1000):
-        columns[first : first + 140] = 0.0
-
-    recording = read(name, columns)
-
-    assert set(told(recording)) == {"W-GAP", "W-STUCK-PART"}
-    assert told(recording)["W-STUCK-PART"].count == 23
-
-
 @pytest.mark.parametrize("name", WRITERS)
 def test_repeats_that_a_program_wrote_are_missing(name: str) -> None:
-    columns = s.readings().copy()
-    columns[2001:2300] = columns[2000]
-
-    recording = read(name, columns)
+    recording = read_filled(slice(2001, 2300), s.readings()[2000], name)
 
     flag = told(recording)["W-STUCK-PART"]
-    assert [(one.start_us, len(one)) for one in recording.segments] == [(0, 2001), (23_000_000, 3700)]
+    assert spans_s(recording) == [(0.0, 2001), (23.0, 3700)]
     assert (flag.count, flag.seconds, flag.facts) == (1, 2.99, {"filled": "held"})
 
 
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 2990), st.integers(1, 60)), max_size=12))
 def test_every_row_is_kept_or_missing(zeros: list[tuple[int, int]]) -> None:
     acc_g, gyr_dps = (values[:3000].copy() for values in minute())
@@ -294,7 +247,7 @@ def test_every_row_is_kept_or_missing(zeros: list[tuple[int, int]]) -> None:
         is_zero[first : first + rows] = True
     acc_g[is_zero], gyr_dps[is_zero] = 0.0, 0.0
 
-    left = leave_out_zeros(record(acc_g, gyr_dps, 100.0))
+    left = leave_out_zeros(factories.record(acc_g, gyr_dps, 100.0))
 
     measured = sum(len(one) - sum(b - a for a, b in one.bridged) for one in left.segments)
     assert measured == 3000 - is_zero.sum()

@@ -11,25 +11,15 @@ from fusion.sensor.model import solve_band
 BAND = np.array([[4.0, 5.0, 5.0], [2.0, 2.0, 0.0]])
 
 
-def test_a_band_is_solved() -> None:
-    solved = solve_band(BAND, np.array([[8.0, 18.0, 19.0]]))  # of 1, 2, 3
+def test_each_row_of_the_right_side_is_solved_by_itself_and_what_is_given_stays() -> None:
+    band, right = BAND.copy(), np.array([[8.0, 18.0, 19.0], [4.0, 2.0, 0.0]])
+    given = right.copy()
 
-    assert solved[0] == pytest.approx([1.0, 2.0, 3.0], abs=1e-14)
+    solved = solve_band(band, right)
 
-
-def test_each_row_of_the_right_side_is_solved_by_itself() -> None:
-    solved = solve_band(BAND, np.array([[8.0, 18.0, 19.0], [4.0, 2.0, 0.0]]))
-
-    assert solved[1] == pytest.approx([1.0, 0.0, 0.0], abs=1e-14)
-
-
-def test_what_is_given_stays_as_it_is() -> None:
-    band, right = BAND.copy(), np.ones((1, 3))
-
-    solve_band(band, right)
-
+    assert solved == pytest.approx(np.array([[1.0, 2.0, 3.0], [1.0, 0.0, 0.0]]), abs=1e-14)
     assert (band == BAND).all()
-    assert (right == 1.0).all()
+    assert (right == given).all()
 
 
 def test_a_band_that_is_not_positive_definite_is_refused() -> None:

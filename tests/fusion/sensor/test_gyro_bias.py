@@ -19,14 +19,6 @@ def as_run(motion: Motion, bias_dps: NDArray[np.float64], start_s: float = 0.0) 
     return SensorRun(start_s, motion.rate_hz, motion.acc_g, motion.gyr_dps + bias_dps)
 
 
-def test_at_rest_the_bias_is_the_mean_rate() -> None:
-    run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (2000, 1)), np.tile(OFFSET, (2000, 1)))
-
-    bias = estimate_gyro_bias([run])
-
-    assert np.abs(bias.bias_dps - OFFSET).max() < 1e-6
-
-
 def test_an_offset_is_found_from_motion_alone() -> None:
     whole = as_run(tumble(300.0, seed=1, still_s=0.0), OFFSET)
     run = SensorRun(0.0, 100.0, whole.acc_g[6000:-6000], whole.gyr_dps[6000:-6000])
@@ -85,30 +77,11 @@ def test_between_knots_the_bias_is_a_straight_line_and_beyond_them_constant() ->
     assert bias.at(np.array([-5.0, 10.0, 70.0])).tolist() == [[0, 0, 0], [1, 0, -1], [6, 0, -6]]
 
 
-def test_stillness_is_told_by_variation_and_not_by_level() -> None:
-    run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (1000, 1)), np.tile([0.0, 0.0, 40.0], (1000, 1)))
+@pytest.mark.parametrize(("rows", "moments"), [(1000, 6), (100, 0)])  # 10 s hold six moments of 1.5 s
+def test_stillness_is_told_by_variation_and_not_by_level(rows: int, moments: int) -> None:
+    acc_g, gyr_dps = np.tile([0.0, 0.0, 1.0], (rows, 1)), np.tile([0.0, 0.0, 40.0], (rows, 1))
 
-    assert len(find_still_moments([reduce_run(run)])) == 6  # 10 s hold six moments of 1.5 s
-
-
-def test_too_short_a_recording_has_no_still_moment() -> None:
-    run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (100, 1)), np.zeros((100, 3)))
-
-    assert len(find_still_moments([reduce_run(run)])) == 0
-
-
-def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followed() -> None:
-    # Eight hours; the bias goes up and down by 0.5 deg/s about 10 deg/s, twice on x, once on y.
-    made = play_shift(make_perfect(simulate_shift("lsm9ds1", 8.0, 3, 25.0)))
-    hours = np.arange(len(made.acc_g)) / made.rate_hz / 3600.0
-    wander = 0.5 * np.stack([np.sin(np.pi * hours / 2.0), np.sin(np.pi * hours / 4.0), 0.0 * hours], axis=1)
-    run = SensorRun(0.0, made.rate_hz, made.acc_g, made.gyr_dps + (10.0 + wander).astype(np.float32))
-
-    bias = estimate_gyro_bias([run])
-
-    every_minute = slice(0, None, round(60.0 * made.rate_hz))
-    error_dps = bias.at(3600.0 * hours[every_minute]) - 10.0 - wander[every_minute]
-    assert np.sqrt(np.mean(error_dps**2)) < 0.02
+    assert len(find_still_moments([reduce_run(SensorRun(0.0, 100.0, acc_g, gyr_dps))])) == moments
 
 
 def rest_with_jump(jump_s: float, to_dps: NDArray[np.float64]) -> SensorRun:
@@ -119,7 +92,7 @@ def rest_with_jump(jump_s: float, to_dps: NDArray[np.float64]) -> SensorRun:
     return SensorRun(0.0, made.rate_hz, made.acc_g, gyr)
 
 
-@pytest.mark.parametrize("jump_s", [300.0, 900.0, 1500.0])
+@pytest.mark.parametrize("jump_s", [300.0, 1500.0])
 def test_an_offset_that_jumps_is_known_at_the_rests_before_and_after_it(jump_s: float) -> None:
     # Between the two rests nothing dates the jump.
     run = rest_with_jump(jump_s, OFFSET)

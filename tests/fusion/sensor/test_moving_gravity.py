@@ -18,6 +18,7 @@ from fusion.sensor.self_calibration import read_while_moving
 from fusion.sensor.stillness import QuietTable
 
 PERIOD_S = 0.05
+ALL_AROUND = np.random.default_rng(0).normal(size=(200, 3))
 OFFSET_G = np.array([0.02, -0.03, 0.01])
 Table = NDArray[np.float64]
 
@@ -62,9 +63,8 @@ def test_a_sensor_at_rest_reads_what_it_reads() -> None:
     assert readings.gravity_g == pytest.approx(np.tile([0.0, 0.0, 1.02], (7, 1)), abs=1e-9)
 
 
-@pytest.mark.parametrize("amplitude_deg", [10.0, 40.0])
-def test_without_the_offset_a_swinging_sensor_reads_1_g(amplitude_deg: float) -> None:
-    readings = read_while_moving([swing(20.0, amplitude_deg, OFFSET_G)])
+def test_without_the_offset_a_swinging_sensor_reads_1_g() -> None:
+    readings = read_while_moving([swing(20.0, 40.0, OFFSET_G)])
 
     # Exact to first order in the offset: what is left is its square, 0.037^2 / 2 = 0.0007 g.
     lengths_g = np.linalg.norm(readings.gravity_g - OFFSET_G, axis=1)
@@ -79,15 +79,12 @@ def test_a_sensor_off_the_axis_of_the_swing_still_reads_1_g() -> None:
     assert np.abs(np.linalg.norm(readings.gravity_g, axis=1) - 1.0).max() < 0.004
 
 
-def test_a_lively_window_is_left_out() -> None:
+def test_a_lively_window_and_a_run_shorter_than_a_window_are_left_out() -> None:
     nodes = swing(10.0, 0.0)
     nodes.acc_g[::2, 0] += 0.4
     nodes.acc_g[1::2, 0] -= 0.4
 
     assert len(read_while_moving([nodes]).time_s) == 0
-
-
-def test_a_run_shorter_than_a_window_gives_no_reading() -> None:
     assert len(read_while_moving([swing(3.0, 10.0)]).time_s) == 0
 
 
@@ -106,22 +103,13 @@ def test_a_day_in_thousands_of_runs_gives_no_more_readings_than_a_whole_one() ->
 
 
 def test_the_moving_arm_tells_the_offset_across_the_only_pose_at_rest() -> None:
-    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
-    raised = place(np.random.default_rng(0).normal(size=(200, 3)), OFFSET_G)
-
-    correction = calibrate_accelerometer(hanging, moving=raised)
-
-    assert sees_few_directions(hanging)
-    assert correction.mean_offset_g == pytest.approx(OFFSET_G, abs=0.003)
-
-
-def test_what_is_left_open_shrinks_to_less_than_half() -> None:
-    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
-    raised = place(np.random.default_rng(0).normal(size=(200, 3)), OFFSET_G)
+    hanging, raised = still((0.0, 0.0, 1.0), OFFSET_G), place(ALL_AROUND, OFFSET_G)
 
     alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=raised)
 
     # One direction of three known leaves sqrt(2/3) of 0.04 g.
+    assert sees_few_directions(hanging)
+    assert both.mean_offset_g == pytest.approx(OFFSET_G, abs=0.003)
     assert alone.offset_sd_g == pytest.approx(0.033, abs=0.001)
     assert both.offset_sd_g < 0.5 * alone.offset_sd_g
 
@@ -129,19 +117,16 @@ def test_what_is_left_open_shrinks_to_less_than_half() -> None:
 def test_a_good_accelerometer_is_left_alone_whatever_the_moving_arm_shows() -> None:
     # 4 mg off: under the 1 % that a good part reads.
     offset_g = np.array([0.004, 0.0, 0.0])
-    raised = place(np.random.default_rng(0).normal(size=(200, 3)), offset_g)
 
-    correction = calibrate_accelerometer(still((0.0, 0.0, 1.0), offset_g), moving=raised)
+    correction = calibrate_accelerometer(still((0.0, 0.0, 1.0), offset_g), moving=place(ALL_AROUND, offset_g))
 
     assert np.array_equal(correction.offset_g, leave_accelerometer().offset_g)
 
 
 def test_lively_readings_of_a_good_accelerometer_take_nothing_off() -> None:
     # 60 readings, each wrong by 13 mg: 10 mg of departure and more, of which a correction explains little.
-    turned = np.random.default_rng(3).normal(size=(60, 3))
-    unit = turned / np.linalg.norm(turned, axis=1, keepdims=True)
-    lengths_g = 1.0 + 0.013 * np.random.default_rng(4).choice([-1.0, 1.0], size=60)
-    lively = MovingReadings(np.linspace(0.0, 40.0, 60), unit * lengths_g[:, None])
+    lively = place(np.random.default_rng(3).normal(size=(60, 3)), np.zeros(3))
+    lively.gravity_g[:] *= 1.0 + 0.013 * np.random.default_rng(4).choice([-1.0, 1.0], size=60)[:, None]
 
     correction = calibrate_accelerometer(still((0.0, 0.0, 1.0), np.zeros(3)), moving=lively)
 
@@ -149,22 +134,24 @@ def test_lively_readings_of_a_good_accelerometer_take_nothing_off() -> None:
     assert correction.directions == 0
 
 
-def test_where_the_moving_arm_takes_nothing_off_the_still_moments_count_alone() -> None:
-    # At rest 15 mg off, in motion in three directions more hardly: on average less than 1 %.
-    hanging = still((0.0, 0.0, 1.0), np.array([0.0, 0.0, 0.015]))
-    sideways = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]] * 10)
-    moving = MovingReadings(np.linspace(0.0, 40.0, 40), sideways)
+# At rest 15 mg off, in motion in three directions more hardly: on average less than 1 %.
+SIDEWAYS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]] * 10)
+
+
+@pytest.mark.parametrize(
+    ("offset_g", "moving"),
+    [
+        (np.array([0.0, 0.0, 0.015]), place(SIDEWAYS, np.zeros(3))),
+        (OFFSET_G, place(np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]] * 20), OFFSET_G)),
+    ],
+    ids=["takes nothing off", "few directions"],
+)
+def test_a_moving_arm_that_tells_no_offset_leaves_the_still_moments_alone(
+    offset_g: Table, moving: MovingReadings
+) -> None:
+    hanging = still((0.0, 0.0, 1.0), offset_g)
 
     alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=moving)
 
     assert alone.directions == 1
-    assert np.array_equal(alone.offset_g, both.offset_g)
-
-
-def test_a_moving_arm_seen_in_few_directions_adds_nothing() -> None:
-    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
-    raised = place(np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]] * 20), OFFSET_G)
-
-    alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=raised)
-
     assert np.array_equal(alone.offset_g, both.offset_g)

@@ -6,11 +6,9 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from fusion.simulation import simulate_shift
 from fusion.simulation.body import Body, Channel, feel, play
 from fusion.simulation.shift import plan_day
 from fusion.units import STANDARD_GRAVITY
-from tests.simulated_shifts import make_perfect, play_shift
 
 FloatArray = NDArray[np.float64]
 
@@ -43,17 +41,8 @@ def place_sensor(channels: FloatArray, body: Body) -> FloatArray:
     return walked + trunk.apply(body.shoulder_m) + arm.apply(body.sensor_m)
 
 
-def integrate(gyr_dps: FloatArray, rate_hz: float, first: Rotation) -> list[Rotation]:
-    """Strapdown with the mean rate of each step."""
-    steps = Rotation.from_rotvec(np.radians(gyr_dps[1:] + gyr_dps[:-1]) / 2 / rate_hz)
-    turned = [first]
-    for step in steps:
-        turned.append(turned[-1] * step)
-    return turned
-
-
 def test_the_gyroscope_reads_the_rotation_between_successive_orientations() -> None:
-    channels = play_day(20.0, 60.0)
+    channels = play_day(20.0, 30.0)
     arm = turn_arm(channels)
 
     state = feel(channels, Body())
@@ -63,7 +52,7 @@ def test_the_gyroscope_reads_the_rotation_between_successive_orientations() -> N
 
 
 def test_the_accelerometer_reads_the_second_difference_of_the_position_and_gravity() -> None:
-    channels = play_day(20.0, 60.0)
+    channels = play_day(20.0, 30.0)
     channels[Channel.SWAY_FORWARD :] = 0.0
     place, arm = place_sensor(channels, Body()), turn_arm(channels)
 
@@ -77,23 +66,24 @@ def test_the_accelerometer_reads_the_second_difference_of_the_position_and_gravi
     assert off_g.max() < 0.01
 
 
-def test_the_sway_of_the_pelvis_is_felt_along_the_heading() -> None:
+def stand(**values: tuple[int, float]) -> FloatArray:
+    """Return one moment with these channels at (order of the derivative, value) and all others nil."""
     channels = np.zeros((len(Channel), 3, 1))
-    channels[Channel.HEADING, 0] = 90.0
-    channels[Channel.SWAY_UP, 2] = STANDARD_GRAVITY
-    channels[Channel.SWAY_FORWARD, 2] = 0.5 * STANDARD_GRAVITY
+    for name, (order, value) in values.items():
+        channels[Channel[name], order] = value
+    return channels
 
-    state = feel(channels, Body())
 
-    assert state.acc_g[0] == pytest.approx([0.5, 0.0, 2.0])
+def test_the_sway_of_the_pelvis_is_felt_along_the_heading() -> None:
+    swaying = stand(
+        HEADING=(0, 90.0), SWAY_UP=(2, STANDARD_GRAVITY), SWAY_FORWARD=(2, 0.5 * STANDARD_GRAVITY)
+    )
+
+    assert feel(swaying, Body()).acc_g[0] == pytest.approx([0.5, 0.0, 2.0])
 
 
 def test_turning_while_walking_pulls_inwards() -> None:
-    channels = np.zeros((len(Channel), 3, 1))
-    channels[Channel.HEADING, 1] = 90.0
-    channels[Channel.SPEED, 0] = 1.2
-
-    state = feel(channels, Body((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    state = feel(stand(HEADING=(1, 90.0), SPEED=(0, 1.2)), Body((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
     assert state.acc_g[0, 1] == pytest.approx(1.2 * np.pi / 2 / STANDARD_GRAVITY)
 
@@ -108,35 +98,12 @@ def test_the_field_is_that_of_the_room_seen_from_the_arm() -> None:
 
 @pytest.mark.parametrize(
     ("flexion_deg", "plane_deg", "raised_deg", "elevation_deg"),
-    [(0, 0, 0, 0), (0, -90, 90, 90), (0, 37, 120, 120), (50, 0, 50, 0), (50, 0, 0, 50), (30, 0, 90, 60)],
+    [(0, 0, 0, 0), (0, 37, 120, 120), (50, 0, 50, 0), (50, 0, 0, 50), (30, 0, 90, 60)],
 )
 def test_elevation_is_the_angle_to_gravity_whatever_the_trunk_does(
     flexion_deg: float, plane_deg: float, raised_deg: float, elevation_deg: float
 ) -> None:
-    channels = np.zeros((len(Channel), 3, 1))
-    channels[[Channel.FLEXION, Channel.PLANE, Channel.ELEVATION], 0, 0] = flexion_deg, plane_deg, raised_deg
-
-    state = feel(channels, Body())
+    state = feel(stand(FLEXION=(0, flexion_deg), PLANE=(0, plane_deg), ELEVATION=(0, raised_deg)), Body())
 
     assert state.elevation_deg[0] == pytest.approx(elevation_deg, abs=1e-9)
-
-
-def test_an_arm_at_rest_feels_one_g_towards_the_zenith() -> None:
-    channels = np.zeros((len(Channel), 3, 1))
-    channels[Channel.ELEVATION, 0] = 60.0
-
-    state = feel(channels, Body())
-
-    assert state.acc_g[0] == pytest.approx([np.sin(np.radians(60)), 0.0, np.cos(np.radians(60))])
-
-
-def test_integrating_the_gyroscope_through_minutes_of_work_gives_the_true_elevation() -> None:
-    shift = make_perfect(simulate_shift("lsm9ds1", 0.04, 3))
-    whole = play_shift(shift)
-    gyr_dps = whole.gyr_dps @ shift.errors.mounting
-
-    turned = integrate(gyr_dps, shift.rate_hz, turn_arm(play(shift.motion, 0, 1, shift.rate_hz))[0])
-
-    up = Rotation.concatenate(turned).as_matrix()[:, 2, 2]
-    error_deg = np.degrees(np.arccos(np.clip(up, -1, 1))) - whole.elevation_deg
-    assert np.abs(error_deg).max() < 0.05
+    assert state.acc_g[0, 2] == pytest.approx(np.cos(np.radians(elevation_deg)))  # at rest: gravity alone

@@ -1,15 +1,11 @@
 """Writing small `.cwa` files byte by byte (Open Movement, cwa.h), independently of the reader."""
 
-import io
 import struct
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
-
-from fusion.readers import read_recording
-from fusion.recording import Recording
 
 START = datetime(2026, 3, 2, 8, 0, 0)  # noqa: DTZ001 (the device's own clock has no zone)
 START_US = 1_772_438_400_000_000
@@ -107,17 +103,3 @@ def blocks(numbers: Sequence[int], period_us: float = 10_000.0, **fields: int) -
 def log_of(numbers: Sequence[int], **fields: int) -> bytes:
     """A file of these blocks."""
     return header() + b"".join(blocks(numbers, **fields))
-
-
-def read_file(content: bytes, name: str = "") -> Recording:
-    return read_recording(io.BytesIO(content), file_name=name)
-
-
-def codes(recording: Recording) -> list[str]:
-    """Give the codes of all caveats."""
-    return [flag.code for flag in recording.flags]
-
-
-def spans_s(recording: Recording) -> list[tuple[float, int]]:
-    """Start and rows of each segment."""
-    return [(round(segment.start_s, 3), len(segment)) for segment in recording.segments]

@@ -4,7 +4,6 @@ import io
 import struct
 import zipfile
 from collections.abc import Sequence
-from functools import reduce
 
 import numpy as np
 
@@ -21,7 +20,7 @@ INFO = (
 
 def record(kind: int, unix_s: int, payload: bytes) -> bytes:
     frame = struct.pack("<BBIH", 0x1E, kind, unix_s, len(payload)) + payload
-    return frame + bytes([~reduce(lambda a, b: a ^ b, frame) & 0xFF])
+    return frame + bytes([~np.bitwise_xor.reduce(np.frombuffer(frame, np.uint8))])
 
 
 def ssp(value: float) -> int:
@@ -71,16 +70,6 @@ def pack(log: bytes, info: str | bytes = INFO, compression: int = zipfile.ZIP_ST
     return file
 
 
-def codes(recording: Recording) -> list[str]:
-    """Give the codes of all caveats."""
-    return [flag.code for flag in recording.flags]
-
-
 def read_log(log: bytes) -> Recording:
     """Read a log.bin with an ordinary info.txt."""
     return read_recording(pack(log))
-
-
-def spans_s(recording: Recording) -> list[tuple[float, int]]:
-    """Start and rows of each segment."""
-    return [(segment.start_s, len(segment)) for segment in recording.segments]

@@ -16,11 +16,6 @@ def read_text(text: str | bytes, name: str = "shift.csv", rate_hz: float | None 
     return read_recording(io.BytesIO(content), file_name=name, rate_hz=rate_hz)
 
 
-def codes(recording: Recording) -> list[str]:
-    """Give the codes of all caveats."""
-    return [flag.code for flag in recording.flags]
-
-
 def line(k: int) -> str:
     """A row at rest whose last value numbers it; the other channels twitch now and then, as live ones do."""
     twitch = int(k % 7 == 3)

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import (
-    FusionError,
-    UnknownColumns,
-)
+from fusion.errors import FusionError, UnknownColumns
 from fusion.readers import read_recording
-from tests.fusion.readers.tables.table_builder import HEADER, PREAMBLE, codes, line, read_text, table
+from tests.fusion.readers.seen import codes, counts
+from tests.fusion.readers.tables.table_builder import HEADER, PREAMBLE, line, read_text, table
+
+SHIFT = table(range(0, 20_000_000, 2000))
 
 
 def test_the_canonical_form_is_read_with_clock_and_ranges() -> None:
-    recording = read_text(PREAMBLE + table(range(0, 20_000_000, 2000)))
+    recording = read_text(PREAMBLE + SHIFT)
 
     assert recording.device == "lsm9ds1"
     assert recording.start == datetime(2026, 3, 3, 7, 58, tzinfo=timezone(timedelta(hours=-5)))
@@ -25,29 +25,24 @@ def test_the_canonical_form_is_read_with_clock_and_ranges() -> None:
     assert recording.rate_hz == pytest.approx(500.0)
     assert recording.duration_us == 20_000_000
     assert recording.flags == ()
+    assert recording.segments[0].acc_g[2] == pytest.approx([0.002, 0.0, 1.0])
+    assert recording.segments[0].gyr_dps[1999].tolist() == [0.5, -0.25, 999.5]
 
 
 @pytest.mark.parametrize(
-    ("text", "held"),
+    ("line", "held", "windows_s", "axis"),
     [
-        ("start", "start"),
-        ("Start", "start"),
-        ("début", "start"),
-        ("DEBUT", "start"),
-        ("no", "no"),
-        ("non", "no"),
+        *((f"pose_held: {text}", "start", (), None) for text in ("start", "Start", "début", "DEBUT")),
+        *((f"pose_held: {text}", "no", (), None) for text in ("no", "non")),
+        ("pose_window_s: 5,10.5", None, ((5.0, 10.5),), None),
+        ("arm_axis: -y", None, (), "-y"),
     ],
 )
-def test_the_header_says_whether_the_pose_was_held_at_the_start(text: str, held: str) -> None:
-    recording = read_text(f"# pose_held: {text}\n" + table(range(0, 20_000_000, 2000)))
+def test_the_header_states_the_pose(line: str, held: str | None, windows_s: object, axis: str | None) -> None:
+    recording = read_text(f"# {line}\n{SHIFT}")
 
-    assert (recording.pose_held, recording.flags) == (held, ())
-
-
-def test_the_header_says_when_the_pose_was_held_and_which_axis_lay_along_the_arm() -> None:
-    recording = read_text("# pose_window_s: 5,10.5\n# arm_axis: -y\n" + table(range(0, 20_000_000, 2000)))
-
-    assert (recording.pose_windows_s, recording.arm_axis, recording.flags) == (((5.0, 10.5),), "-y", ())
+    pose = (recording.pose_held, recording.pose_windows_s, recording.arm_axis)
+    assert (pose, recording.flags) == ((held, windows_s, axis), ())
 
 
 @pytest.mark.parametrize(
@@ -63,7 +58,7 @@ def test_the_header_says_when_the_pose_was_held_and_which_axis_lay_along_the_arm
     ],
 )
 def test_a_header_line_about_the_pose_that_cannot_be_read_is_told(line: str) -> None:
-    recording = read_text(f"# {line}\n" + table(range(0, 20_000_000, 2000)))
+    recording = read_text(f"# {line}\n{SHIFT}")
 
     (flag,) = recording.flags
     assert (flag.code, flag.count, flag.facts) == ("W-HEADER", 1, {"text": line})
@@ -71,27 +66,10 @@ def test_a_header_line_about_the_pose_that_cannot_be_read_is_told(line: str) -> 
 
 
 def test_all_header_lines_about_the_pose_that_cannot_be_read_are_one_caveat() -> None:
-    recording = read_text("# pose_held: yes\n# arm_axis: q\n" + table(range(0, 20_000_000, 2000)))
+    recording = read_text("# pose_held: yes\n# arm_axis: q\n" + SHIFT)
 
     (flag,) = recording.flags
     assert (flag.count, flag.facts) == (2, {"text": "arm_axis: q; pose_held: yes"})
-
-
-def test_every_number_arrives() -> None:
-    recording = read_text(table(range(0, 20_000_000, 2000)))
-
-    (segment,) = recording.segments
-    assert segment.acc_g[2] == pytest.approx([0.002, 0.0, 1.0])
-    assert segment.gyr_dps[1999].tolist() == [0.5, -0.25, 999.5]
-
-
-def test_a_32_bit_microsecond_counter_is_unwrapped() -> None:
-    stamps = [(2**32 - 5_000_000 + k * 2000) % 2**32 for k in range(5000)]
-
-    recording = read_text(table(stamps))
-
-    assert recording.duration_us == 10_000_000
-    assert codes(recording) == ["W-WRAP"]
 
 
 def test_a_short_hole_is_bridged_and_its_time_is_missing() -> None:
@@ -102,10 +80,8 @@ def test_a_short_hole_is_bridged_and_its_time_is_missing() -> None:
     (segment,) = recording.segments
     assert len(segment) == 5000
     assert segment.bridged == ((1000, 1002),)
-    assert segment.rate_hz == pytest.approx(500.0)
-    (gap,) = recording.flags
-    assert (gap.code, gap.count) == ("W-GAP", 1)
-    assert gap.seconds == pytest.approx(0.004)
+    assert counts(recording) == [("W-GAP", 1)]
+    assert recording.flags[0].seconds == pytest.approx(0.004)
 
 
 def test_a_longer_hole_ends_the_segment() -> None:
@@ -151,16 +127,6 @@ def test_a_logger_that_started_again_gives_a_second_segment() -> None:
     assert codes(recording) == ["W-HEADER-REPEAT", "W-CLOCK-BACK"]
 
 
-def test_one_wild_stamp_is_mended() -> None:
-    stamps = [k * 2000 for k in range(5000)]
-    stamps[2500] = 4_000_000_000
-
-    recording = read_text(table(stamps))
-
-    assert [len(s) for s in recording.segments] == [5000]
-    assert codes(recording) == ["W-CLOCK-FWD"]
-
-
 def test_the_rate_is_that_of_the_stamps_not_the_nominal_one() -> None:
     recording = read_text(table(round(k * 1e6 / 464.5) for k in range(9000)))
 
@@ -168,7 +134,7 @@ def test_the_rate_is_that_of_the_stamps_not_the_nominal_one() -> None:
 
 
 @given(st.lists(st.integers(0, 4999), max_size=30, unique=True))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20)
 def test_present_and_missing_time_add_up_whatever_rows_are_lost(lost: list[int]) -> None:
     gone = set(lost) - {0, 4999}
     recording = read_text(table(k * 2000 for k in range(5000) if k not in gone))
@@ -190,13 +156,13 @@ def outcome(content: bytes) -> str:
 
 
 @given(st.binary(max_size=400))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100)
 def test_any_bytes_are_read_or_refused_by_our_own_errors(content: bytes) -> None:
     assert outcome(content).startswith(("E-", "ok"))
 
 
 @given(st.integers(0, 3000), st.binary(min_size=1, max_size=30))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30)
 def test_a_table_overwritten_anywhere_is_read_or_refused(at: int, junk: bytes) -> None:
     content = table(range(0, 3_000_000, 10_000)).encode()
 

@@ -1,21 +1,22 @@
-"""Damaged tables and files of other kinds: one row is lost, or the file is refused with the place."""
+"""Damaged tables and files of other kinds: one row is lost, or the file is refused with the place.
+
+`tests/badfiles` (rows 59 to 82) has more of them.
+"""
 
 import pytest
 
 from fusion.errors import (
     AmbiguousDecimal,
-    CutByExcel,
     EpochFile,
     FusionError,
     NoGyroscope,
-    NoSamples,
-    UnknownColumns,
     UnknownFormat,
     UnknownRate,
     UnreadableRows,
     UnusableTime,
 )
-from tests.fusion.readers.tables.table_builder import CANON, HEADER, codes, line, read_text
+from tests.fusion.readers.seen import codes
+from tests.fusion.readers.tables.table_builder import CANON, line, read_text
 
 
 def with_line(number: int, text: str) -> str:
@@ -49,20 +50,6 @@ def test_one_spoilt_line_costs_its_own_row_only(text: str, code: str | None) -> 
     assert codes(recording) == ([code, "W-GAP"] if code else [])
 
 
-def test_a_last_line_that_was_cut_is_said() -> None:
-    recording = read_text(CANON[:-9])
-
-    assert len(recording.segments[0]) == 1999
-    assert codes(recording) == ["W-TRUNC-TAIL"]
-
-
-def test_four_kilobytes_of_zeros_are_a_gap() -> None:
-    recording = read_text(CANON[:20_000] + "\0" * 4096 + CANON[24_096:])
-
-    assert "W-GAP" in codes(recording)
-    assert recording.duration_us == 20_000_000
-
-
 def test_more_than_one_line_in_twenty_unreadable_is_refused_with_the_place() -> None:
     lines = CANON.split("\n")
     lines[500:700] = ["rubbish"] * 200
@@ -76,7 +63,6 @@ def test_more_than_one_line_in_twenty_unreadable_is_refused_with_the_place() -> 
 @pytest.mark.parametrize(
     ("content", "error"),
     [
-        (HEADER + "\n", NoSamples),
         ("time_s,ax,ay,az\n" + "".join(f"{k / 100},0,0,1\n" for k in range(50)), NoGyroscope),
         ("Date,Axis1,Axis2,Axis3,Steps,Vector Magnitude\n" + "1/2/2026,3,4,5,6,7\n" * 50, EpochFile),
         (
@@ -85,24 +71,15 @@ def test_more_than_one_line_in_twenty_unreadable_is_refused_with_the_place() -> 
             AmbiguousDecimal,
         ),
         ("t_ms,ax,ay,az,b,c\n" + "10,0,0,1,5,6\n" * 50, NoGyroscope),
-        ("10,0,0,1,5,6,7\n" * 50, UnknownColumns),
         ("ax,ay,az,gx,gy,gz\n" + "0,0,1,0,0,0\n" * 50, UnknownRate),
         ("time_s,ax,ay,az,gx,gy,gz\n" + "".join(f"{10 * k},0,0,1,0,0,0\n" for k in range(50)), UnknownRate),
         ("time_s,ax,ay,az,gx,gy,gz\n" + "7,0,0,1,0,0,0\n" * 50, UnusableTime),
-        ("%PDF-1.7\n\n", UnknownFormat),
-        ("<!DOCTYPE html><html>404</html>", UnknownFormat),
-        ("1" * 100_000, UnknownFormat),
         ("nothing to see here\n" * 20, UnknownFormat),
     ],
 )
 def test_what_is_no_recording_is_refused_by_kind(content: str, error: type[FusionError]) -> None:
     with pytest.raises(error):
         read_text(content)
-
-
-def test_a_table_cut_by_excel_is_refused() -> None:
-    with pytest.raises(CutByExcel):
-        read_text(HEADER + "\n" + "".join(f"{2000 * k},0,0,1,0,0,0\n" for k in range(1_048_575)))
 
 
 def test_a_layout_without_time_is_read_at_the_rate_that_is_told() -> None:

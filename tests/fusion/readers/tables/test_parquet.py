@@ -10,12 +10,22 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fusion.errors import DamagedFile, NoGyroscope, UnknownColumns, UnknownRate, UnsafeArchive
+from fusion.errors import (
+    DamagedFile,
+    FusionError,
+    NoGyroscope,
+    UnknownColumns,
+    UnknownRate,
+    UnsafeArchive,
+    UnusableTime,
+)
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
+from tests.fusion.readers.seen import codes, spans_s
 
 NAMES = ("acc_x_g", "acc_y_g", "acc_z_g", "gyr_x_dps", "gyr_y_dps", "gyr_z_dps")
+MICROS = np.arange(6000) * 10_000
 
 
 def columns(rows: int = 6000) -> dict[str, Any]:
@@ -36,7 +46,7 @@ def read(content: bytes, rate_hz: float | None = None) -> Recording:
 @pytest.mark.parametrize(
     ("name", "stamps"),
     [
-        ("time_us", np.arange(6000) * 10_000),
+        ("time_us", MICROS),
         ("time_s", np.arange(6000) / 100),
         (
             "timestamp",
@@ -59,20 +69,20 @@ def test_rows_without_a_value_are_missing() -> None:
     values["gyr_x_dps"] = values["gyr_x_dps"].copy()
     values["gyr_x_dps"][2000:2100] = np.nan
 
-    recording = read(write({"time_us": np.arange(6000) * 10_000, **values}))
+    recording = read(write({"time_us": MICROS, **values}))
 
-    assert [(s.start_s, len(s)) for s in recording.segments] == [(0.0, 2000), (21.0, 3900)]
-    assert [flag.code for flag in recording.flags] == ["W-NAN", "W-GAP"]
+    assert spans_s(recording) == [(0.0, 2000), (21.0, 3900)]
+    assert codes(recording) == ["W-NAN", "W-GAP"]
 
 
 @pytest.mark.parametrize("kind", [pa.int64(), pa.float64(), pa.timestamp("us")], ids=str)
 def test_rows_without_a_time_are_missing(kind: pa.DataType) -> None:
     absent = np.isin(np.arange(6000), [0, *range(2000, 2100)])
-    stamps = pa.array(np.arange(6000) * 10_000, mask=absent).cast(kind)
+    stamps = pa.array(MICROS, mask=absent).cast(kind)
 
     recording = read(write({"time_us": stamps, **columns()}))
 
-    assert [(s.start_s, len(s)) for s in recording.segments] == [(0.0, 1999), (20.99, 3900)]
+    assert spans_s(recording) == [(0.0, 1999), (20.99, 3900)]
     assert [(flag.code, flag.count) for flag in recording.flags[:2]] == [("W-NAN", 101), ("W-GAP", 1)]
 
 
@@ -82,7 +92,7 @@ def test_times_that_are_no_number_are_missing() -> None:
 
     recording = read(write({"time_s": stamps, **columns()}))
 
-    assert [(s.start_s, len(s)) for s in recording.segments] == [(0.0, 2000), (21.0, 3900)]
+    assert spans_s(recording) == [(0.0, 2000), (21.0, 3900)]
 
 
 def test_without_time_the_person_tells_the_rate() -> None:
@@ -93,23 +103,29 @@ def test_without_time_the_person_tells_the_rate() -> None:
         read(content)
 
 
-def test_without_a_gyroscope_it_is_refused() -> None:
-    with pytest.raises(NoGyroscope):
-        read(write({"time_us": np.arange(6000) * 10_000, **dict(list(columns().items())[:3])}))
-
-
-def test_unknown_columns_are_refused_by_name() -> None:
-    with pytest.raises(UnknownColumns):
-        read(write({"a": [1], "b": [2]}))
-
-
-def test_a_cut_file_is_refused() -> None:
-    with pytest.raises(DamagedFile):
-        read(write(columns())[:-100])
-
-
 def test_a_file_that_unpacks_to_far_more_than_it_holds_is_refused() -> None:
     zeros = np.zeros(3_000_000, np.float32)
 
     with pytest.raises(UnsafeArchive):
         read(write({"time_us": np.zeros(3_000_000, np.int64), **dict.fromkeys(NAMES, zeros)}))
+
+
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        (write({"time_us": MICROS, **dict(list(columns().items())[:3])}), NoGyroscope),
+        (write({"a": [1], "b": [2]}), UnknownColumns),
+        (write(columns())[:-100], DamagedFile),
+        (write({"time_us": MICROS[::-1], **columns()}), UnusableTime),
+    ],
+    ids=["no gyroscope", "unknown columns", "cut", "newest first"],
+)
+def test_what_is_no_recording_is_refused(content: bytes, error: type[FusionError]) -> None:
+    with pytest.raises(error):
+        read(content)
+
+
+def test_a_counter_of_32_bits_is_carried_on() -> None:
+    recording = read(write({"time_us": (2**32 - 20_000_000 + MICROS) % 2**32, **columns()}))
+
+    assert (recording.duration_us, codes(recording)) == (60_000_000, ["W-WRAP"])

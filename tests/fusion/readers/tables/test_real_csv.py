@@ -1,4 +1,4 @@
-"""ActiLife exports, and the real files of all makers."""
+"""ActiLife exports, and the registers of an LSM9DS1."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -7,16 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusion.errors import (
-    EpochFile,
-    FusionError,
-    NoGyroscope,
-    NoSamples,
-    UnknownColumns,
-    UnknownFormat,
-)
+from fusion.errors import NoSamples
 from fusion.readers import read_recording
-from tests.fusion.readers.tables.table_builder import codes, read_text
+from tests.fusion.readers.tables.table_builder import read_text
 
 SharedData = Callable[[str], Path]
 START = datetime(2019, 2, 14, 8, 58, tzinfo=UTC).replace(tzinfo=None)
@@ -83,63 +76,14 @@ def test_a_date_that_contradicts_its_format_gives_no_start() -> None:
     assert recording.start is None
 
 
-def test_rows_that_actilife_carried_forward_are_missing() -> None:
-    rows = [actilife_row(k) for k in range(3000)]
-    rows[1000:2000] = [rows[999]] * 1000
-
-    recording = read_text(ACTILIFE + IMU_COLUMNS + "".join(rows))
-
-    assert [(s.start_us, len(s)) for s in recording.segments] == [(0, 1000), (20_000_000, 1000)]
-    assert codes(recording) == ["W-GAP", "W-STUCK-PART"]
-
-
 def test_an_export_without_rows_has_no_samples() -> None:
     with pytest.raises(NoSamples):
         read_text(ACTILIFE + IMU_COLUMNS)
 
 
 @pytest.mark.real_recordings
-@pytest.mark.parametrize(
-    ("name", "error"),
-    [
-        ("refuse/actilife_1s_counts.csv", EpochFile),
-        ("refuse/actilife_raw_accelerometer_only.csv", NoGyroscope),
-        ("upper_arm/full_body_example_data.mat", UnknownFormat),
-        ("other_layouts/pololu_raw_ms.txt", UnknownColumns),
-    ],
-)
-def test_real_files_of_other_kinds_are_refused(
-    shared_data: SharedData, name: str, error: type[FusionError]
-) -> None:
-    with shared_data(name).open("rb") as file, pytest.raises(error):
-        read_recording(file)
-
-
-@pytest.mark.real_recordings
-@pytest.mark.parametrize(
-    ("name", "rows", "rate_hz"),
-    [
-        ("gt9x/link_imu_100hz_179s_actilife.csv", 17_900, 100.0),
-        ("gt9x/link_imu_23s_excel_resaved.csv", 2_300, 100.0),
-        ("lsm9ds1/calib1.dat", 3_556, 14.54),
-        ("lsm9ds1/arduino_nano_hori.csv", 11_662, 119.0),
-        ("other_layouts/xio3_microseconds.csv", 500, 49.91),
-    ],
-)
-def test_real_files_are_read_with_no_option(
-    shared_data: SharedData, name: str, rows: int, rate_hz: float
-) -> None:
-    with shared_data(name).open("rb") as file:
-        recording = read_recording(file)
-
-    assert sum(len(segment) for segment in recording.segments) == rows
-    assert recording.rate_hz == pytest.approx(rate_hz, abs=0.02)
-
-
-@pytest.mark.real_recordings
 def test_the_left_handed_registers_come_out_right_handed(shared_data: SharedData) -> None:
-    with shared_data("lsm9ds1/calib1.dat").open("rb") as file:
-        recording = read_recording(file)
+    recording = read_recording(shared_data("lsm9ds1/calib1.dat"))
 
     slopes = [
         (np.gradient(s.acc_g, 1 / s.rate_hz, axis=0), np.cross(s.acc_g, np.radians(s.gyr_dps)))

@@ -6,9 +6,9 @@ from datetime import datetime
 import pytest
 
 from fusion.errors import UnusableTime
-from fusion.readers.tables.dates import find_order_by_span
 from tests.badfiles.table_files import calendar_table, resaved
-from tests.fusion.readers.tables.table_builder import codes, read_text
+from tests.fusion.readers.seen import codes
+from tests.fusion.readers.tables.table_builder import read_text
 
 SECOND_OF_MARCH = datetime(2026, 3, 2, 7)  # noqa: DTZ001
 DAY_FIRST, MONTH_FIRST = "%d/%m/%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S.%f"
@@ -28,14 +28,6 @@ def test_rows_that_begin_a_day_after_the_header_are_settled_too() -> None:
     recording = read_text(resaved(DAY_FIRST, SECOND_OF_MARCH, "3/1/2026"))
 
     assert recording.start == SECOND_OF_MARCH
-
-
-def test_dates_that_can_be_read_one_way_only_need_no_header() -> None:
-    first = datetime(2026, 3, 14, 7)  # noqa: DTZ001
-
-    recording = read_text(resaved(DAY_FIRST, first, "9/9/2025"))
-
-    assert (recording.start, codes(recording)) == (first, ["W-LOCALE"])
 
 
 def test_a_header_that_fits_neither_reading_is_said() -> None:
@@ -73,40 +65,36 @@ def test_a_year_of_two_digits_is_settled_by_the_header(pattern: str, date: str) 
     assert read_text(resaved(pattern, SECOND_OF_MARCH, date)).start == SECOND_OF_MARCH
 
 
-def test_a_year_of_two_digits_that_nothing_settles_is_asked_for() -> None:
+@pytest.mark.parametrize("pattern", ["%d/%m/%y %H:%M:%S.%f", DAY_FIRST])
+def test_what_nothing_settles_is_asked_for(pattern: str) -> None:
     with pytest.raises(UnusableTime) as refusal:
-        read_text(calendar_table("%d/%m/%y %H:%M:%S.%f", datetime(2026, 3, 14, 8)))  # noqa: DTZ001
+        read_text(calendar_table(pattern, SECOND_OF_MARCH))
 
     assert refusal.value.facts == {"why": "date-order"}
 
 
-def test_a_year_of_two_digits_that_can_be_read_one_way_is_read() -> None:
-    first = datetime(2032, 3, 14, 8)  # noqa: DTZ001 - no month has 32 days
+@pytest.mark.parametrize(
+    ("pattern", "first"),
+    [
+        ("%d/%m/%y %H:%M:%S.%f", datetime(2032, 3, 14, 8)),  # noqa: DTZ001 - no month has 32 days
+        (DAY_FIRST, datetime(2026, 3, 14, 7)),  # noqa: DTZ001
+        (DAY_FIRST, datetime(2026, 3, 2, 23, 59, 30)),  # noqa: DTZ001 - over midnight
+        (MONTH_FIRST, datetime(2026, 3, 3, 23, 59, 30)),  # noqa: DTZ001
+    ],
+)
+def test_dates_that_can_be_read_one_way_need_no_header(pattern: str, first: datetime) -> None:
+    assert read_text(calendar_table(pattern, first)).start == first
 
-    assert read_text(calendar_table("%d/%m/%y %H:%M:%S.%f", first)).start == first
 
-
-def test_without_a_header_day_and_month_are_asked_for() -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_text(calendar_table(DAY_FIRST, SECOND_OF_MARCH))
-
-    assert refusal.value.facts == {"why": "date-order"}
-
-
-@pytest.mark.parametrize("first", [datetime(2026, 3, 3, 23, 59, 30), datetime(2026, 3, 2, 23, 59, 30)])  # noqa: DTZ001
 @pytest.mark.parametrize("pattern", [DAY_FIRST, MONTH_FIRST], ids=["day first", "month first"])
 @pytest.mark.parametrize("word", ["M/d/yyyy", "dd/MM/yyyy"])
-def test_midnight_settles_day_and_month(first: datetime, pattern: str, word: str) -> None:
+def test_midnight_goes_before_the_format_of_the_header(pattern: str, word: str) -> None:
+    first = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001
+
     recording = read_text(resaved(pattern, first, "03/03/2026", word))
 
     assert (recording.start, recording.duration_us) == (first, 60_000_000)
-    assert [flag.code for flag in recording.flags] == ["W-LOCALE"]
-
-
-def test_midnight_settles_day_and_month_where_no_header_tells() -> None:
-    first = datetime(2026, 3, 2, 23, 59, 30)  # noqa: DTZ001
-
-    assert read_text(calendar_table(DAY_FIRST, first)).start == first
+    assert codes(recording) == ["W-LOCALE"]
 
 
 def test_midnight_in_a_packed_table_settles_day_and_month() -> None:
@@ -114,9 +102,3 @@ def test_midnight_in_a_packed_table_settles_day_and_month() -> None:
     packed = gzip.compress(resaved(DAY_FIRST, first, "03/03/2026").encode())
 
     assert read_text(packed, "shift.csv.gz").start == first
-
-
-def test_the_first_and_the_last_date_settle_what_one_cannot() -> None:
-    assert find_order_by_span(("03", "03", "2026"), ("04", "03", "2026")) == "dmy"
-    assert find_order_by_span(("03", "03", "2026"), ("03", "04", "2026")) == "mdy"
-    assert find_order_by_span(("03", "03", "2026"), ("03", "03", "2026")) is None

@@ -14,17 +14,17 @@ def stamp(rate_hz: float, lost: float, jitter_us: float, clock_us: int) -> NDArr
     return (np.floor(exact / clock_us) * clock_us).astype(np.int64)
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 100.09, 119.0, 476.03, 952.0])
-@pytest.mark.parametrize("lost", [0.0, 0.01, 0.05, 0.2])
-@pytest.mark.parametrize("jitter_us", [0.0, 20.0, 200.0])
+@pytest.mark.parametrize("rate_hz", [100.0, 119.0, 952.0])
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+@pytest.mark.parametrize("jitter_us", [0.0, 200.0])
 def test_lost_rows_do_not_lengthen_the_period(rate_hz: float, lost: float, jitter_us: float) -> None:
     period_us = estimate_period_us(stamp(rate_hz, lost, jitter_us, clock_us=1))
 
     assert period_us == pytest.approx(1e6 / rate_hz, rel=2e-3)
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 119.0, 476.03, 499.7])
-@pytest.mark.parametrize("lost", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("rate_hz", [119.0, 499.7])
+@pytest.mark.parametrize("lost", [0.0, 0.2])
 def test_a_millisecond_clock_is_fine_enough_up_to_500_hz(rate_hz: float, lost: float) -> None:
     period_us = estimate_period_us(stamp(rate_hz, lost, 0.0, clock_us=1000))
 

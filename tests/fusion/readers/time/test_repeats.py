@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
-from tests.fusion.readers.tables.table_builder import HEADER, codes, read_text
+from tests.fusion.readers.seen import codes
+from tests.fusion.readers.tables.table_builder import HEADER, read_text
 
 ACC_G, GYR_DPS = minute()
 ROWS = len(ACC_G)

@@ -69,7 +69,7 @@ class WorkerPool:
         """Start a worker that runs this very code, whatever the working folder."""
         command = [sys.executable, "-P", "-m", "app.jobs.worker"]
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
-        code = str(Path(__file__).resolve().parents[3])
+        code = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [code, os.environ.get("PYTHONPATH")]))
         passed = {name: value for name, value in os.environ.items() if not name.startswith(_NOT_THEIRS)}
         environment = passed | self._settings.as_environment() | {"PYTHONPATH": path}

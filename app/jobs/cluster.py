@@ -23,7 +23,7 @@ from sqlalchemy.exc import OperationalError
 from app.jobs.children.attempt import MakeReport
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
-from app.jobs.processes.leader import REVIVAL, Leader
+from app.jobs.leader import REVIVAL, Leader
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, return_expired, run_next_patiently
 from app.settings import Settings
 

@@ -1,1 +1,0 @@
-"""What is decided about the data: releases, terms, published group figures."""
