@@ -94,7 +94,6 @@ def test_people_log_in_after_a_restore_as_before(move: Move, add_person: AddPers
     assert logins.accounts.get_person(person.id) == person
 
 
-@on_both_databases
 def test_tokens_and_recovery_codes_come_back(
     move: Move, add_person: AddPerson, accounts: AccountStore, logins: Logins
 ) -> None:

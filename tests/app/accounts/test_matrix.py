@@ -158,9 +158,3 @@ def test_a_live_session_asks_for_the_permission_to_upload(
     assert outcomes == {
         visitor.name: "problem" if visitor.name in uploads else "refused" for visitor in visitors
     }
-
-
-def _blank(text: str, ids: Mapping[str, str]) -> str:
-    for one in sorted(set(ids.values()), key=len, reverse=True):
-        text = text.replace(one, "ID")
-    return re.sub(r'"reference[^,]*', "", text)

@@ -36,7 +36,6 @@ def log_in(logins: Logins, clock: Clock) -> str:
     return logins.give_code(step.ticket, make_code(clock), HERE).session
 
 
-@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 def test_no_secret_of_an_authenticator_stands_open_in_the_accounts(
     accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
 ) -> None:
@@ -71,9 +70,9 @@ def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
     assert "--second-factor" in caplog.text
 
 
-@pytest.mark.parametrize(("language", "cure"), [("en", "server.key"), ("fr", "server.key")])
+@pytest.mark.parametrize("language", ["en", "fr"])
 def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
-    settings: Settings, add_person: AddPerson, visit: Visit, language: str, cure: str
+    settings: Settings, add_person: AddPerson, visit: Visit, language: str
 ) -> None:
     add_person()
     visitor = visit()
@@ -85,10 +84,10 @@ def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
 
     assert page.status_code == 503
     assert "E-SECOND-FACTOR" in page.text
-    assert cure in page.text
+    assert "server.key" in page.text
 
 
-def test_a_code_that_cannot_be_compared_is_no_guess(
+def test_a_code_that_cannot_be_compared_is_no_guess_and_a_recovery_code_lets_in(
     settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock
 ) -> None:
     logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
@@ -97,17 +96,6 @@ def test_a_code_that_cannot_be_compared_is_no_guess(
     for _ in range(20):
         with pytest.raises(SecondFactorLost):
             logins.give_code(step.ticket, make_code(clock), HERE)
-
-    assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
-
-
-def test_without_the_key_a_recovery_code_lets_in(
-    settings: Settings, logins: Logins, add_person: AddPerson
-) -> None:
-    logins.credentials.set_second_factor(add_person().id, SECRET, 0, ["aaaa-bbbb"])
-    ServerSecret(settings.data_dir).file.unlink()
-
-    step = logins.give_password("clara", PASSWORD, HERE)
 
     assert logins.give_code(step.ticket, "aaaa-bbbb", HERE).session
 

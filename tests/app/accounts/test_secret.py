@@ -19,56 +19,40 @@ def find_secret(client: TestClient) -> StartSecret:
     return gate.secret
 
 
-def test_who_brings_nothing_gets_nothing(guarded: TestClient) -> None:
-    answer = guarded.get(LIST)
+def test_who_does_not_bring_the_secret_gets_nothing(guarded: TestClient) -> None:
+    secret = find_secret(guarded).bearer
+    answers = [
+        guarded.get(LIST),
+        guarded.get(LIST, headers={"Authorization": "Bearer wrong"}),
+        guarded.get(LIST, params={"secret": secret}),  # in the address it counts for nothing
+    ]
+    typed = guarded.post("/login", data={"secret": "wrong", "next": "/"})
 
-    assert (answer.status_code, answer.json()["code"]) == (401, "E-SIGN-IN")
-
-
-def test_a_script_sends_the_contents_of_the_file(guarded: TestClient, settings: Settings) -> None:
-    secret = (settings.data_dir / "secret").read_text()
-
-    assert guarded.get(LIST, headers={"Authorization": f"Bearer {secret}"}).status_code == 200
-
-
-def test_only_its_owner_may_read_the_file(guarded: TestClient, settings: Settings) -> None:
-    assert stat.S_IMODE((settings.data_dir / "secret").stat().st_mode) == 0o600
+    assert [(answer.status_code, answer.json()["code"]) for answer in answers] == [(401, "E-SIGN-IN")] * 3
+    assert (typed.status_code, "set-cookie" in typed.headers) == (401, False)
 
 
-def test_a_wrong_secret_is_refused(guarded: TestClient) -> None:
-    assert guarded.get(LIST, headers={"Authorization": "Bearer wrong"}).status_code == 401
+def test_a_script_sends_the_contents_of_the_file_which_only_its_owner_may_read(
+    guarded: TestClient, settings: Settings
+) -> None:
+    file = settings.data_dir / "secret"
+
+    assert guarded.get(LIST, headers={"Authorization": f"Bearer {file.read_text()}"}).status_code == 200
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
 
 
-def test_the_secret_in_the_address_counts_for_nothing(guarded: TestClient) -> None:
-    assert guarded.get(LIST, params={"secret": find_secret(guarded).bearer}).status_code == 401
+def test_the_address_of_the_start_lets_a_browser_in_once_until_it_logs_out(guarded: TestClient) -> None:
+    secret = find_secret(guarded)
+    address = f"/login/once/{secret.make_address()}"
 
-
-def test_the_address_of_the_start_lets_a_browser_in(guarded: TestClient) -> None:
-    ticket = find_secret(guarded).make_address()
-
-    guarded.get(f"/login/once/{ticket}")
+    entered = guarded.get(address)
 
     assert guarded.get("/").status_code == 200
-
-
-def test_the_address_of_the_start_works_once(guarded: TestClient) -> None:
-    ticket = find_secret(guarded).make_address()
-    guarded.get(f"/login/once/{ticket}")
-    guarded.cookies.clear()
-
-    assert guarded.get(f"/login/once/{ticket}").status_code == 401
-
-
-def test_the_cookie_is_not_the_secret(guarded: TestClient) -> None:
-    guarded.get(f"/login/once/{find_secret(guarded).make_address()}")
-
-    assert guarded.cookies["acromion_session"] != find_secret(guarded).bearer
-
-
-def test_the_cookie_is_out_of_reach_of_scripts(guarded: TestClient) -> None:
-    answer = guarded.get(f"/login/once/{find_secret(guarded).make_address()}")
-
-    assert "httponly" in answer.headers["set-cookie"].lower()
+    assert "httponly" in entered.headers["set-cookie"].lower()
+    assert guarded.cookies["acromion_session"] != secret.bearer
+    guarded.post("/logout")
+    assert guarded.get(LIST).status_code == 401
+    assert guarded.get(address).status_code == 401
 
 
 def test_a_browser_that_brings_nothing_is_asked_and_led_back(guarded: TestClient) -> None:
@@ -77,50 +61,35 @@ def test_a_browser_that_brings_nothing_is_asked_and_led_back(guarded: TestClient
     assert answer.headers["location"] == "/login?next=%2Fdays%3Fstudy%3Dba_1"
 
 
-def test_the_secret_can_be_typed(guarded: TestClient) -> None:
-    form = {"secret": find_secret(guarded).bearer, "next": "/help"}
-
-    assert guarded.post("/login", data=form).headers["location"] == "/help"
-
-
-@pytest.mark.parametrize("wanted", ["//evil.example/", "https://evil.example/", "/\\evil.example", "/a\r\nb"])
-def test_no_login_leads_to_another_site(guarded: TestClient, wanted: str) -> None:
+@pytest.mark.parametrize(
+    ("wanted", "place"),
+    [
+        ("/help", "/help"),
+        ("//evil.example/", "/"),
+        ("https://evil.example/", "/"),
+        ("/\\evil.example", "/"),
+        ("/a\r\nb", "/"),
+    ],
+)
+def test_a_login_by_the_typed_secret_leads_to_a_page_of_ours(
+    guarded: TestClient, wanted: str, place: str
+) -> None:
     form = {"secret": find_secret(guarded).bearer, "next": wanted}
 
-    assert guarded.post("/login", data=form).headers["location"] == "/"
+    assert guarded.post("/login", data=form).headers["location"] == place
 
 
-def test_a_wrong_secret_that_is_typed_is_told(guarded: TestClient) -> None:
-    answer = guarded.post("/login", data={"secret": "wrong", "next": "/"})
-
-    assert (answer.status_code, "set-cookie" in answer.headers) == (401, False)
-
-
-def test_logging_out_takes_the_cookie(guarded: TestClient) -> None:
-    guarded.get(f"/login/once/{find_secret(guarded).make_address()}")
-
-    guarded.post("/logout")
-
-    assert guarded.get(LIST).status_code == 401
-
-
-def test_the_next_start_has_the_same_secret(settings: Settings) -> None:
+def test_the_next_start_has_the_same_secret_unless_it_was_deleted(settings: Settings) -> None:
     settings.data_dir.mkdir(parents=True)
 
-    assert read_or_create_secret(settings.data_dir).bearer == read_or_create_secret(settings.data_dir).bearer
-
-
-def test_a_secret_that_was_deleted_is_made_anew(settings: Settings) -> None:
-    settings.data_dir.mkdir(parents=True)
-    before = read_or_create_secret(settings.data_dir).bearer
+    first, second = (read_or_create_secret(settings.data_dir).bearer for _ in range(2))
     (settings.data_dir / "secret").unlink()
 
-    assert read_or_create_secret(settings.data_dir).bearer != before
+    assert first == second != read_or_create_secret(settings.data_dir).bearer
 
 
-@pytest.mark.parametrize("path", ["/healthz", "/readyz", "/login"])
-def test_what_is_public_is_answered(guarded: TestClient, path: str) -> None:
-    assert guarded.get(path).status_code == 200
+def test_what_is_public_is_answered(guarded: TestClient) -> None:
+    assert [guarded.get(path).status_code for path in ("/healthz", "/readyz", "/login")] == [200] * 3
 
 
 def test_a_stranger_is_not_told_what_lies_in_the_trash(guarded: TestClient) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import pytest
 
 from app.access.accounts import AccountStore
-from app.access.logins import Logins
 from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 
 Enter = Callable[..., Visitor]
@@ -15,6 +14,27 @@ MINUTE_S, HOUR_S = 60.0, 3600.0
 
 def is_in(visitor: Visitor) -> bool:
     return visitor.client.get("/api/v1/version").status_code == 200
+
+
+def copy_session(visitor: Visitor, visit: Visit) -> Visitor:
+    """Open a browser that has the cookie of another."""
+    thief = visit()
+    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+    return thief
+
+
+def log_in_again(visitor: Visitor, clock: Clock) -> None:
+    ticket = read_ticket(visitor.give_password("clara"))
+    visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+
+
+@pytest.fixture
+def two(add_person: AddPerson, enter: Enter, clock: Clock) -> tuple[Visitor, Visitor]:
+    """Two browsers in which one person is logged in, the second a minute later."""
+    add_person()
+    first = enter()
+    clock.wait(60)
+    return first, enter()
 
 
 def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
@@ -26,33 +46,34 @@ def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
     victim.client.cookies.set("acromion_session", planted)
     attacker.client.cookies.set("acromion_session", planted)
 
-    ticket = read_ticket(victim.give_password("clara"))
-    victim.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+    log_in_again(victim, clock)
 
     assert not is_in(attacker)
 
 
-def test_a_login_ends_the_session_that_the_browser_had(
-    add_person: AddPerson, enter: Enter, clock: Clock, visit: Visit
+@pytest.mark.parametrize("way", ["login", "confirmation"])
+def test_a_session_is_new_after_a_login_and_after_the_password_was_given_again(
+    add_person: AddPerson, enter: Enter, clock: Clock, visit: Visit, way: str
 ) -> None:
     add_person()
-    visitor, thief = enter(), visit()
-    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+    visitor = enter()
+    thief = copy_session(visitor, visit)
     clock.wait(60)
 
-    ticket = read_ticket(visitor.give_password("clara"))
-    visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
+    if way == "login":
+        log_in_again(visitor, clock)
+    else:
+        visitor.post("/confirm", proof=PASSWORD, next="/")
 
-    assert is_in(visitor)
-    assert not is_in(thief)
+    assert (is_in(visitor), is_in(thief)) == (True, False)
 
 
 def test_logging_out_ends_the_session_at_the_server(
     add_person: AddPerson, enter: Enter, visit: Visit
 ) -> None:
     add_person()
-    visitor, thief = enter(), visit()
-    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
+    visitor = enter()
+    thief = copy_session(visitor, visit)
 
     answer = visitor.post("/logout")
 
@@ -87,63 +108,34 @@ def test_what_a_page_asks_by_itself_keeps_no_session(
     assert not is_in(visitor)
 
 
-def test_a_session_ends_after_twelve_hours_of_use(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
+@pytest.mark.parametrize("way", ["used", "confirmed"])
+def test_a_session_ends_after_twelve_hours_of_use_or_confirmation(
+    add_person: AddPerson, enter: Enter, clock: Clock, way: str
+) -> None:
     add_person()
     visitor = enter()
 
     for _ in range(35):
         clock.wait(20 * MINUTE_S)
+        if way == "confirmed":
+            visitor.post("/confirm", proof=PASSWORD, next="/")
         assert is_in(visitor)
     clock.wait(20 * MINUTE_S)
 
     assert not is_in(visitor)
 
 
-def test_an_ended_person_is_out_at_the_next_request(
-    add_person: AddPerson, enter: Enter, accounts: AccountStore
-) -> None:
-    person = add_person()
-    visitor = enter()
-
-    accounts.end_person(person.id)
-
-    assert not is_in(visitor)
-
-
-def test_roles_hold_from_the_next_request_on(
+def test_roles_and_the_end_of_a_person_hold_from_the_next_request_on(
     add_person: AddPerson, enter: Enter, accounts: AccountStore
 ) -> None:
     person = add_person()
     visitor = enter()
 
     accounts.set_roles(person.id, ["auditor"])
-
     assert visitor.client.get("/api/v1/recordings").status_code == 403
+    accounts.end_person(person.id)
 
-
-def test_the_other_sessions_end_with_a_new_password(
-    add_person: AddPerson, enter: Enter, logins: Logins, clock: Clock
-) -> None:
-    add_person()
-    first = enter()
-    clock.wait(60)
-    second = enter()
-
-    second.post("/account/password", proof=PASSWORD, password="five yellow umbrellas")
-
-    assert is_in(second)
-    assert not is_in(first)
-
-
-def test_a_person_ends_the_other_sessions(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
-    add_person()
-    first = enter()
-    clock.wait(60)
-    second = enter()
-
-    second.post("/account/sessions/end")
-
-    assert (is_in(first), is_in(second)) == (False, True)
+    assert not is_in(visitor)
 
 
 def test_a_cookie_is_read_by_no_script_and_by_no_other_site(add_person: AddPerson, enter: Enter) -> None:
@@ -157,11 +149,12 @@ def test_a_cookie_is_read_by_no_script_and_by_no_other_site(add_person: AddPerso
 
 
 def test_behind_tls_a_cookie_is_bound_to_this_very_host(
-    add_person: AddPerson, visit_behind_proxy: Visit, clock: Clock
+    add_person: AddPerson, visit_behind_proxy: Visit, clock: Clock, accounts: AccountStore
 ) -> None:
-    add_person()
-    visitor = visit_behind_proxy()
+    session = accounts.begin_session(add_person().id)
+    visitor, other = visit_behind_proxy(), visit_behind_proxy()
     ticket = read_ticket(visitor.give_password("clara"))
+    other.client.cookies.set("acromion_session", session)  # without the prefix it opens nothing
 
     answer = visitor.post("/login/code", ticket=ticket, code=make_code(clock), next="/")
 
@@ -171,23 +164,28 @@ def test_behind_tls_a_cookie_is_bound_to_this_very_host(
         "__Host-acromion_session",
     ]
     assert all("Secure" in cookie and "Path=/" in cookie for cookie in set_cookies)
+    assert not is_in(other)
 
 
-def test_behind_tls_a_cookie_without_the_prefix_opens_nothing(
-    add_person: AddPerson, visit_behind_proxy: Visit, accounts: AccountStore
+@pytest.mark.parametrize(
+    ("path", "form"),
+    [
+        ("/account/password", {"proof": PASSWORD, "password": "five yellow umbrellas"}),
+        ("/account/sessions/end", {}),
+    ],
+)
+def test_a_person_ends_the_other_sessions_by_a_new_password_or_by_will(
+    two: tuple[Visitor, Visitor], path: str, form: dict[str, str]
 ) -> None:
-    session = accounts.begin_session(add_person().id)
-    visitor = visit_behind_proxy()
-    visitor.client.cookies.set("acromion_session", session)
+    first, second = two
 
-    assert not is_in(visitor)
+    second.post(path, **form)
+
+    assert (is_in(first), is_in(second)) == (False, True)
 
 
-def test_a_person_ends_one_session(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
-    add_person()
-    first = enter()
-    clock.wait(60)
-    second = enter()
+def test_a_person_ends_one_session(two: tuple[Visitor, Visitor]) -> None:
+    first, second = two
     shown = re.search(r'name="session" value="([0-9a-f]{64})"', second.get("/account").text)
     assert shown is not None
 
@@ -210,93 +208,64 @@ def test_nobody_ends_the_session_of_another(
     assert is_in(clara)
 
 
-def test_a_session_is_new_when_the_password_was_given_again(
-    add_person: AddPerson, enter: Enter, visit: Visit
-) -> None:
-    add_person()
-    visitor, thief = enter(), visit()
-    thief.client.cookies.set("acromion_session", visitor.client.cookies["acromion_session"])
-
-    visitor.post("/confirm", proof=PASSWORD, next="/")
-
-    assert (is_in(visitor), is_in(thief)) == (True, False)
-
-
-def test_a_session_that_was_confirmed_lasts_no_longer(
-    add_person: AddPerson, enter: Enter, clock: Clock
-) -> None:
-    add_person()
-    visitor = enter()
-    for _ in range(35):
-        clock.wait(20 * MINUTE_S)
-        visitor.post("/confirm", proof=PASSWORD, next="/")
-
-    assert is_in(visitor)
-    clock.wait(20 * MINUTE_S)
-
-    assert not is_in(visitor)
-
-
 # Asked again for what cannot be undone.
 
 
-@pytest.mark.parametrize(
-    ("method", "path"),
-    [
-        ("GET", "/people"),
-        ("POST", "/people"),
-        ("POST", "/recordings/rec_x/purge"),
-        ("GET", "/library/reports.zip"),
-        ("GET", "/library/recordings.zip"),
-        ("GET", "/library/summary.csv"),
-        ("POST", "/library/acts/reports.zip"),
-        ("GET", "/api/v1/batches/ba_x/summary.csv"),
-        ("GET", "/api/v1/batches/ba_x/problems.csv"),
-        ("GET", "/days/profile.csv?analysis=an_x"),
-        ("GET", "/api/v1/profile/profile.json?analysis=an_x"),
-        ("GET", "/api/v1/profile/profile.csv?analysis=an_x"),
-        ("POST", "/api/v1/webhooks"),
-        ("POST", "/api/v1/tokens"),
-        ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
-    ],
-)
+ASKED_AGAIN = [
+    ("GET", "/people"),
+    ("POST", "/people"),
+    ("POST", "/recordings/rec_x/purge"),
+    ("GET", "/library/reports.zip"),
+    ("GET", "/library/recordings.zip"),
+    ("GET", "/library/summary.csv"),
+    ("POST", "/library/acts/reports.zip"),
+    ("GET", "/api/v1/batches/ba_x/summary.csv"),
+    ("GET", "/api/v1/batches/ba_x/problems.csv"),
+    ("GET", "/days/profile.csv?analysis=an_x"),
+    ("GET", "/api/v1/profile/profile.json?analysis=an_x"),
+    ("GET", "/api/v1/profile/profile.csv?analysis=an_x"),
+    ("POST", "/api/v1/webhooks"),
+    ("POST", "/api/v1/tokens"),
+    ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
+]
+
+
 def test_the_password_is_asked_for_again_after_ten_minutes(
-    add_person: AddPerson, enter: Enter, clock: Clock, method: str, path: str
+    add_person: AddPerson, enter: Enter, clock: Clock
 ) -> None:
     add_person("clara", "clinician", "manager")
     visitor = enter()
-    body = {"name": "x", "permissions": ["read"]} if "tokens" in path else None
+    body = {"name": "x", "permissions": ["read"]}
+
+    def find_asked() -> list[tuple[str, str]]:
+        answers = {one: visitor.client.request(*one, json=body) for one in ASKED_AGAIN}
+        return [
+            one
+            for one, answer in answers.items()
+            if (answer.status_code, "E-CONFIRM" in answer.text) == (403, True)
+        ]
 
     clock.wait(9 * MINUTE_S)
-    soon = visitor.client.request(method, path, json=body).headers.get("content-type", "")
-    early = visitor.client.request(method, path, json=body).text
+    early = find_asked()
     clock.wait(2 * MINUTE_S)
-    late = visitor.client.request(method, path, json=body)
 
-    assert "E-CONFIRM" not in early, soon
-    assert late.status_code == 403
-    assert "E-CONFIRM" in late.text
+    assert (early, find_asked()) == ([], ASKED_AGAIN)
 
 
-@pytest.mark.parametrize("name", ["bundle.zip", "report.pdf", "summary.csv", "fhir.json"])
+FREE = [
+    *(f"/api/v1/analyses/an_x/{name}" for name in ("bundle.zip", "report.pdf", "summary.csv", "fhir.json")),
+    "/api/v1/recordings/rec_x/file",
+]
+
+
 def test_a_file_of_one_recording_is_downloaded_without_the_password(
-    add_person: AddPerson, enter: Enter, clock: Clock, name: str
-) -> None:
-    add_person()
-    visitor = enter()
-    clock.wait(11 * MINUTE_S)
-
-    assert visitor.client.get(f"/api/v1/analyses/an_x/{name}").status_code == 404
-
-
-def test_an_original_is_downloaded_without_the_password(
     add_person: AddPerson, enter: Enter, clock: Clock
 ) -> None:
     add_person()
     visitor = enter()
     clock.wait(11 * MINUTE_S)
 
-    assert visitor.client.get("/api/v1/recordings/rec_x/file").status_code == 404
+    assert [visitor.client.get(address).status_code for address in FREE] == [404] * 5
 
 
 def test_a_browser_is_led_to_the_question_and_back(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
@@ -351,14 +320,13 @@ def test_whoever_may_not_read_is_led_to_what_he_may_use(
     assert enter().get("/").headers["location"] == place
 
 
-def test_the_head_of_each_page_says_who_is_logged_in(add_person: AddPerson, enter: Enter) -> None:
+def test_the_head_of_each_page_says_who_is_logged_in(
+    add_person: AddPerson, enter: Enter, visit: Visit
+) -> None:
     add_person()
 
     page = enter().get("/").text
 
     assert '<a href="/account">Clara</a>' in page
     assert 'action="/logout"' in page
-
-
-def test_nobody_logged_in_has_no_way_out(visit: Visit) -> None:
     assert "/logout" not in visit().get("/login").text

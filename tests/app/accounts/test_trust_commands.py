@@ -36,20 +36,17 @@ def test_the_command_answers_who_touched_a_subject(
     assert {line["recording_id"] for line in lines} == {job.recording_id}
 
 
-def test_a_hold_by_command_is_of_the_machine(settings: Settings, store: JobStore, add_job: AddJob) -> None:
-    job = add_job()
+def test_terms_and_holds_are_changed_by_command(settings: Settings, store: JobStore, add_job: AddJob) -> None:
+    recording_id = add_job().recording_id
 
-    assert run(settings, "hold", "begin", job.recording_id)[0] == 0
-    assert run(settings, "hold", "end", job.recording_id)[0] == 0
-
-    held = list(find_lines(store.reader, AuditQuestion(who="machine")))
-    assert [line.act for line in held] == ["recording.let_go", "recording.held"]
-
-
-def test_a_term_is_changed_by_command(settings: Settings, store: JobStore) -> None:
     assert "Lines of the audit log: kept for good" in run(settings, "retention")[1]
     assert "Lines of the audit log: 400 days" in run(settings, "retention", "trail", "400")[1]
     assert "Lines of the audit log: kept for good" in run(settings, "retention", "trail", "never")[1]
+    assert run(settings, "hold", "begin", recording_id)[0] == 0
+    assert run(settings, "hold", "end", recording_id)[0] == 0
+
+    lines = find_lines(store.reader, AuditQuestion(who="machine"))
+    assert [line.act for line in lines][:2] == ["recording.let_go", "recording.held"]
 
 
 def test_backup_verify_and_restore_leave_a_line(
@@ -102,9 +99,9 @@ def test_a_moment_beyond_the_calendar_is_refused(settings: Settings, store: JobS
 
 
 @pytest.mark.parametrize(
-    "words", [("account", "list"), ("trail", "show"), ("retention",), ("version",), ("--help",)]
+    "words", [("trail", "show"), ("account", "add", "dora", "--role", "manager"), ("--help",)]
 )
-def test_a_command_whose_output_nobody_reads_any_more_ends_and_says_nothing(
+def test_a_command_whose_output_nobody_reads_any_more_does_its_work_and_says_nothing(
     settings: Settings, accounts: AccountStore, store: JobStore, words: tuple[str, ...]
 ) -> None:
     accounts.add_person("boss", "Boss", ["manager"])
@@ -112,13 +109,7 @@ def test_a_command_whose_output_nobody_reads_any_more_ends_and_says_nothing(
     done = run_unread(settings, *words)
 
     assert (done.returncode, done.stderr) == (141, b"")
-
-
-def test_an_account_is_added_though_nobody_reads_on(settings: Settings, accounts: AccountStore) -> None:
-    done = run_unread(settings, "account", "add", "boss", "--role", "manager")
-
-    assert (done.returncode, done.stderr) == (141, b"")
-    assert [person.login for person in accounts.find_people()] == ["boss"]
+    assert ("dora" in words) == (accounts.find_person("dora") is not None)
 
 
 def run_unread(settings: Settings, *words: str) -> "subprocess.CompletedProcess[bytes]":

@@ -34,14 +34,19 @@ def read(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def test_a_batch_counts_its_analyses_by_state(client: TestClient, bench: OpenBench) -> None:
+def test_a_batch_counts_its_analyses_by_state_and_gives_no_half_a_table(
+    client: TestClient, bench: OpenBench
+) -> None:
     batch = start(client, 3)
     run_next(bench(stand_ins.refuse))
 
     seen = client.get(batch["links"]["self"]).json()
+    table = client.get(batch["links"]["summary_csv"])
 
     assert (seen["name"], seen["item_count"], seen["is_over"]) == ("spring", 3, False)
     assert seen["counts"] == {"queued": 2, "running": 0, "succeeded": 0, "failed": 1, "cancelled": 0}
+    assert (table.status_code, table.json()["code"]) == (409, "E-NOT-FINISHED")
+    assert table.headers["retry-after"] == "5"
 
 
 def test_the_settings_of_an_item_win_over_those_of_the_batch(client: TestClient, store: JobStore) -> None:
@@ -56,21 +61,24 @@ def test_the_settings_of_an_item_win_over_those_of_the_batch(client: TestClient,
     assert requests["1.csv"].method == "live"
 
 
-@pytest.mark.parametrize("wished", [{"side": "up"}, {"sied": "left"}, {"calibration": ["5,1"]}])
-def test_an_items_settings_that_cannot_be_start_nothing(
-    client: TestClient, store: JobStore, wished: dict[str, Any]
+@pytest.mark.parametrize(
+    ("wrong", "code", "told"),
+    [
+        ({"settings": {"side": "up"}}, "E-PARAMETER", "side"),
+        ({"settings": {"sied": "left"}}, "E-PARAMETER", "sied"),
+        ({"settings": {"calibration": ["5,1"]}}, "E-PARAMETER", "calibration"),
+        ({"recording_id": "rec_none"}, "E-NOT-FOUND", "rec_none"),
+    ],
+)
+def test_of_items_of_which_one_cannot_be_none_is_started(
+    client: TestClient, store: JobStore, wrong: dict[str, Any], code: str, told: str
 ) -> None:
-    items = [{"recording_id": keep(client, 0), "settings": wished}]
+    whole = {"recording_id": keep(client, 0)}
 
-    assert client.post(URL, json={"items": items}).json()["code"] == "E-PARAMETER"
+    problem = client.post(URL, json={"items": [whole, whole | wrong]}).json()
+
+    assert (problem["code"], told in problem["detail"]) == (code, True)
     assert store.find_newest() == ()
-
-
-def test_half_a_table_is_not_given(client: TestClient) -> None:
-    answer = client.get(start(client)["links"]["summary_csv"])
-
-    assert (answer.status_code, answer.json()["code"]) == (409, "E-NOT-FINISHED")
-    assert answer.headers["retry-after"] == "5"
 
 
 def test_failed_recordings_stand_in_both_tables(client: TestClient, bench: OpenBench) -> None:
@@ -121,9 +129,9 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
     assert single in [job.id for job in first_two if job]
 
 
-def test_a_batch_that_is_not_there_is_not_found(client: TestClient) -> None:
-    assert client.get(f"{URL}/ba_none").status_code == 404
-    assert client.get(f"{URL}/ba_none/summary.csv").status_code == 404
+def test_a_batch_that_is_not_there_is_not_found(shared: TestClient) -> None:
+    assert shared.get(f"{URL}/ba_none").status_code == 404
+    assert shared.get(f"{URL}/ba_none/summary.csv").status_code == 404
 
 
 def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBench) -> None:
@@ -139,24 +147,19 @@ def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBen
     assert [row["file_name"] for row in rows] == ["0.csv", "1.csv"]
 
 
-def test_what_was_analysed_before_is_taken_as_it_is(client: TestClient, bench: OpenBench) -> None:
+def test_what_was_analysed_before_is_taken_as_it_is_unless_asked_for_anew(
+    client: TestClient, bench: OpenBench
+) -> None:
     items = [{"recording_id": keep(client, 0)}]
     client.post(URL, json={"items": items})
     run_next(bench(stand_ins.write_report))
 
     again = client.post(URL, json={"items": items, "name": "another"}).json()
+    anew = client.post(URL, json={"items": items, "again": True}).json()
 
     assert (again["is_over"], again["duplicate_count"], again["counts"]["succeeded"]) == (True, 1, 1)
     listed = client.get(again["links"]["analyses"]).json()["items"]
     assert [analysis["recording_id"] for analysis in listed] == [items[0]["recording_id"]]
-
-
-def test_a_batch_may_ask_for_everything_anew(client: TestClient) -> None:
-    items = [{"recording_id": keep(client, 0)}]
-    client.post(URL, json={"items": items})
-
-    anew = client.post(URL, json={"items": items, "again": True}).json()
-
     assert (anew["duplicate_count"], anew["counts"]["queued"]) == (0, 1)
 
 
@@ -195,12 +198,3 @@ def test_a_repetition_takes_its_place_in_every_batch_that_asked(client: TestClie
     run_next(bench(stand_ins.write_report))
 
     assert client.get(second["links"]["self"]).json()["counts"]["succeeded"] == 1
-
-
-def test_a_recording_that_is_not_there_is_named(client: TestClient, store: JobStore) -> None:
-    items = [{"recording_id": keep(client, 0)}, {"recording_id": "rec_none"}]
-
-    refused = client.post(URL, json={"items": items})
-
-    assert (refused.status_code, "rec_none" in refused.json()["detail"]) == (404, True)
-    assert store.find_newest() == ()

@@ -12,8 +12,8 @@ NAMES = ("password", "token", "client_secret", "code", "api-key", "proof", "acce
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_secret_in_a_query_is_not_said_back(client: TestClient, name: str) -> None:
-    answer = client.get(f"/api/v1/analyses?{name}={CANARY}")
+def test_a_secret_in_a_query_is_not_said_back(shared: TestClient, name: str) -> None:
+    answer = shared.get(f"/api/v1/analyses?{name}={CANARY}")
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
     assert CANARY not in answer.text
@@ -31,8 +31,8 @@ def test_a_secret_in_a_query_is_not_said_back(client: TestClient, name: str) -> 
         CANARY,
     ],
 )
-def test_a_secret_in_a_body_is_not_said_back(client: TestClient, body: Any) -> None:
-    answer = client.post("/api/v1/webhooks", json=body)
+def test_a_secret_in_a_body_is_not_said_back(shared: TestClient, body: Any) -> None:
+    answer = shared.post("/api/v1/webhooks", json=body)
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
     assert CANARY not in answer.text
@@ -40,20 +40,20 @@ def test_a_secret_in_a_body_is_not_said_back(client: TestClient, body: Any) -> N
 
 @pytest.mark.parametrize("kind", ["application/x-www-form-urlencoded", "application/json", "text/plain"])
 @pytest.mark.parametrize("path", ["/api/v1/webhooks", "/api/v1/batches", "/api/v1/tokens"])
-def test_a_body_of_another_kind_is_not_said_back(client: TestClient, path: str, kind: str) -> None:
-    answer = client.post(path, content=f"password={CANARY}", headers={"content-type": kind})
+def test_a_body_of_another_kind_is_not_said_back(shared: TestClient, path: str, kind: str) -> None:
+    answer = shared.post(path, content=f"password={CANARY}", headers={"content-type": kind})
 
     assert answer.status_code >= 400
     assert CANARY not in answer.text
 
 
-def test_what_is_no_secret_is_said_back(client: TestClient) -> None:
-    assert "sideways" in client.post("/api/v1/analyze?side=sideways", content=b"x").json()["detail"]
+def test_what_is_no_secret_is_said_back(shared: TestClient) -> None:
+    assert "sideways" in shared.post("/api/v1/analyze?side=sideways", content=b"x").json()["detail"]
 
 
 @pytest.mark.parametrize("path", ["/", "/trash", "/nowhere", "/help"])
-def test_no_page_links_to_itself_with_a_secret(client: TestClient, path: str) -> None:
-    page = client.get(f"{path}?token={CANARY}&page=1", headers={"accept": "text/html"}).text
+def test_no_page_links_to_itself_with_a_secret(shared: TestClient, path: str) -> None:
+    page = shared.get(f"{path}?token={CANARY}&page=1", headers={"accept": "text/html"}).text
 
     assert "page=1&amp;lang=fr" in page
     assert CANARY not in page

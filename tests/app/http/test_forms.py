@@ -51,88 +51,63 @@ def part(name: str, content: bytes = b"") -> bytes:
     return f"--cut\r\nContent-Disposition: form-data; name={name}\r\n\r\n".encode() + content
 
 
+WHOLE_FORM = part('"f"; filename="a"', b"recording\r\n--cut--\r\n")
+
+
 @pytest.mark.parametrize(
-    ("body", "code"),
+    ("body", "code", "told"),
     [
-        (b"", "E-CUT-UPLOAD"),
-        (b"no form at all", "E-PARAMETER"),
-        (part('"f"; filename="a"', b"half"), "E-CUT-UPLOAD"),
-        (part('"f"; filename="a"', b"\r\n--cut--\r\n"), "E-EMPTY"),
-        (part('"subject"', b"S1\r\n--cut--\r\n"), "E-PARAMETER"),
-        (part('"note"', b"x" * 5000), "E-PARAMETER"),
-        (b"".join(part(f'"n{k}"', b"x\r\n") for k in range(30)), "E-PARAMETER"),
+        (b"", "E-CUT-UPLOAD", ""),
+        (b"no form at all", "E-PARAMETER", ""),
+        (part('"f"; filename="a"', b"half"), "E-CUT-UPLOAD", ""),
+        (part('"f"; filename="a"', b"\r\n--cut--\r\n"), "E-EMPTY", ""),
+        (part('"subject"', b"S1\r\n--cut--\r\n"), "E-PARAMETER", "allowed: file."),
+        (part('"sied"', b"left\r\n") + WHOLE_FORM, "E-PARAMETER", "allowed: file_name, subject, side"),
+        (part('"note"', b"x" * 5000), "E-PARAMETER", ""),
+        (b"".join(part(f'"n{k}"', b"x\r\n") for k in range(30)), "E-PARAMETER", ""),
+        (
+            b"".join(part(f'"f"; filename="{name}"', b"x\r\n") for name in "ab") + b"--cut--\r\n",
+            "E-PARAMETER",
+            "",
+        ),
     ],
 )
 def test_a_form_that_cannot_be_is_refused_and_leaves_nothing(
-    client: TestClient, settings: Settings, body: bytes, code: str
+    shared: TestClient, shared_settings: Settings, body: bytes, code: str, told: str
 ) -> None:
-    answer = client.post(URL, content=body, headers=FORM)
+    answer = shared.post(URL, content=body, headers=FORM)
 
     assert answer.json()["code"] == code
-    assert files_of(settings) == []
-
-
-def test_a_second_file_in_a_form_is_refused(client: TestClient, settings: Settings) -> None:
-    files = [("file", ("a.gt3x", b"one")), ("file", ("b.gt3x", b"two"))]
-
-    assert client.post(URL, files=files).json()["code"] == "E-PARAMETER"
-    assert files_of(settings) == []
-
-
-def test_a_field_that_is_not_known_is_refused_with_those_that_are(
-    client: TestClient, settings: Settings
-) -> None:
-    answer = client.post(URL, files={"file": ("a", b"x")}, data={"sied": "left"})
-
-    assert "allowed: file_name, subject, side" in answer.json()["detail"]
-    assert files_of(settings) == []
-
-
-def test_a_form_without_a_file_says_that_the_file_is_wanting(client: TestClient) -> None:
-    answer = client.post(URL, content=part('"subject"', b"S1\r\n--cut--\r\n"), headers=FORM)
-
-    assert answer.json()["detail"].endswith("allowed: file.")
+    assert told in answer.json()["detail"]
+    assert files_of(shared_settings) == []
 
 
 @pytest.mark.parametrize("name", DIGESTS)
-def test_a_form_that_is_not_what_was_sent_is_refused(
-    client: TestClient, settings: Settings, name: str
+@pytest.mark.parametrize(
+    ("address", "body", "headers"),
+    [(URL, b"damaged", {}), ("/api/v1/analyze", b"damaged", {}), (URL, WHOLE_FORM, FORM)],
+    ids=["raw", "analyze", "form"],
+)
+@pytest.mark.parametrize(
+    ("digest", "code"), [(tell_digest(b"as it was"), "E-DIGEST"), ("sha-256=:xyz:", "E-CHECKSUM")]
+)
+def test_what_is_not_what_was_sent_is_refused(
+    shared: TestClient, shared_settings: Settings, address: str, body: bytes, headers: dict[str, str],
+    name: str, digest: str, code: str,
+) -> None:  # fmt: skip
+    answer = shared.post(address, content=body, headers=headers | {name: digest})
+
+    assert answer.json()["code"] == code
+    assert files_of(shared_settings) == []
+
+
+@pytest.mark.parametrize(("body", "headers"), [(b"recording", {}), (WHOLE_FORM, FORM)], ids=["raw", "form"])
+@pytest.mark.parametrize("name", DIGESTS)
+def test_what_is_as_it_was_sent_is_taken(
+    client: TestClient, name: str, body: bytes, headers: dict[str, str]
 ) -> None:
-    form = part('"f"; filename="a"', b"recording\r\n--cut--\r\n")
+    digest = f"md5=:1B2M2Y8AsgTpgAmY7PhCfg==:, {tell_digest(body)}"
 
-    answer = client.post(URL, content=form, headers=FORM | {name: tell_digest(b"as it was")})
-
-    assert answer.json()["code"] == "E-DIGEST"
-    assert files_of(settings) == []
-
-
-def test_a_form_that_is_as_it_was_sent_is_taken(client: TestClient) -> None:
-    form = part('"f"; filename="a"', b"recording\r\n--cut--\r\n")
-
-    answer = client.post(URL, content=form, headers=FORM | {"content-digest": tell_digest(form)})
+    answer = client.post(URL, content=body, headers=headers | {name: digest})
 
     assert answer.json()["sha256"] == hashlib.sha256(b"recording").hexdigest()
-
-
-@pytest.mark.parametrize("name", DIGESTS)
-@pytest.mark.parametrize("address", [URL, "/api/v1/analyze"])
-def test_what_is_not_what_was_sent_is_refused(
-    client: TestClient, settings: Settings, address: str, name: str
-) -> None:
-    answer = client.post(address, content=b"damaged", headers={name: tell_digest(b"as it was")})
-
-    assert answer.json()["code"] == "E-DIGEST"
-    assert files_of(settings) == []
-
-
-@pytest.mark.parametrize("name", DIGESTS)
-def test_what_is_as_it_was_sent_is_taken(client: TestClient, name: str) -> None:
-    digest = f"md5=:1B2M2Y8AsgTpgAmY7PhCfg==:, {tell_digest(b'recording')}"
-
-    assert client.post(URL, content=b"recording", headers={name: digest}).status_code == 201
-
-
-def test_a_digest_that_is_none_is_refused(client: TestClient) -> None:
-    answer = client.post(URL, content=b"x", headers={"content-digest": "sha-256=:xyz:"})
-
-    assert answer.json()["code"] == "E-CHECKSUM"

@@ -4,6 +4,7 @@ import io
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pypdf import PdfReader
@@ -13,7 +14,7 @@ from starlette.testclient import TestClient
 from app.api.pairs import ChangeView, PairView
 from app.jobs.children import pairs
 from app.jobs.children.attempt import Attempt, load_and_make_report, make_now
-from app.jobs.worker import run_next
+from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.request import PairRequest
 from app.roads.pair import make_report_of_two
@@ -31,24 +32,29 @@ def send(client: TestClient, content: bytes, side: str, subject: str = "S012") -
     return str(made["id"])
 
 
+@pytest.fixture(scope="module")
+def analysed(
+    shared_server: TestClient, shared_settings: Settings, shift_gt3x: Path, small_gt3x: bytes
+) -> tuple[str, str, str]:
+    """A left arm and a right one of one person, and a right one without a subject code."""
+    left = send(shared_server, shift_gt3x.read_bytes(), "left")
+    rights = [send(shared_server, small_gt3x, "right", subject) for subject in ("S012", "")]
+    at_work = open_bench(shared_settings, load_and_make_report)
+    assert all(run_next(at_work) for _ in range(3))
+    at_work.store.close()
+    return left, rights[0], rights[1]
+
+
 @pytest.fixture
-def arms(client: TestClient, bench: OpenBench, shift_gt3x: Path, small_gt3x: bytes) -> Finished:
+def arms(analysed: tuple[str, str, str]) -> Finished:
     """Two recordings, analysed as the left arm and as the right."""
-    ids = send(client, shift_gt3x.read_bytes(), "left"), send(client, small_gt3x, "right")
-    at_work = bench(load_and_make_report)
-    assert run_next(at_work)
-    assert run_next(at_work)
-    return ids
+    return analysed[0], analysed[1]
 
 
 @pytest.fixture
-def arms_of_whom(client: TestClient, bench: OpenBench, shift_gt3x: Path, small_gt3x: bytes) -> Finished:
+def arms_of_whom(analysed: tuple[str, str, str]) -> Finished:
     """A left arm with a subject code and a right one without."""
-    ids = send(client, shift_gt3x.read_bytes(), "left"), send(client, small_gt3x, "right", "")
-    at_work = bench(load_and_make_report)
-    assert run_next(at_work)
-    assert run_next(at_work)
-    return ids
+    return analysed[0], analysed[2]
 
 
 @pytest.fixture
@@ -80,49 +86,46 @@ def take_folder(client: TestClient, analysis_id: str, out: Path) -> Path:
     return out
 
 
-def test_both_arms_are_what_the_command_makes_of_the_same_analyses(
-    client: TestClient, arms: Finished, tmp_path: Path
-) -> None:
-    sources = [take_folder(client, each, tmp_path / each) for each in arms]
+@pytest.mark.parametrize(
+    ("kind", "asked", "names"),
+    [
+        (
+            PairRequest("pair", 0.0),
+            {"offset_s": "0", "lang": "fr"},
+            {"pair.json": "pair.json", "report.pdf": "report.fr.pdf", "report.html": "report.fr.html"}
+            | {"answer.txt": "answer.fr.txt"},
+        ),
+        (
+            PairRequest("compare"),
+            {"lang": "en"},
+            {"comparison.json": "comparison.json", "answer.txt": "answer.en.txt"},
+        ),
+    ],
+    ids=["pair", "compare"],
+)
+def test_a_report_of_two_is_what_the_command_makes_of_the_same_analyses(
+    shared: TestClient, arms: Finished, tmp_path: Path,
+    kind: PairRequest, asked: dict[str, Any], names: dict[str, str],
+) -> None:  # fmt: skip
+    sources = [take_folder(shared, each, tmp_path / each) for each in arms]
     made = tmp_path / "made"
     made.mkdir()
-    make_report_of_two(sources, PairRequest("pair", 0.0), made)
+    make_report_of_two(sources, kind, made)
 
-    asked = ask_pair(arms, offset_s="0", lang="fr")
-    answers = {name: client.get(f"/api/v1/pair/{name}", params=asked) for name in ("pair.json", "report.pdf")}
+    of_two = ask_pair(arms) if kind.kind == "pair" else {"analysis": list(arms)}
+    answers = {
+        name: shared.get(f"/api/v1/{kind.kind}/{name}", params=of_two | asked).content for name in names
+    }
 
-    assert answers["pair.json"].content == (made / "pair.json").read_bytes()
-    assert answers["report.pdf"].content == (made / "report.fr.pdf").read_bytes()
-    assert (
-        client.get("/api/v1/pair/answer.txt", params=asked).content == (made / "answer.fr.txt").read_bytes()
-    )
-    page = client.get("/api/v1/pair/report.html", params=asked)
-    assert page.content == (made / "report.fr.html").read_bytes()
-    assert "sandbox" in page.headers["content-security-policy"]
+    assert answers == {name: (made / file).read_bytes() for name, file in names.items()}
 
 
-def test_a_change_is_what_the_command_makes_of_the_same_analyses(
-    client: TestClient, arms: Finished, tmp_path: Path
-) -> None:
-    sources = [take_folder(client, each, tmp_path / each) for each in arms]
-    made = tmp_path / "made"
-    made.mkdir()
-    make_report_of_two(sources, PairRequest("compare"), made)
-
-    asked = {"analysis": list(arms), "lang": "en"}
-    figures = client.get("/api/v1/compare/comparison.json", params=asked)
-    answer = client.get("/api/v1/compare/answer.txt", params=asked)
-
-    assert figures.content == (made / "comparison.json").read_bytes()
-    assert answer.content == (made / "answer.en.txt").read_bytes()
-
-
-def test_the_figures_are_as_the_openapi_document_says(client: TestClient, arms: Finished) -> None:
-    pair = client.get("/api/v1/pair/pair.json", params=ask_pair(arms, trunk=arms[0], offset_s="1"))
+def test_the_figures_are_as_the_openapi_document_says(shared: TestClient, arms: Finished) -> None:
+    pair = shared.get("/api/v1/pair/pair.json", params=ask_pair(arms, trunk=arms[0], offset_s="1"))
     assert pair.json()["code"] == "E-PAIR"  # an arm is no trunk
 
-    pair = client.get("/api/v1/pair/pair.json", params=ask_pair(arms, offset_s="1"))
-    change = client.get("/api/v1/compare/comparison.json", params={"analysis": list(arms)})
+    pair = shared.get("/api/v1/pair/pair.json", params=ask_pair(arms, offset_s="1"))
+    change = shared.get("/api/v1/compare/comparison.json", params={"analysis": list(arms)})
 
     assert PairView.model_validate_json(pair.content).clock.stated_by == "person"
     assert ChangeView.model_validate_json(change.content).before.subject == "S012"
@@ -133,14 +136,14 @@ def test_the_figures_are_as_the_openapi_document_says(client: TestClient, arms: 
     [("false", ["E-PAIR", "E-COMPARE", "E-DAYS"]), ("true", ["person"] * 3)],
 )
 def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
-    client: TestClient, arms_of_whom: Finished, stated: str, told: list[str]
+    shared: TestClient, arms_of_whom: Finished, stated: str, told: list[str]
 ) -> None:
     pair = ask_pair(arms_of_whom, offset_s="0", same_subject=stated)
     days = {"analysis": list(arms_of_whom), "same_subject": stated}
     paths = ("compare/comparison.json", "profile/profile.json")
 
-    paired = client.get("/api/v1/pair/pair.json", params=pair).json()
-    answers = [paired, *(client.get(f"/api/v1/{path}", params=days).json() for path in paths)]
+    paired = shared.get("/api/v1/pair/pair.json", params=pair).json()
+    answers = [paired, *(shared.get(f"/api/v1/{path}", params=days).json() for path in paths)]
 
     assert [answer.get("one_person", answer.get("code")) for answer in answers] == told
 
@@ -154,11 +157,11 @@ def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
     ],
 )
 def test_the_page_asks_whether_both_are_of_one_person(
-    client: TestClient, arms_of_whom: Finished, kind: str, language: str, told: tuple[str, str]
+    shared: TestClient, arms_of_whom: Finished, kind: str, language: str, told: tuple[str, str]
 ) -> None:
     asked = {"first": arms_of_whom[0], "second": arms_of_whom[1], "offset_s": "0", "lang": language}
 
-    page = client.get(f"/beside/{kind}", params=asked).text
+    page = shared.get(f"/beside/{kind}", params=asked).text
 
     assert told[0] in page
     assert f'name="same_subject" value="1"> {told[1]}' in page
@@ -166,24 +169,24 @@ def test_the_page_asks_whether_both_are_of_one_person(
 
 
 def test_the_tick_goes_with_the_report_and_can_be_taken_back(
-    client: TestClient, arms_of_whom: Finished
+    shared: TestClient, arms_of_whom: Finished
 ) -> None:
     asked = {"first": arms_of_whom[0], "second": arms_of_whom[1], "offset_s": "0", "same_subject": "1"}
 
-    page = client.get("/beside/pair", params=asked).text
+    page = shared.get("/beside/pair", params=asked).text
 
     assert 'name="same_subject" value="1" checked>' in page
     assert re.findall(r'/report\.(html|pdf)\?[^"]*same_subject=1', page) == ["html", "pdf"]
 
 
-def test_where_the_codes_agree_the_page_asks_nothing(client: TestClient, arms: Finished) -> None:
-    page = client.get("/beside/pair", params={"first": arms[0], "second": arms[1], "offset_s": "0"}).text
+def test_where_the_codes_agree_the_page_asks_nothing(shared: TestClient, arms: Finished) -> None:
+    page = shared.get("/beside/pair", params={"first": arms[0], "second": arms[1], "offset_s": "0"}).text
 
     assert "same_subject" not in page
 
 
-def test_a_pair_is_for_the_paper_asked(client: TestClient, arms: Finished) -> None:
-    answer = client.get("/api/v1/pair/report.pdf", params=ask_pair(arms, offset_s="0", paper="letter"))
+def test_a_pair_is_for_the_paper_asked(shared: TestClient, arms: Finished) -> None:
+    answer = shared.get("/api/v1/pair/report.pdf", params=ask_pair(arms, offset_s="0", paper="letter"))
 
     page = PdfReader(io.BytesIO(answer.content)).pages[0].mediabox
     assert (round(page.width), round(page.height)) == (612, 792)
@@ -220,10 +223,16 @@ def test_what_cannot_be_asked_of_a_pair_is_refused(
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-def test_two_that_are_no_pair_are_refused_with_the_reason(client: TestClient, arms: Finished) -> None:
-    answer = client.get("/api/v1/pair/report.html", params={"left": arms[1], "right": arms[0]})
+def test_two_that_are_no_pair_are_refused_with_the_reason(shared: TestClient, arms: Finished) -> None:
+    answer = shared.get("/api/v1/pair/report.html", params={"left": arms[1], "right": arms[0]})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PAIR")
+
+
+def test_the_page_of_a_report_of_two_runs_nothing(shared: TestClient, arms: Finished) -> None:
+    page = shared.get("/api/v1/pair/report.html", params=ask_pair(arms, offset_s="0"))
+
+    assert "sandbox" in page.headers["content-security-policy"]
 
 
 def test_an_analysis_that_has_not_ended_is_waited_for(client: TestClient) -> None:

@@ -29,77 +29,55 @@ def analyse(client: TestClient, bench: OpenBench, make: MakeReport, **wishes: st
     return sent.headers["location"]
 
 
-def test_a_finished_analysis_says_so(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    view = client.get(address).json()
+def test_a_finished_analysis_says_so(shared: TestClient, finished: str) -> None:
+    view = shared.get(finished).json()
 
     assert (view["state"], view["progress"], view["attempts"]) == ("succeeded", 1.0, 1)
     assert "problem" not in view
 
 
-def test_a_failed_analysis_is_a_200_with_its_problem(client: TestClient, bench: OpenBench) -> None:
+def test_a_failed_analysis_is_a_200_with_its_problem_and_has_no_file(
+    client: TestClient, bench: OpenBench
+) -> None:
     address = analyse(client, bench, stand_ins.refuse)
 
     answer = client.get(address, params={"lang": "fr"})
 
-    assert answer.status_code == 200
-    assert answer.json()["state"] == "failed"
-    assert answer.json()["problem"]["code"] == "E-SHORT"
-    assert answer.json()["problem"]["status"] == 422
+    assert (answer.status_code, answer.json()["state"]) == (200, "failed")
+    assert (answer.json()["problem"]["code"], answer.json()["problem"]["status"]) == ("E-SHORT", 422)
+    assert client.get(f"{address}/results.json").json()["code"] == "E-NO-FILE"
 
 
-def test_the_results_are_the_stored_bytes(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
+def test_the_results_are_the_stored_bytes_and_are_sent_once(shared: TestClient, finished: str) -> None:
+    answer = shared.get(f"{finished}/results.json")
+    etag = answer.headers["etag"]
+    again = shared.get(f"{finished}/results.json", headers={"if-none-match": etag})
 
-    assert client.get(f"{address}/results.json").content == stand_ins.RESULTS
+    assert answer.content == stand_ins.RESULTS
+    assert etag == f'"{hashlib.sha256(stand_ins.RESULTS).hexdigest()}"'
+    assert (again.status_code, again.content) == (304, b"")
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_link_of_a_finished_analysis_gives_a_file(
-    client: TestClient, bench: OpenBench, name: str
+def test_every_link_of_a_finished_analysis_gives_a_file(shared: TestClient, finished: str) -> None:
+    links = shared.get(finished).json()["links"]
+    read = [link for name, link in links.items() if name not in {"cancel", "retry"}]
+
+    assert {name.replace(".", "_") for name in NAMES} <= links.keys()
+    assert [shared.get(links[name.replace(".", "_")]).status_code for name in NAMES] == [200] * len(NAMES)
+    assert [link for link in read if "E-NOT-FOUND" in shared.get(link).text] == []
+    assert shared.get(f"{finished}/done.json").status_code == 404
+
+
+def test_the_report_comes_in_the_language_asked_for_else_of_the_request(
+    shared: TestClient, finished: str
 ) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-    link = client.get(address).json()["links"][name.replace(".", "_")]
+    contents = [shared.get(f"{finished}/report.pdf{query}").content for query in ("?lang=en", "")]
 
-    assert client.get(link).status_code == 200
-
-
-def test_the_report_comes_in_the_language_asked_for(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report, lang="en")
-
-    assert client.get(f"{address}/report.pdf", params={"lang": "fr"}).content == b"%PDF-fr"
+    assert contents == [b"%PDF-en", b"%PDF-fr"]
 
 
-def test_the_report_comes_in_the_language_of_the_request_by_default(
-    client: TestClient, bench: OpenBench
-) -> None:
-    address = analyse(client, bench, stand_ins.write_report, lang="fr")
-
-    assert client.get(f"{address}/report.pdf").content == b"%PDF-fr"
-
-
-def test_the_etag_is_the_hash_of_the_file(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    answer = client.get(f"{address}/results.json")
-
-    assert answer.headers["etag"] == f'"{hashlib.sha256(stand_ins.RESULTS).hexdigest()}"'
-
-
-def test_a_file_that_is_known_already_is_not_sent_again(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-    etag = client.get(f"{address}/results.json").headers["etag"]
-
-    answer = client.get(f"{address}/results.json", headers={"if-none-match": etag})
-
-    assert (answer.status_code, answer.content) == (304, b"")
-
-
-def test_the_report_may_do_nothing_in_the_browser(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    policy = client.get(f"{address}/report.html").headers["content-security-policy"]
+def test_the_report_may_do_nothing_in_the_browser(shared: TestClient, finished: str) -> None:
+    policy = shared.get(f"{finished}/report.html").headers["content-security-policy"]
 
     assert policy.startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:")
     assert policy.endswith("frame-ancestors 'none'; sandbox")
@@ -107,11 +85,9 @@ def test_the_report_may_do_nothing_in_the_browser(client: TestClient, bench: Ope
 
 
 def test_a_download_is_named_by_file_and_version_where_nothing_else_is_known(
-    client: TestClient, bench: OpenBench
+    shared: TestClient, finished: str
 ) -> None:
-    address = analyse(client, bench, stand_ins.write_report, file_name="Équipe 1.gt3x")
-
-    header = client.get(f"{address}/report.pdf", params={"lang": "fr"}).headers["content-disposition"]
+    header = shared.get(f"{finished}/report.pdf", params={"lang": "fr"}).headers["content-disposition"]
 
     plain, exact = "Equipe 1_report_v1.fr.pdf", "%C3%89quipe%201_report_v1.fr.pdf"
     assert header == f"attachment; filename=\"{plain}\"; filename*=UTF-8''{exact}"
@@ -136,20 +112,6 @@ def test_a_file_asked_for_too_early_is_a_409(client: TestClient) -> None:
     assert problem.headers["retry-after"] == "5"
 
 
-def test_a_failed_analysis_has_no_file(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.refuse)
-
-    assert client.get(f"{address}/results.json").json()["code"] == "E-NO-FILE"
-
-
-def test_part_of_a_file_can_be_asked_for(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    answer = client.get(f"{address}/results.json", headers={"range": "bytes=0-3"})
-
-    assert (answer.status_code, answer.content) == (206, stand_ins.RESULTS[:4])
-
-
 def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
     for name in ("one.csv", "two.csv"):
         client.post("/api/v1/analyze", content=b"x", params={"file_name": name})
@@ -159,19 +121,8 @@ def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
     assert names == ["two.csv", "one.csv"]
 
 
-def test_a_wrong_verb_is_told_the_right_one(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    refused = client.delete(f"{address}/results.json")
-
-    assert refused.status_code == 405
-    assert "GET" in refused.headers["allow"]
-
-
-def test_the_bundle_holds_every_file_as_it_is_stored(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    bundle = zipfile.ZipFile(io.BytesIO(client.get(f"{address}/bundle.zip").content))
+def test_the_bundle_holds_every_file_as_it_is_stored(shared: TestClient, finished: str) -> None:
+    bundle = zipfile.ZipFile(io.BytesIO(shared.get(f"{finished}/bundle.zip").content))
 
     assert bundle.read("results.json") == stand_ins.RESULTS
     assert len(bundle.namelist()) == 2 + len(stand_ins.EXPORTS) + 2 * 3 + 1  # the crate
@@ -192,50 +143,31 @@ def test_the_bundle_is_a_crate_whose_tables_keep_their_schema(
     assert validate(tmp_path / "crate" / "datapackage.json").valid
 
 
-def test_a_file_that_is_not_offered_is_not_found(client: TestClient, bench: OpenBench) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    assert client.get(f"{address}/done.json").status_code == 404
-
-
-def test_every_link_of_an_analysis_leads_somewhere(client: TestClient, bench: OpenBench) -> None:
-    links = client.get(analyse(client, bench, stand_ins.write_report)).json()["links"]
-    read = [link for name, link in links.items() if name not in {"cancel", "retry"}]
-
-    refused = {link: client.get(link) for link in read}
-
-    assert [link for link, answer in refused.items() if "E-NOT-FOUND" in answer.text] == []
-
-
 @pytest.mark.parametrize(
-    "asked",
+    ("asked", "status", "content"),
     [
-        "lines=1-2",
-        "bytes=5-2",
-        "bytes=-",
-        "bytes=one-two",
-        "0-3",
-        "bytes=" + "9" * 19 + "-",
-        "bytes=" + "9" * 6000 + "-",
-        "bytes=-" + "9" * 6000,
-        "bytes=" + "0-1," * 2000 + "0-1",
+        ("bytes=0-3", 206, stand_ins.RESULTS[:4]),
+        *(
+            (asked, 200, stand_ins.RESULTS)
+            for asked in (
+                *("lines=1-2", "bytes=5-2", "bytes=-", "bytes=one-two", "0-3"),
+                *("bytes=" + "9" * 19 + "-", "bytes=" + "9" * 6000 + "-", "bytes=-" + "9" * 6000),
+                "bytes=" + "0-1," * 2000 + "0-1",
+            )
+        ),
     ],
 )
 def test_a_range_that_cannot_be_understood_gives_the_whole_file(
-    client: TestClient, bench: OpenBench, asked: str
+    shared: TestClient, finished: str, asked: str, status: int, content: bytes
 ) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
+    answer = shared.get(f"{finished}/results.json", headers={"range": asked})
 
-    answer = client.get(f"{address}/results.json", headers={"range": asked})
-
-    assert (answer.status_code, answer.content) == (200, stand_ins.RESULTS)
+    assert (answer.status_code, answer.content) == (status, content)
 
 
 @pytest.mark.parametrize("asked", ["bytes=100000-", "bytes=-0", "bytes=0-3,100000-"])
-def test_a_range_behind_the_end_is_refused(client: TestClient, bench: OpenBench, asked: str) -> None:
-    address = analyse(client, bench, stand_ins.write_report)
-
-    answer = client.get(f"{address}/results.json", headers={"range": asked})
+def test_a_range_behind_the_end_is_refused(shared: TestClient, finished: str, asked: str) -> None:
+    answer = shared.get(f"{finished}/results.json", headers={"range": asked})
 
     assert (answer.status_code, answer.json()["code"]) == (416, "E-RANGE")
     assert answer.headers["content-range"] == f"bytes */{len(stand_ins.RESULTS)}"

@@ -33,6 +33,10 @@ def announce(client: TestClient, length: int, **said: str) -> str:
     return answer.headers["location"]
 
 
+def digest(algorithm: str, content: bytes) -> str:
+    return base64.b64encode(hashlib.new(algorithm, content).digest()).decode()
+
+
 def append(client: TestClient, address: str, offset: int, content: bytes, **more: str) -> int:
     headers = BODY | {"upload-offset": str(offset)} | more
     return client.patch(address, content=content, headers=headers).status_code
@@ -42,8 +46,8 @@ def files_of(settings: Settings) -> list[Path]:
     return [p for name in ("incoming", "uploads", "recordings") for p in (settings.data_dir / name).iterdir()]
 
 
-def test_the_server_says_what_it_speaks(client: TestClient) -> None:
-    headers = client.options(URL).headers
+def test_the_server_says_what_it_speaks(shared: TestClient) -> None:
+    headers = shared.options(URL).headers
 
     assert headers["tus-version"] == "1.0.0"
     assert headers["tus-max-size"] == "1000000"
@@ -51,37 +55,29 @@ def test_the_server_says_what_it_speaks(client: TestClient) -> None:
     assert "sha1" in headers["tus-checksum-algorithm"].split(",")
 
 
-def test_an_announced_upload_has_an_address_and_no_bytes(client: TestClient) -> None:
-    head = client.head(announce(client, 10), headers=TUS)
+def test_an_announced_upload_has_an_address_and_no_bytes(shared: TestClient) -> None:
+    said = {"filename": "Équipe 1.csv", "filetype": "text/csv"}
+    head = shared.head(announce(shared, 10, **said), headers=TUS)
 
-    assert (head.status_code, head.headers["upload-offset"], head.headers["upload-length"]) == (
-        200,
-        "0",
-        "10",
-    )
-    assert head.headers["cache-control"] == "no-store"
-    assert head.headers["tus-resumable"] == "1.0.0"
+    told = {name: head.headers[name] for name in ("upload-offset", "upload-length", "cache-control", *TUS)}
+    assert head.status_code == 200
+    assert told == {"upload-offset": "0", "upload-length": "10", "cache-control": "no-store"} | TUS
+    assert head.headers["upload-expires"].endswith("GMT")
+    assert head.headers["upload-metadata"] == ",".join(f"{name} {code(word)}" for name, word in said.items())
 
 
 def test_bytes_in_two_pieces_become_one_recording(client: TestClient, storage: Storage) -> None:
     address = announce(client, 10, filename="shift.gt3x", subject="S012", side="left")
 
     assert append(client, address, 0, b"01234") == 204
-    assert append(client, address, 5, b"56789") == 204
+    last = client.patch(address, content=b"56789", headers=BODY | {"upload-offset": "5"})
 
     recording = client.get(client.get(address).json()["links"]["recording"]).json()
+    assert (last.status_code, last.headers["acromion-recording"]) == (204, recording["id"])
     with borrow_recording(storage, recording["id"], recording["sha256"]) as kept:
         assert kept.read_bytes() == b"0123456789"
     assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
     assert (recording["file_name"], recording["subject"], recording["side"]) == ("shift.gt3x", "S012", "left")
-
-
-def test_the_last_answer_names_the_recording(client: TestClient) -> None:
-    address = announce(client, 1)
-
-    answer = client.patch(address, content=b"x", headers=BODY | {"upload-offset": "0"})
-
-    assert answer.headers["acromion-recording"].startswith("rec_")
 
 
 def test_the_first_bytes_may_come_with_the_announcement(client: TestClient) -> None:
@@ -99,35 +95,38 @@ def test_bytes_beyond_what_is_taken_at_once_are_told_to_come_again(settings: Set
         assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
 
 
-def test_bytes_for_another_place_are_refused(client: TestClient) -> None:
-    address = announce(client, 10)
+@pytest.mark.parametrize(
+    ("version", "content", "headers", "status"),
+    [
+        ("1.0.0", b"x", {"upload-offset": "3"}, 409),
+        ("1.0.0", b"x" * 11, {}, 400),
+        ("1.0.0", gzip.compress(bytes(50_000_000)), {"content-encoding": "gzip"}, 400),
+        ("1.0.0", b"x", {"content-encoding": "br"}, 415),
+        ("1.0.0", b"x", {"content-type": "text/plain"}, 415),
+        ("0.2.2", b"x", {}, 412),
+        ("1.0.0", b"x", {"upload-checksum": f"sha1 {digest('sha1', b'other')}"}, 460),
+        ("1.0.0", b"x", {"upload-checksum": "crc32 AAAA"}, 400),
+        ("1.0.0", b"x", {"upload-checksum": "sha1 ???"}, 400),
+        ("1.0.0", b"x", {"upload-checksum": "sha1"}, 460),
+    ],
+    ids=[
+        *("another place", "more than announced", "unpacks to more", "another packing", "another kind"),
+        *("another version", "wrong checksum", "unknown checksum", "broken checksum", "empty checksum"),
+    ],
+)
+def test_bytes_that_cannot_be_taken_are_refused_and_do_not_count(
+    shared: TestClient, version: str, content: bytes, headers: dict[str, str], status: int
+) -> None:
+    address = announce(shared, 10)
+    asked = BODY | {"tus-resumable": version, "upload-offset": "0"} | headers
 
-    answer = client.patch(address, content=b"x", headers=BODY | {"upload-offset": "3"})
+    answer = shared.patch(address, content=content, headers=asked)
 
-    assert (answer.status_code, answer.json()["code"]) == (409, "E-OFFSET")
+    assert answer.status_code == status
     assert answer.headers["tus-resumable"] == "1.0.0"
-
-
-def test_more_bytes_than_announced_are_refused(client: TestClient) -> None:
-    address = announce(client, 3)
-
-    assert append(client, address, 0, b"0123") == 400
-    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
-
-
-def test_another_kind_of_body_is_refused(client: TestClient) -> None:
-    address = announce(client, 3)
-
-    answer = client.patch(address, content=b"x", headers=TUS | {"upload-offset": "0"})
-
-    assert (answer.status_code, answer.json()["code"]) == (415, "E-MEDIA")
-
-
-def test_another_version_of_the_protocol_is_refused(client: TestClient) -> None:
-    answer = client.post(URL, headers={"tus-resumable": "0.2.2", "upload-length": "3"})
-
-    assert (answer.status_code, answer.json()["code"]) == (412, "E-PROTOCOL")
-    assert answer.headers["tus-version"] == "1.0.0"
+    assert status != 409 or answer.json()["code"] == "E-OFFSET"
+    assert status != 412 or (answer.json()["code"], answer.headers["tus-version"]) == ("E-PROTOCOL", "1.0.0")
+    assert shared.head(address, headers=TUS).headers["upload-offset"] == "0"
 
 
 @pytest.mark.parametrize(
@@ -150,39 +149,15 @@ def test_no_upload_is_begun_on_a_disk_that_is_nearly_full(settings: Settings) ->
 
 
 @pytest.mark.parametrize("algorithm", ["sha1", "sha256", "sha512", "md5"])
-def test_bytes_with_the_right_checksum_are_taken(client: TestClient, algorithm: str) -> None:
-    address = announce(client, 10)
-    digest = base64.b64encode(hashlib.new(algorithm, b"01234").digest()).decode()
+def test_bytes_with_the_right_checksum_count_after_wrong_ones(shared: TestClient, algorithm: str) -> None:
+    address, content = announce(shared, 5, filename=algorithm), algorithm.encode()[:4].ljust(5)
+    checksum = {"upload-checksum": f"{algorithm} {digest(algorithm, content)}"}
 
-    assert append(client, address, 0, b"01234", **{"upload-checksum": f"{algorithm} {digest}"}) == 204
+    assert append(shared, address, 0, b"WRONG", **checksum) == 460
+    assert append(shared, address, 0, content, **checksum) == 204
 
-
-def test_bytes_with_a_wrong_checksum_do_not_count(client: TestClient) -> None:
-    address = announce(client, 10)
-    digest = base64.b64encode(hashlib.sha1(b"other").digest()).decode()
-
-    assert append(client, address, 0, b"01234", **{"upload-checksum": f"sha1 {digest}"}) == 460
-    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
-
-
-def test_the_recording_holds_the_right_bytes_after_wrong_ones(client: TestClient) -> None:
-    address = announce(client, 10)
-    digest = base64.b64encode(hashlib.sha1(b"01234").digest()).decode()
-    append(client, address, 0, b"WRONG", **{"upload-checksum": f"sha1 {digest}"})
-
-    append(client, address, 0, b"01234")
-    append(client, address, 5, b"56789")
-
-    recording = client.get(client.get(address).json()["links"]["recording"]).json()
-    assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
-
-
-@pytest.mark.parametrize("checksum", ["crc32 AAAA", "sha1 ???", "sha1"])
-def test_a_checksum_that_cannot_be_compared_is_a_400(client: TestClient, checksum: str) -> None:
-    address = announce(client, 10)
-
-    expected = 460 if checksum == "sha1" else 400
-    assert append(client, address, 0, b"01234", **{"upload-checksum": checksum}) == expected
+    recording = shared.get(shared.get(address).json()["links"]["recording"]).json()
+    assert recording["sha256"] == hashlib.sha256(content).hexdigest()
 
 
 def test_a_terminated_upload_is_gone_with_its_bytes(client: TestClient, settings: Settings) -> None:
@@ -204,21 +179,17 @@ def test_the_recording_of_a_finished_upload_outlives_its_termination(client: Tes
     assert client.get(recording).status_code == 200
 
 
-def test_an_upload_says_when_it_expires(client: TestClient) -> None:
-    assert client.head(announce(client, 1), headers=TUS).headers["upload-expires"].endswith("GMT")
-
-
-def test_the_metadata_comes_back_as_it_was_sent(client: TestClient) -> None:
-    address = announce(client, 10, filename="Équipe 1.csv", filetype="text/csv")
-
-    sent = client.head(address, headers=TUS).headers["upload-metadata"]
-
-    assert sent == f"filename {code('Équipe 1.csv')},filetype {code('text/csv')}"
-
-
-@pytest.mark.parametrize("metadata", ["filename ???", "side dXA=", f"subject {code('a' * 101)}"])
-def test_metadata_that_cannot_be_is_refused(client: TestClient, metadata: str) -> None:
-    answer = client.post(URL, headers=TUS | {"upload-length": "3", "upload-metadata": metadata})
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        "filename ???",
+        "side dXA=",
+        f"subject {code('a' * 101)}",
+        f"filename {code('shift.csv')},settings {code(json.dumps({'pose': 'handstand'}))}",
+    ],
+)
+def test_metadata_that_cannot_be_is_refused(shared: TestClient, metadata: str) -> None:
+    answer = shared.post(URL, headers=TUS | {"upload-length": "3", "upload-metadata": metadata})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
 
@@ -289,25 +260,23 @@ def test_the_upload_of_what_was_deleted_for_good_says_so(client: TestClient) -> 
     assert client.delete(address, headers=TUS).status_code == 204
 
 
-def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:
-    address = announce(client, 10)
-    find_services(Request({"type": "http", "app": client.app})).incoming.acquire(address.rpartition("/")[2])
+def test_two_writers_at_once_are_not_let_in(shared: TestClient) -> None:
+    address = announce(shared, 10)
+    find_services(Request({"type": "http", "app": shared.app})).incoming.acquire(address.rpartition("/")[2])
 
-    assert append(client, address, 0, b"x") == 423
-    assert client.delete(address, headers=TUS).status_code == 423
+    assert append(shared, address, 0, b"x") == 423
+    assert shared.delete(address, headers=TUS).status_code == 423
 
 
-def test_an_upload_that_is_not_there_is_not_found(client: TestClient) -> None:
-    assert client.head(f"{URL}/up_none", headers=TUS).status_code == 404
-    assert append(client, f"{URL}/..%2f..%2fserver.lock", 0, b"x") == 404
+def test_an_upload_that_is_not_there_is_not_found(shared: TestClient) -> None:
+    assert shared.head(f"{URL}/up_none", headers=TUS).status_code == 404
+    assert append(shared, f"{URL}/..%2f..%2fserver.lock", 0, b"x") == 404
 
 
 PACKED = {"content-encoding": "gzip"}
 
 
-def test_packed_pieces_give_the_bytes_that_were_packed(
-    client: TestClient, storage: Storage, store: JobStore
-) -> None:
+def test_packed_pieces_give_the_bytes_that_were_packed(client: TestClient) -> None:
     address = announce(client, 300_000)
     first, second = bytes(200_000), b"b" * 100_000
 
@@ -329,28 +298,13 @@ def test_packed_pieces_give_the_bytes_that_were_packed(
     ],
     ids=["cut", "altered", "plain"],
 )
-def test_of_a_packed_piece_that_is_not_right_nothing_counts(client: TestClient, body: bytes) -> None:
-    address = announce(client, 100_000)
+def test_of_a_packed_piece_that_is_not_right_nothing_counts(shared: TestClient, body: bytes) -> None:
+    address = announce(shared, 100_000)
 
-    status = append(client, address, 0, body, **PACKED)
+    status = append(shared, address, 0, body, **PACKED)
 
     assert status == 460
-    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
-
-
-def test_a_piece_that_unpacks_to_more_than_was_announced_is_refused(client: TestClient) -> None:
-    address = announce(client, 1000)
-
-    status = append(client, address, 0, gzip.compress(bytes(50_000_000)), **PACKED)
-
-    assert status == 400
-    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
-
-
-def test_another_packing_is_not_taken(client: TestClient) -> None:
-    address = announce(client, 1000)
-
-    assert append(client, address, 0, b"x", **{"content-encoding": "br"}) == 415
+    assert shared.head(address, headers=TUS).headers["upload-offset"] == "0"
 
 
 @pytest.mark.parametrize("left", [None, b"", b"012"], ids=["missing", "emptied", "shorter"])
@@ -393,19 +347,18 @@ def lose(settings: Settings, address: str, left: bytes | None) -> None:
 
 @pytest.mark.parametrize("database", ["postgresql"], indirect=True)
 def test_an_upload_is_taken_on_postgresql_too(client: TestClient) -> None:
-    address = announce(client, 5)
+    address = announce(client, 5, filename="shift.csv")
 
     assert append(client, address, 0, b"01234") == 204
-    assert client.get(address).json()["recording_id"]
+    assert list_analyses(client, client.get(address).json()["recording_id"]) == []  # none was declared
 
 
 # The analysis that is declared when an upload begins.
 
 
-def send_declared(client: TestClient, content: bytes, **settings: object) -> str:
+def send_declared(client: TestClient, content: bytes) -> str:
     """Send a whole file that declares its analysis; gives the id of its recording."""
-    said = {"filename": "shift.csv", "side": "left", "settings": json.dumps(settings)}
-    address = announce(client, len(content), **said)
+    address = announce(client, len(content), filename="shift.csv", side="left", settings="{}")
     assert append(client, address, 0, content) == 204
     recording: str = client.get(address).json()["recording_id"]
     return recording
@@ -417,32 +370,15 @@ def list_analyses(client: TestClient, recording_id: str) -> list[dict[str, Any]]
 
 
 def test_a_declared_analysis_begins_with_the_last_byte(client: TestClient) -> None:
-    (analysis,) = list_analyses(client, send_declared(client, b"0123456789", pose="side-lean"))
-
-    assert analysis["state"] == "queued"
-    request = client.get(f"/api/v1/analyses/{analysis['id']}").json()["settings"]
-    assert (request["pose"], request["side"]) == ("side-lean", "left")
-
-
-def test_before_its_last_byte_nothing_begins(client: TestClient) -> None:
-    address = announce(client, 10, filename="shift.csv", settings="{}")
+    address = announce(client, 10, filename="shift.csv", side="left", settings='{"pose": "side-lean"}')
     append(client, address, 0, b"01234")
+    before = client.get("/api/v1/analyses").json()["items"]
+    append(client, address, 5, b"56789")
 
-    assert client.get("/api/v1/analyses").json()["items"] == []
-
-
-def test_an_upload_without_a_declaration_is_only_stored(client: TestClient) -> None:
-    address = announce(client, 10, filename="shift.csv")
-    append(client, address, 0, b"0123456789")
-
-    assert list_analyses(client, client.get(address).json()["recording_id"]) == []
-
-
-def test_a_declaration_that_cannot_be_kept_is_refused_before_the_first_byte(client: TestClient) -> None:
-    metadata = f"filename {code('shift.csv')},settings {code(json.dumps({'pose': 'handstand'}))}"
-    answer = client.post(URL, headers=TUS | {"upload-length": "10", "upload-metadata": metadata})
-
-    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+    (analysis,) = list_analyses(client, client.get(address).json()["recording_id"])
+    request = client.get(f"/api/v1/analyses/{analysis['id']}").json()["settings"]
+    assert (before, analysis["state"]) == ([], "queued")
+    assert (request["pose"], request["side"]) == ("side-lean", "left")
 
 
 def test_what_is_said_while_the_file_comes_counts(client: TestClient) -> None:
@@ -469,17 +405,13 @@ def test_what_is_said_too_late_changes_nothing_and_names_the_recording(client: T
     assert recording["subject"] == "S012"
 
 
-def test_bytes_that_were_analysed_before_are_not_analysed_again_unasked(client: TestClient) -> None:
-    send_declared(client, b"0123456789")
-
-    assert len(list_analyses(client, send_declared(client, b"0123456789"))) == 1
-
-
-def test_bytes_whose_analysis_was_given_up_are_analysed_again(client: TestClient) -> None:
+def test_bytes_are_analysed_again_unasked_only_if_their_analysis_was_given_up(client: TestClient) -> None:
     (first,) = list_analyses(client, send_declared(client, b"0123456789"))
+    assert len(list_analyses(client, send_declared(client, b"0123456789"))) == 1
     client.post(f"/api/v1/analyses/{first['id']}/cancel")
 
     analyses = list_analyses(client, send_declared(client, b"0123456789"))
+
     assert [analysis["state"] for analysis in analyses] == ["queued", "cancelled"]
 
 

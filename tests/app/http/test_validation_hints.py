@@ -1,7 +1,5 @@
 """A value that cannot be is refused with what would have been right."""
 
-from typing import Any
-
 import pytest
 from fastapi.testclient import TestClient
 
@@ -18,7 +16,6 @@ ANALYZE = (
         ("/analyses/an_1?wait=abc", "0 … 60"),
         ("/analyses/an_1?wait=61", "0 … 60"),
         ("/analyses/an_1?wait=nan", "0 … 60"),
-        ("/analyses?limit=x", "1 … 500"),
         ("/analyses?limit=0", "1 … 500"),
         ("/analyses?state=done", "queued, running, succeeded, failed, cancelled"),
         ("/analyses?sate=queued", "state, batch_id, recording_id, limit, cursor"),
@@ -27,52 +24,33 @@ ANALYZE = (
         ("/recordings?trashed=perhaps", "true, false"),
     ],
 )
-def test_a_question_with_a_value_that_cannot_be(client: TestClient, address: str, allowed: str) -> None:
-    problem = client.get(API + address).json()
+def test_a_question_with_a_value_that_cannot_be(shared: TestClient, address: str, allowed: str) -> None:
+    problem = shared.get(API + address).json()
 
     assert (problem["code"], problem["status"]) == ("E-PARAMETER", 422)
     assert f"allowed: {allowed}" in problem["detail"]
 
 
 @pytest.mark.parametrize(
-    ("query", "allowed"),
-    [
-        ("rate_hz=abc", "1 … 10000"),
-        ("rate_hz=0", "1 … 10000"),
-        ("rate_hz=1e9", "1 … 10000"),
-        ("again=x", "true, false"),
-        ("side=up", "left, right"),
-        ("sied=left", ANALYZE),
-    ],
-)
-def test_a_recording_with_a_wish_that_cannot_be(client: TestClient, query: str, allowed: str) -> None:
-    problem = client.post(f"{API}/analyze?{query}", content=b"x").json()
-
-    assert problem["code"] == "E-PARAMETER"
-    assert f"allowed: {allowed}" in problem["detail"]
-
-
-@pytest.mark.parametrize(
     ("route", "body", "allowed"),
     [
-        ("/analyses", {"recording_ids": "rec_1"}, '["…"]'),
-        ("/analyses", {"recording_ids": ["rec_1"], "agian": True}, "recording_ids, settings, again"),
-        ("/analyses", {"recording_ids": ["r"], "settings": {"rate_hz": "abc"}}, "1 … 10000"),
-        ("/batches", {"items": [{"recording_id": 3}]}, '"…"'),
-        ("/batches", {"items": 3}, "[recording_id, settings]"),
-        ("/recordings", {"upload_id": "u", "sied": "left"}, "file_name, subject, side, external_id"),
+        ("/analyze?rate_hz=abc", "x", "1 … 10000"),
+        ("/analyze?rate_hz=0", "x", "1 … 10000"),
+        ("/analyze?rate_hz=1e9", "x", "1 … 10000"),
+        ("/analyze?again=x", "x", "true, false"),
+        ("/analyze?side=up", "x", "left, right"),
+        ("/analyze?sied=left", "x", ANALYZE),
+        ("/analyses", '{"recording_ids": "rec_1"}', '["…"]'),
+        ("/analyses", '{"recording_ids": ["rec_1"], "agian": true}', "recording_ids, settings, again"),
+        ("/analyses", '{"recording_ids": ["r"], "settings": {"rate_hz": "abc"}}', "1 … 10000"),
+        ("/batches", '{"items": [{"recording_id": 3}]}', '"…"'),
+        ("/batches", '{"items": 3}', "[recording_id, settings]"),
+        ("/recordings", '{"upload_id": "u", "sied": "left"}', "file_name, subject, side, external_id"),
+        ("/batches", "{", "JSON"),
     ],
 )
-def test_a_body_with_a_value_that_cannot_be(
-    client: TestClient, route: str, body: dict[str, Any], allowed: str
-) -> None:
-    problem = client.post(API + route, json=body).json()
+def test_a_wish_with_a_value_that_cannot_be(shared: TestClient, route: str, body: str, allowed: str) -> None:
+    problem = shared.post(API + route, content=body, headers={"content-type": "application/json"}).json()
 
     assert problem["code"] == "E-PARAMETER"
     assert f"allowed: {allowed}" in problem["detail"]
-
-
-def test_a_body_that_is_no_json(client: TestClient) -> None:
-    answer = client.post(f"{API}/batches", content=b"{", headers={"content-type": "application/json"})
-
-    assert "allowed: JSON" in answer.json()["detail"]

@@ -11,14 +11,15 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.jobs.children.attempt import load_and_make_report
+from app.jobs.library.studies import identify_study
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.settings import Settings
 from app.storage.store import Storage
 from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, find_study
+from tests.app.conftest import AddJob, OpenBench
 
 TIMES = [k / 20 for k in range(600)]
 ANGLES = "time_s,elevation_deg\n" + "".join(
@@ -27,12 +28,20 @@ ANGLES = "time_s,elevation_deg\n" + "".join(
 FILES = {"recording": ("ours.csv", ANGLES), "reference": ("truth.csv", ANGLES)}
 
 
-def compare(client: TestClient, bench: OpenBench, **wishes: str) -> str:
-    """Send a pair and let a worker take it; gives the address of the comparison."""
+def compare(client: TestClient, settings: Settings, **wishes: str) -> str:
+    """Send a pair and let a worker take it; returns the address of the comparison."""
     sent = client.post("/api/v1/validations", files=FILES, data=wishes)
     assert sent.status_code == 202, sent.text
-    run_next(bench(None))  # by the worker's own road
+    at_work = open_bench(settings, None)  # the worker's own way
+    assert run_next(at_work)
+    at_work.store.close()
     return sent.headers["location"]
+
+
+@pytest.fixture(scope="module")
+def compared(shared_server: TestClient, shared_settings: Settings) -> str:
+    """Return the address of a comparison that nothing was wished for."""
+    return compare(shared_server, shared_settings)
 
 
 def test_a_pair_is_taken_and_its_place_is_told(client: TestClient) -> None:
@@ -41,18 +50,17 @@ def test_a_pair_is_taken_and_its_place_is_told(client: TestClient) -> None:
     assert (sent.status_code, sent.json()["state"]) == (202, "queued")
     assert sent.headers["location"] == sent.json()["links"]["self"]
     assert sent.json()["reference_name"] == "truth.csv"
+    assert client.get(f"{sent.headers['location']}/validation.json").status_code == 409
 
 
-def test_a_comparison_gives_every_file(client: TestClient, bench: OpenBench) -> None:
-    address = compare(client, bench)
-
+def test_a_comparison_gives_every_file(shared: TestClient, compared: str) -> None:
     expected = {
         "validation.json": "application/json",
         "validation.csv": "text/csv; charset=utf-8",
         "validation.html": "text/html; charset=utf-8",
         "validation.pdf": "application/pdf",
     }
-    kinds = {name: client.get(f"{address}/{name}").headers["content-type"] for name in expected}
+    kinds = {name: shared.get(f"{compared}/{name}").headers["content-type"] for name in expected}
 
     assert kinds == expected
 
@@ -68,25 +76,20 @@ def test_a_file_above_the_size_of_words_is_taken(settings: Settings, address: st
     assert sent.status_code in (202, 303), sent.text
 
 
-def test_a_clock_may_be_set_by_hand(client: TestClient, bench: OpenBench) -> None:
-    address = compare(client, bench, offset_s="0,5", drift_ppm="10")
+def test_clock_and_paper_are_those_asked_for(shared: TestClient, shared_settings: Settings) -> None:
+    address = compare(shared, shared_settings, offset_s="0,5", drift_ppm="10", paper="letter")
 
-    alignment = client.get(f"{address}/validation.json").json()["alignment"]
+    alignment = shared.get(f"{address}/validation.json").json()["alignment"]
+    page = PdfReader(io.BytesIO(shared.get(f"{address}/validation.pdf").content)).pages[0].mediabox
 
     assert (alignment["offset_s"], alignment["drift_ppm"]) == (0.5, 10.0)
-
-
-def test_a_comparison_is_for_the_paper_asked(client: TestClient, bench: OpenBench) -> None:
-    document = client.get(f"{compare(client, bench, paper='letter')}/validation.pdf").content
-
-    page = PdfReader(io.BytesIO(document)).pages[0].mediabox
     assert (round(page.width), round(page.height)) == (612, 792)
 
 
-def test_a_pair_that_cannot_be_compared_is_a_problem(client: TestClient, bench: OpenBench) -> None:
-    address = compare(client, bench, offset_s="100000")
+def test_a_pair_that_cannot_be_compared_is_a_problem(shared: TestClient, shared_settings: Settings) -> None:
+    address = compare(shared, shared_settings, offset_s="100000")
 
-    view = client.get(address, params={"lang": "fr"}).json()
+    view = shared.get(address, params={"lang": "fr"}).json()
 
     assert (view["state"], view["problem"]["code"]) == ("failed", "E-OVERLAP")
 
@@ -95,31 +98,30 @@ def test_a_pair_that_cannot_be_compared_is_a_problem(client: TestClient, bench: 
     ("name", "value"),
     [("side", "both"), ("paper", "a3"), ("offset_s", "soon"), ("drift_ppm", "nan"), ("colour", "red")],
 )
-def test_a_wish_that_cannot_be_is_refused_by_name(client: TestClient, name: str, value: str) -> None:
-    answer = client.post("/api/v1/validations", files=FILES, data={name: value})
+def test_a_wish_that_cannot_be_is_refused_by_name(shared: TestClient, name: str, value: str) -> None:
+    answer = shared.post("/api/v1/validations", files=FILES, data={name: value})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
     assert name in answer.json()["detail"]
 
 
-def test_a_missing_reference_is_refused_by_name(client: TestClient) -> None:
-    answer = client.post("/api/v1/validations", files={"recording": ("ours.csv", ANGLES)})
+@pytest.mark.parametrize(
+    ("files", "code", "told"),
+    [
+        ({"recording": ("ours.csv", ANGLES)}, "E-PARAMETER", "reference"),
+        (FILES | {"reference": ("truth.csv", "")}, "E-EMPTY", ""),
+        (FILES | {"tasks": ("tasks.csv", "name\n")}, "E-TASKS", ""),
+    ],
+    ids=["no reference", "empty reference", "unusable tasks"],
+)
+def test_files_that_cannot_be_used_are_refused_at_once_and_leave_nothing(
+    client: TestClient, storage: Storage, files: dict[str, tuple[str, str]], code: str, told: str
+) -> None:
+    answer = client.post("/api/v1/validations", files=files)
 
-    assert answer.status_code == 422
-    assert "reference" in answer.json()["detail"]
-
-
-def test_an_empty_reference_leaves_nothing_behind(client: TestClient, storage: Storage) -> None:
-    answer = client.post("/api/v1/validations", files={**FILES, "reference": ("truth.csv", "")})
-
-    assert answer.json()["code"] == "E-EMPTY"
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+    assert told in answer.json()["detail"]
     assert list((storage.root / "recordings").iterdir()) == []
-
-
-def test_a_list_of_tasks_that_cannot_be_used_is_refused_at_once(client: TestClient) -> None:
-    answer = client.post("/api/v1/validations", files={**FILES, "tasks": ("tasks.csv", "name\n")})
-
-    assert (answer.status_code, answer.json()["code"]) == (422, "E-TASKS")
 
 
 def test_the_reference_outlives_a_restart(client: TestClient, storage: Storage, store: JobStore) -> None:
@@ -128,18 +130,16 @@ def test_the_reference_outlives_a_restart(client: TestClient, storage: Storage, 
     assert find_unknown(store, storage) == Unknown()
 
 
-def test_among_the_analyses_a_comparison_leads_to_its_own_place(client: TestClient, bench: OpenBench) -> None:
-    compare(client, bench)
+def test_among_the_analyses_a_comparison_leads_to_its_own_place(shared: TestClient, compared: str) -> None:
+    listed = shared.get("/api/v1/analyses").json()["items"]
 
-    (listed,) = client.get("/api/v1/analyses").json()["items"]
-    assert listed["links"]["validation"].startswith("/api/v1/validations/")
-    assert "report_pdf" not in listed["links"]
+    (links,) = (one["links"] for one in listed if one["id"] == compared.rpartition("/")[2])
+    assert links["validation"].startswith("/api/v1/validations/")
+    assert "report_pdf" not in links
 
 
-def test_deleting_the_recording_deletes_its_reference(
-    client: TestClient, bench: OpenBench, storage: Storage
-) -> None:
-    compare(client, bench)
+def test_deleting_the_recording_deletes_its_reference(client: TestClient, storage: Storage) -> None:
+    client.post("/api/v1/validations", files=FILES)
     (recording,) = client.get("/api/v1/recordings").json()["items"]
 
     client.delete(f"/api/v1/recordings/{recording['id']}?purge=true")
@@ -147,29 +147,27 @@ def test_deleting_the_recording_deletes_its_reference(
     assert list((storage.root / "recordings").iterdir()) == []
 
 
-def test_an_analysis_is_no_comparison(client: TestClient, add_job: AddJob) -> None:
-    assert client.get(f"/api/v1/validations/{add_job().id}").status_code == 404
+def test_an_analysis_is_no_comparison_and_has_no_second_angle(client: TestClient, add_job: AddJob) -> None:
+    address = f"/validations/{add_job().id}"
 
-
-def test_files_of_a_comparison_under_way_are_not_there_yet(client: TestClient) -> None:
-    address = client.post("/api/v1/validations", files=FILES).headers["location"]
-
-    assert client.get(f"{address}/validation.json").status_code == 409
+    assert client.get(f"/api/v1{address}").status_code == 404
+    assert client.get(f"{address}/curve?of=own&from_s=0&to_s=1").status_code == 404
 
 
 @pytest.mark.parametrize("language", ["en", "fr"])
-def test_the_form_needs_no_script(client: TestClient, language: str) -> None:
-    page = client.get("/validations", params={"lang": language}).text
+def test_the_form_needs_no_script_and_may_tell_its_origin(shared: TestClient, language: str) -> None:
+    page = shared.get("/validations", params={"lang": language})
 
-    assert 'enctype="multipart/form-data"' in page
-    assert "<script" not in page
+    assert 'enctype="multipart/form-data"' in page.text
+    assert "<script" not in page.text
+    assert page.headers["referrer-policy"] == "same-origin"
 
 
 @pytest.mark.parametrize(("language", "words"), [("en", "What you typed is kept."), ("fr", "Votre saisie")])
-def test_a_refused_form_keeps_what_was_typed(client: TestClient, language: str, words: str) -> None:
+def test_a_refused_form_keeps_what_was_typed(shared: TestClient, language: str, words: str) -> None:
     typed = {"side": "left", "subject": 'S012 "<b>', "offset_s": "soon", "drift_ppm": "1,5"}
 
-    answer = client.post("/validations", params={"lang": language}, files=FILES, data=typed)
+    answer = shared.post("/validations", params={"lang": language}, files=FILES, data=typed)
 
     assert answer.status_code == 422
     assert "E-PARAMETER" in answer.text
@@ -181,18 +179,14 @@ def test_a_refused_form_keeps_what_was_typed(client: TestClient, language: str, 
     assert "<details open>" in answer.text
 
 
-def test_a_refused_file_keeps_what_was_typed(client: TestClient) -> None:
+def test_a_refused_file_keeps_what_was_typed(shared: TestClient) -> None:
     files = {**FILES, "reference": ("truth.csv", "")}
 
-    answer = client.post("/validations", files=files, data={"side": "right", "subject": "S7"})
+    answer = shared.post("/validations", files=files, data={"side": "right", "subject": "S7"})
 
     assert "E-EMPTY" in answer.text
     assert 'value="right" checked' in answer.text
     assert 'value="S7"' in answer.text
-
-
-def test_a_browser_may_tell_the_origin_of_the_form(client: TestClient) -> None:
-    assert client.get("/validations").headers["referrer-policy"] == "same-origin"
 
 
 def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: OpenBench) -> None:
@@ -210,44 +204,35 @@ def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: O
 
 @pytest.mark.parametrize("of", ["own", "reference"])
 def test_the_page_draws_both_angles_where_both_were_measured(
-    client: TestClient, bench: OpenBench, of: str
+    shared: TestClient, compared: str, of: str
 ) -> None:
-    address = compare(client, bench).removeprefix("/api/v1")
+    address = compared.removeprefix("/api/v1")
 
-    assert f"{address}/curve?of={of}" in client.get(address).text
-    (stretch,) = client.get(f"{address}/curve?of={of}&from_s=0&to_s=1&points=2000").json()["stretches"]
+    assert f"{address}/curve?of={of}" in shared.get(address).text
+    (stretch,) = shared.get(f"{address}/curve?of={of}&from_s=0&to_s=1&points=2000").json()["stretches"]
     assert stretch["step_s"] == pytest.approx(0.05)
     assert stretch["low"][:20] == pytest.approx(
         [45 + 30 * sin(1.3 * t + 2 * sin(0.17 * t)) for t in TIMES[:20]], abs=0.006
     )  # as sent to 0.001 deg, kept to 0.01
 
 
-def test_a_comparison_joins_the_study_that_it_names(
-    client: TestClient, store: JobStore, bench: OpenBench
+def test_a_comparison_joins_the_study_that_it_names_without_a_line_in_its_table(
+    shared: TestClient, shared_settings: Settings
 ) -> None:
-    own = compare(client, bench, study="Spring").rpartition("/")[2]
-    study = client.get(f"/batches/{find_study(store, 'Spring')}").text
+    own = compare(shared, shared_settings, study="Spring").rpartition("/")[2]
+    study = f"/batches/{identify_study('Spring')}"
+    page = shared.get(study).text
 
-    assert f'src="/validations/{own}/plot.svg"' in study
-    assert "RMSE 0.00°, bias 0.00°, 95\u202f% limits 0.0° to 0.0°" in study
-    assert "ours.csv beside truth.csv" in study
-
-
-def test_a_comparison_is_no_line_of_the_table_of_its_study(
-    client: TestClient, store: JobStore, bench: OpenBench
-) -> None:
-    compare(client, bench, study="Spring")
-    tables = f"/api/v1/batches/{find_study(store, 'Spring')}"
-
-    assert len(client.get(f"{tables}/summary.csv").text.splitlines()) == 1  # the names of the columns
-    listed = client.post(
-        f"{tables.removeprefix('/api/v1')}/participants", content="file,subject\nours.csv,S1\n"
-    )
+    assert f'src="/validations/{own}/plot.svg"' in page
+    assert "RMSE 0.00°, bias 0.00°, 95\u202f% limits 0.0° to 0.0°" in page
+    assert "ours.csv beside truth.csv" in page
+    assert len(shared.get(f"/api/v1{study}/summary.csv").text.splitlines()) == 1  # the names of the columns
+    listed = shared.post(f"{study}/participants", content="file,subject\nours.csv,S1\n")
     assert listed.json() == {"changed": 0, "unknown": ["ours.csv"]}
 
 
-def test_the_plot_of_a_comparison_is_a_drawing_of_its_own(client: TestClient, bench: OpenBench) -> None:
-    plot = client.get(f"{compare(client, bench).removeprefix('/api/v1')}/plot.svg?lang=fr")
+def test_the_plot_of_a_comparison_is_a_drawing_of_its_own(shared: TestClient, compared: str) -> None:
+    plot = shared.get(f"{compared.removeprefix('/api/v1')}/plot.svg?lang=fr")
 
     assert plot.headers["content-type"] == "image/svg+xml"
     assert plot.text.startswith("<svg")
@@ -255,17 +240,13 @@ def test_the_plot_of_a_comparison_is_a_drawing_of_its_own(client: TestClient, be
 
 
 def test_a_comparison_is_no_other_visit_of_a_person(
-    client: TestClient, bench: OpenBench, add_job: AddJob
+    client: TestClient, settings: Settings, bench: OpenBench, add_job: AddJob
 ) -> None:
-    compare(client, bench, subject="S1")
+    compare(client, settings, subject="S1")
     shift = add_job(subject="S1")
     run_next(bench(stand_ins.write_report))
 
     assert "/beside/" not in client.get(f"/analyses/{shift.id}").text
-
-
-def test_an_analysis_has_no_second_angle(client: TestClient, add_job: AddJob) -> None:
-    assert client.get(f"/validations/{add_job().id}/curve?of=own&from_s=0&to_s=1").status_code == 404
 
 
 def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, bench: OpenBench) -> None:
@@ -275,14 +256,12 @@ def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, bench: Op
     assert "E-SHORT" in client.get(sent.headers["location"]).text
 
 
-def test_api_and_command_line_write_the_same_bytes(
-    client: TestClient, bench: OpenBench, tmp_path: Path
-) -> None:
-    for name, text in (("ours.csv", ANGLES), ("truth.csv", ANGLES)):
-        (tmp_path / name).write_text(text)
+def test_api_and_command_line_write_the_same_bytes(shared: TestClient, compared: str, tmp_path: Path) -> None:
+    for name in ("ours.csv", "truth.csv"):
+        (tmp_path / name).write_text(ANGLES)
     command = ["validate", str(tmp_path / "ours.csv"), "--reference", str(tmp_path / "truth.csv"), "-o"]
     CliRunner().invoke(app, [*command, str(tmp_path)])
 
-    sent = client.get(f"{compare(client, bench)}/validation.json").content
+    sent = shared.get(f"{compared}/validation.json").content
 
     assert sent == (tmp_path / "validation.json").read_bytes()

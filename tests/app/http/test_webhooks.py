@@ -143,42 +143,48 @@ def subscribe(client: TestClient, url: str, **wish: Any) -> dict[str, Any]:
     return hook
 
 
-def test_the_end_of_an_analysis_is_told_with_ids_only(
+def finish_one(client: TestClient, bench: OpenBench) -> str:
+    """Let an analysis end; returns its id."""
+    job = client.post("/api/v1/analyze", content=b"x", params={"subject": "CANARY"}).json()
+    assert run_next(bench(stand_ins.write_report))
+    return str(job["id"])
+
+
+def ask_batch(client: TestClient, count: int = 1, name: str = "spring") -> dict[str, Any]:
+    """Ask for a batch of recordings; returns it."""
+    stored = [client.post("/api/v1/recordings", content=bytes([k])).json()["id"] for k in range(count)]
+    items = [{"recording_id": recording} for recording in stored]
+    batch: dict[str, Any] = client.post("/api/v1/batches", json={"name": name, "items": items}).json()
+    return batch | {"recordings": stored}
+
+
+def test_the_end_of_an_analysis_is_told_signed_and_with_ids_only(
     open_client: TestClient, bench: OpenBench, listener: Listener
 ) -> None:
-    subscribe(open_client, listener.url)
-    job = open_client.post("/api/v1/analyze", content=b"x", params={"subject": "CANARY"}).json()
-    run_next(bench(stand_ins.write_report))
-
-    tell_webhooks(services_of(open_client.app), 1.0)
-
-    ((_, body),) = listener.heard
-    assert json.loads(body)["type"] == "analysis.finished"
-    assert json.loads(body)["data"] == {"analysis_id": job["id"], "state": "succeeded"}
-    assert b"CANARY" not in body
-
-
-def test_what_is_told_is_signed(open_client: TestClient, bench: OpenBench, listener: Listener) -> None:
-    secret = subscribe(open_client, listener.url)["secret"]
-    open_client.post("/api/v1/analyze", content=b"x")
-    run_next(bench(stand_ins.write_report))
+    hook = subscribe(open_client, listener.url)
+    job_id = finish_one(open_client, bench)
 
     tell_webhooks(services_of(open_client.app), 1.0)
 
     ((headers, body),) = listener.heard
+    assert json.loads(body)["type"] == "analysis.finished"
+    assert json.loads(body)["data"] == {"analysis_id": job_id, "state": "succeeded"}
+    assert b"CANARY" not in body
     signed = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.".encode() + body
-    key = base64.b64decode(secret.removeprefix("whsec_"))
+    key = base64.b64decode(hook["secret"].removeprefix("whsec_"))
     expected = base64.b64encode(hmac.new(key, signed, hashlib.sha256).digest()).decode()
     assert headers["webhook-signature"] == f"v1,{expected}"
+    (listed,) = open_client.get(URL).json()["items"]
+    assert (listed["id"], "secret" in listed) == (hook["id"], False)  # the secret was shown once
 
 
+@pytest.mark.parametrize("status", [503, 307])  # no redirect is followed
 def test_what_was_not_heard_is_told_again_under_the_same_id(
-    open_client: TestClient, bench: OpenBench, listener: Listener
+    open_client: TestClient, bench: OpenBench, listener: Listener, status: int
 ) -> None:
     subscribe(open_client, listener.url)
-    open_client.post("/api/v1/analyze", content=b"x")
-    run_next(bench(stand_ins.write_report))
-    services, listener.status = services_of(open_client.app), 503
+    finish_one(open_client, bench)
+    services, listener.status = services_of(open_client.app), status
     tell_webhooks(services, 1.0)
     listener.status = 204
 
@@ -189,17 +195,6 @@ def test_what_was_not_heard_is_told_again_under_the_same_id(
 
     assert len(listener.heard) == 2
     assert listener.heard[0][0]["webhook-id"] == listener.heard[1][0]["webhook-id"]
-
-
-def test_a_redirect_is_not_followed(open_client: TestClient, bench: OpenBench, listener: Listener) -> None:
-    subscribe(open_client, listener.url)
-    open_client.post("/api/v1/analyze", content=b"x")
-    run_next(bench(stand_ins.write_report))
-    listener.status = 307
-
-    tell_webhooks(services_of(open_client.app), 1.0)
-
-    assert len(listener.heard) == 1
 
 
 def test_a_delivery_that_waits_outlives_the_server(
@@ -224,9 +219,7 @@ def test_a_batch_is_told_once_when_its_last_one_ends(
     open_client: TestClient, bench: OpenBench, listener: Listener
 ) -> None:
     subscribe(open_client, listener.url, events=["batch.finished"])
-    recordings = [open_client.post("/api/v1/recordings", content=bytes([k])).json()["id"] for k in range(2)]
-    items = [{"recording_id": recording} for recording in recordings]
-    batch = open_client.post("/api/v1/batches", json={"items": items}).json()
+    batch = ask_batch(open_client, 2)
     worker = bench(stand_ins.write_report)
     run_next(worker)
     tell_webhooks(services_of(open_client.app), 1.0)
@@ -241,12 +234,11 @@ def test_a_batch_is_told_once_when_its_last_one_ends(
 def test_a_batch_of_what_is_done_already_is_told_at_once(
     open_client: TestClient, bench: OpenBench, listener: Listener
 ) -> None:
-    items = [{"recording_id": open_client.post("/api/v1/recordings", content=b"x").json()["id"]}]
-    open_client.post("/api/v1/batches", json={"items": items})
+    ask_batch(open_client)
     run_next(bench(stand_ins.write_report))
     subscribe(open_client, listener.url, events=["batch.finished"])
 
-    again = open_client.post("/api/v1/batches", json={"name": "again", "items": items}).json()
+    again = ask_batch(open_client, name="again")
     tell_webhooks(services_of(open_client.app), 1.0)
 
     assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": again["id"]}]
@@ -256,11 +248,9 @@ def test_a_batch_that_ends_because_its_recording_is_thrown_away_is_told(
     open_client: TestClient, listener: Listener
 ) -> None:
     subscribe(open_client, listener.url, events=["batch.finished"])
-    recording = open_client.post("/api/v1/recordings", content=b"x").json()
-    items = [{"recording_id": recording["id"]}]
-    batch = open_client.post("/api/v1/batches", json={"items": items}).json()
+    batch = ask_batch(open_client)
 
-    open_client.delete(recording["links"]["self"])
+    open_client.delete(f"/api/v1/recordings/{batch['recordings'][0]}")
     tell_webhooks(services_of(open_client.app), 1.0)
 
     assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": batch["id"]}]
@@ -297,8 +287,7 @@ def test_one_that_never_answers_keeps_no_other_waiting(
     with listening(read_until_closed) as silent:
         subscribe(open_client, silent)
         subscribe(open_client, listener.url)
-        open_client.post("/api/v1/analyze", content=b"x")
-        run_next(bench(stand_ins.write_report))
+        finish_one(open_client, bench)
 
         run_coroutine(keep_both())
 
@@ -331,8 +320,7 @@ def test_terms_pass_while_one_never_answers(
 
     with listening(stay_silent) as silent:
         subscribe(open_client, silent)
-        open_client.post("/api/v1/analyze", content=b"x")
-        run_next(bench(stand_ins.write_report))
+        finish_one(open_client, bench)
 
         run_coroutine(keep_house())
 
@@ -344,13 +332,9 @@ def deliver(url: str, limit_s: float) -> bool:
     return run_coroutine(send_message(message, allow_private=True, limit_s=limit_s))
 
 
-def test_one_that_dribbles_its_answer_is_given_up() -> None:
-    with listening(dribble) as url:
-        assert not deliver(url, 0.2)
-
-
-def test_one_that_never_answers_is_given_up() -> None:
-    with listening(read_until_closed) as url:
+@pytest.mark.parametrize("answer", [read_until_closed, dribble], ids=["silent", "dribbles"])
+def test_one_that_never_ends_its_answer_is_given_up(answer: Callable[[socket.socket], None]) -> None:
+    with listening(answer) as url:
         assert not deliver(url, 0.2)
 
 
@@ -391,87 +375,28 @@ def test_an_answer_that_is_none_is_not_heard(answer: bytes) -> None:
         assert not deliver(url, 60.0)
 
 
-@pytest.mark.parametrize(
-    "address",
-    [
-        "0.0.0.0",
-        "10.1.2.3",
-        "100.64.0.1",
-        "100.127.255.255",
-        "127.0.0.1",
-        "127.255.0.1",
-        "169.254.169.254",
-        "172.16.0.1",
-        "172.31.255.255",
-        "192.0.0.1",
-        "192.0.0.9",
-        "192.0.2.1",
-        "192.88.99.1",
-        "192.168.1.1",
-        "198.18.0.1",
-        "198.19.255.255",
-        "198.51.100.7",
-        "203.0.113.9",
-        "224.0.0.1",
-        "239.255.255.250",
-        "240.0.0.1",
-        "255.255.255.255",
-        "::",
-        "::1",
-        "::8.8.8.8",
-        "::7f00:1",
-        "::ffff:127.0.0.1",
-        "::ffff:8.8.8.8",
-        "::ffff:0:127.0.0.1",
-        "64:ff9b::7f00:1",
-        "64:ff9b::8.8.8.8",
-        "64:ff9b:1::a00:1",
-        "100::1",
-        "100:0:0:1::1",
-        "2001::1",
-        "2001:0:4136:e378:8000:63bf:3fff:fdd2",
-        "2001:2::1",
-        "2001:20::1",
-        "2001:db8::1",
-        "2002:7f00:1::",
-        "2002:808:808::1",
-        "3fff::1",
-        "5f00::1",
-        "fc00::1",
-        "fd12:3456::1",
-        "fe80::1",
-        "fe80::1%eth0",
-        "fec0::1",
-        "ff02::1",
-        "ff0e::1",
-    ],
+REFUSED = (
+    "0.0.0.0 10.1.2.3 100.64.0.1 100.127.255.255 127.0.0.1 127.255.0.1 169.254.169.254 172.16.0.1 "
+    "172.31.255.255 192.0.0.1 192.0.0.9 192.0.2.1 192.88.99.1 192.168.1.1 198.18.0.1 198.19.255.255 "
+    "198.51.100.7 203.0.113.9 224.0.0.1 239.255.255.250 240.0.0.1 255.255.255.255 :: ::1 ::8.8.8.8 ::7f00:1 "
+    "::ffff:127.0.0.1 ::ffff:8.8.8.8 ::ffff:0:127.0.0.1 64:ff9b::7f00:1 64:ff9b::8.8.8.8 64:ff9b:1::a00:1 "
+    "100::1 100:0:0:1::1 2001::1 2001:0:4136:e378:8000:63bf:3fff:fdd2 2001:2::1 2001:20::1 2001:db8::1 "
+    "2002:7f00:1:: 2002:808:808::1 3fff::1 5f00::1 fc00::1 fd12:3456::1 fe80::1 fe80::1%eth0 fec0::1 "
+    "ff02::1 ff0e::1"
 )
-def test_no_webhook_leads_to(address: str) -> None:
-    assert not is_public(address)
+PERMITTED = (
+    "1.1.1.1 8.8.8.8 100.63.255.255 100.128.0.1 172.15.255.255 172.32.0.1 192.0.1.1 198.17.255.255 "
+    "198.20.0.1 223.255.255.255 2001:200::1 2001:4860:4860::8888 2003::1 2606:4700:4700::1111 "
+    "2a00:1450:4007::1"
+)
 
 
-@pytest.mark.parametrize(
-    "address",
-    [
-        "1.1.1.1",
-        "8.8.8.8",
-        "100.63.255.255",
-        "100.128.0.1",
-        "172.15.255.255",
-        "172.32.0.1",
-        "192.0.1.1",
-        "198.17.255.255",
-        "198.20.0.1",
-        "223.255.255.255",
-        "2001:200::1",
-        "2001:4860:4860::8888",
-        "2003::1",
-        "2606:4700:4700::1111",
-        "2a00:1450:4007::1",
-    ],
-)
-def test_a_webhook_may_lead_to(address: str) -> None:
-    assert is_public(address)
+def test_no_webhook_leads_into_a_refused_network() -> None:
+    assert [address for address in REFUSED.split() if is_public(address)] == []
+
+
+def test_a_webhook_may_lead_to_every_other_address() -> None:
+    assert [address for address in PERMITTED.split() if not is_public(address)] == []
 
 
 def test_one_refused_address_of_a_name_refuses_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -486,18 +411,10 @@ def test_one_refused_address_of_a_name_refuses_it(monkeypatch: pytest.MonkeyPatc
     "url",
     [
         "http://[64:ff9b::7f00:1]/",
-        "http://[::7f00:1]/",
-        "http://[2002:7f00:1::]/",
-        "http://[ff0e::1]/",
-        "http://224.0.0.1/",
-        "http://192.0.0.9/",
-        "http://127.0.0.1/",
         "http://[::1]/",
         "http://localhost:8080/",
         "http://10.0.0.1/",
         "http://169.254.169.254/latest",
-        "http://0.0.0.0/",
-        "http://[::ffff:127.0.0.1]/",
         "ftp://1.1.1.1/",
         "file:///etc/passwd",
         "http://user@1.1.1.1/",
@@ -505,27 +422,22 @@ def test_one_refused_address_of_a_name_refuses_it(monkeypatch: pytest.MonkeyPatc
         "http://1.1.1.1:99999/",
     ],
 )
-def test_an_address_inside_is_refused_unless_allowed(client: TestClient, url: str) -> None:
-    answer = client.post(URL, json={"url": url})
+def test_an_address_inside_is_refused_unless_allowed(url: str) -> None:
+    with pytest.raises(ForeignWebhook):
+        check_address(url, allow_private=False)
+
+
+def test_the_api_refuses_an_address_inside(client: TestClient) -> None:
+    answer = client.post(URL, json={"url": "http://10.0.0.1/"})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-WEBHOOK")
-
-
-def test_the_secret_is_shown_once(open_client: TestClient, listener: Listener) -> None:
-    hook = subscribe(open_client, listener.url)
-
-    (listed,) = open_client.get(URL).json()["items"]
-
-    assert "secret" not in listed
-    assert listed["id"] == hook["id"]
 
 
 def test_a_webhook_that_is_gone_is_told_nothing(
     open_client: TestClient, bench: OpenBench, listener: Listener
 ) -> None:
     hook = subscribe(open_client, listener.url)
-    open_client.post("/api/v1/analyze", content=b"x")
-    run_next(bench(stand_ins.write_report))
+    finish_one(open_client, bench)
 
     assert open_client.delete(f"{URL}/{hook['id']}").status_code == 204
 

@@ -30,17 +30,8 @@ def test_the_report_shows_each_paragraph_with_name_and_date() -> None:
 
     assert note is not None
     assert note.title == "Conclusion: M. Tremblay, 23\u00a0November\u00a02026"
-    assert note.paragraphs[:2] == ("Overhead work is the load.", "Measure again in May.")
-
-
-def test_the_report_says_that_a_person_typed_it() -> None:
-    note = build_report(make_analysis(), concluded(), "en").conclusion
-
-    assert note is not None
-    assert note.paragraphs[-1] == "Typed by the person named; not computed."
-
-
-def test_a_report_without_a_conclusion_has_no_place_for_one() -> None:
+    typed = "Typed by the person named; not computed."
+    assert note.paragraphs == ("Overhead work is the load.", "Measure again in May.", typed)
     assert build_report(make_analysis(), make_subject(), "en").conclusion is None
 
 
@@ -80,15 +71,10 @@ def test_the_conclusion_moves_no_figure() -> None:
     assert json.dumps(with_it) == json.dumps(without)
 
 
-def test_results_json_holds_the_conclusion() -> None:
-    kept = decode_results(encode_results(make_analysis(), concluded()))
-
-    assert kept.subject.conclusion == SAID
-
-
-def test_a_stored_request_holds_the_conclusion() -> None:
+def test_results_json_and_a_stored_request_hold_the_conclusion() -> None:
     request = ReportRequest("shift.gt3x", conclusion=SAID)
 
+    assert decode_results(encode_results(make_analysis(), concluded())).subject.conclusion == SAID
     assert ReportRequest.from_json(request.to_json()) == request
 
 

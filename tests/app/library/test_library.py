@@ -13,9 +13,9 @@ from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import ResultFile
 from app.web.views import draw_spark
 from tests.app.conftest import AddJob
+from tests.app.library.test_report_versions import fail_next, finish_next
 
 
 @pytest.fixture
@@ -27,11 +27,7 @@ def finish(
     store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00", above_60: float | None = 7.0
 ) -> Job:
     """Let the job that waits end well."""
-    job = store.claim()
-    assert job is not None
-    files = [ResultFile("results.json", "0" * 64, 2)]
-    assert store.finish(job.id, str(job.token), files, HeadlineFigures(verdict, start, 28800.0, above_60))
-    return store.get(job.id)
+    return finish_next(store, HeadlineFigures(verdict, start, 28800.0, above_60))
 
 
 def list_ids(library: Library, wanted: LibraryFilter) -> list[str]:
@@ -47,14 +43,31 @@ def test_a_recording_shows_its_newest_analysis_alone(
     assert list_ids(library, LibraryFilter()) == [second.id]
 
 
-def test_the_newest_recording_comes_first_and_pages_follow_one_another(
-    library: Library, add_job: AddJob
+@pytest.mark.parametrize(("is_reversed", "order"), [(False, (2, 1, 0)), (True, (0, 1, 2))])
+def test_pages_follow_one_another_the_newest_first_unless_reversed(
+    library: Library, add_job: AddJob, is_reversed: bool, order: tuple[int, int, int]
 ) -> None:
     jobs = [add_job(str(number).encode()) for number in range(3)]
+    wanted, (first, second, third) = LibraryFilter(is_reversed=is_reversed), (jobs[k] for k in order)
 
-    pages = [[entry.job.id for entry in library.find_page(LibraryFilter(), 2, skip)] for skip in (0, 2)]
+    pages = [[entry.job.id for entry in library.find_page(wanted, 2, skip)] for skip in (0, 2)]
 
-    assert pages == [[jobs[2].id, jobs[1].id], [jobs[0].id]]
+    assert pages == [[first.id, second.id], [third.id]]
+    assert library.find_neighbours(second, wanted) == (first.id, third.id)
+    assert library.find_neighbours(first, wanted) == (None, second.id)
+
+
+def test_recordings_are_found_by_their_own_day_or_today_while_they_wait(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    add_job()
+    job = finish(store, "good", "2026-03-02T07:00:00")
+    waiting = add_job(b"waits")
+
+    assert list_ids(library, LibraryFilter(first_day="2026-03-02", last_day="2026-03-02")) == [job.id]
+    assert list_ids(library, LibraryFilter(first_day="2026-03-03", last_day="2026-03-03")) == []
+    today = datetime.now(UTC).date().isoformat()
+    assert list_ids(library, LibraryFilter(first_day=today)) == [waiting.id]
 
 
 def test_recordings_are_found_by_any_part_of_the_name(library: Library, add_job: AddJob) -> None:
@@ -63,14 +76,6 @@ def test_recordings_are_found_by_any_part_of_the_name(library: Library, add_job:
 
     assert list_ids(library, LibraryFilter("shelf")) == [job.id]
     assert list_ids(library, LibraryFilter("100%_w")) == [job.id]
-
-
-def test_recordings_are_found_by_their_own_day(library: Library, store: JobStore, add_job: AddJob) -> None:
-    add_job()
-    job = finish(store, "good", "2026-03-02T07:00:00")
-
-    assert list_ids(library, LibraryFilter(first_day="2026-03-02", last_day="2026-03-02")) == [job.id]
-    assert list_ids(library, LibraryFilter(first_day="2026-03-03")) == []
 
 
 def test_groups_are_counted_as_they_are_listed(library: Library, store: JobStore, add_job: AddJob) -> None:
@@ -82,28 +87,9 @@ def test_groups_are_counted_as_they_are_listed(library: Library, store: JobStore
 
     counts = library.count(LibraryFilter())
 
-    assert (counts["all"], counts["active"], counts["attention"], counts["poor"], counts["good"]) == (
-        3,
-        1,
-        1,
-        1,
-        1,
-    )
+    assert [counts[group] for group in ("all", "active", "attention", "poor", "good")] == [3, 1, 1, 1, 1]
     assert list_ids(library, LibraryFilter(group="attention")) == [poor.id]
     assert list_ids(library, LibraryFilter(group="active")) == [waiting.id]
-
-
-def test_neighbours_are_those_of_the_list(library: Library, add_job: AddJob) -> None:
-    first, second, third = (add_job(str(number).encode()) for number in range(3))
-
-    assert library.find_neighbours(second, LibraryFilter()) == (third.id, first.id)
-    assert library.find_neighbours(third, LibraryFilter()) == (None, second.id)
-
-
-def test_a_job_made_now_is_of_today(library: Library, add_job: AddJob) -> None:
-    job = add_job()
-
-    assert list_ids(library, LibraryFilter(first_day=datetime.now(UTC).date().isoformat())) == [job.id]
 
 
 def test_behind_a_path_every_address_begins_with_it(settings: Settings) -> None:
@@ -115,16 +101,13 @@ def test_behind_a_path_every_address_begins_with_it(settings: Settings) -> None:
     assert 'data-api="/acromion/api/v1"' in page
 
 
-def fail_again(store: JobStore, job: Job, code: str = "E-CALIB") -> Job:
+def fail_again(store: JobStore, job: Job) -> Job:
     """Analyse the same recording once more, in vain."""
-    again = store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", pose="side-lean"))
-    claimed = store.claim()
-    assert claimed is not None
-    assert store.fail(again.id, str(claimed.token), code, {})
-    return store.get(again.id)
+    store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", pose="side-lean"))
+    return fail_next(store)
 
 
-def test_a_failed_repetition_leaves_the_earlier_report_in_the_list(
+def test_a_failed_repetition_leaves_the_earlier_report_in_the_list_and_needs_attention(
     library: Library, store: JobStore, add_job: AddJob
 ) -> None:
     add_job()
@@ -132,26 +115,13 @@ def test_a_failed_repetition_leaves_the_earlier_report_in_the_list(
     failed = fail_again(store, good)
 
     (entry,) = library.find_page(LibraryFilter(), 10)
+    counts = library.count(LibraryFilter())
 
     assert (entry.job.id, entry.headline and entry.headline.verdict) == (good.id, "good")
     assert entry.attempt is not None
     assert (entry.attempt.id, entry.attempt.problem_code) == (failed.id, "E-CALIB")
-
-
-def test_a_failed_repetition_needs_attention_but_is_not_without_a_report(
-    library: Library, store: JobStore, add_job: AddJob
-) -> None:
-    add_job()
-    good = finish(store, "good")
-    fail_again(store, good)
-
-    counts = library.count(LibraryFilter())
-
-    assert {group: number for group, number in counts.items() if number} == {
-        "all": 1,
-        "attention": 1,
-        "good": 1,
-    }
+    found = {group: number for group, number in counts.items() if number}
+    assert found == {"all": 1, "attention": 1, "good": 1}
     assert list_ids(library, LibraryFilter(group="failed")) == []
     assert list_ids(library, LibraryFilter(group="attention")) == [good.id]
 
@@ -229,16 +199,6 @@ def test_the_poorest_quality_comes_first(library: Library, store: JobStore, add_
     found = library.find_page(LibraryFilter(order="quality"), 10)
 
     assert [entry.headline.verdict for entry in found if entry.headline] == ["poor", "caution", "good"]
-
-
-def test_pages_of_a_reversed_order_follow_one_another(library: Library, add_job: AddJob) -> None:
-    jobs = [add_job(str(number).encode()) for number in range(3)]
-    wanted = LibraryFilter(is_reversed=True)
-
-    pages = [[entry.job.id for entry in library.find_page(wanted, 2, skip)] for skip in (0, 2)]
-
-    assert pages == [[jobs[0].id, jobs[1].id], [jobs[2].id]]
-    assert library.find_neighbours(jobs[1], wanted) == (jobs[0].id, jobs[2].id)
 
 
 def test_a_day_is_kept_in_60_steps_of_whole_minutes_and_a_gap_stays_a_gap() -> None:

@@ -58,48 +58,40 @@ def find_states(store: JobStore) -> list[str]:
 
 
 @on_both_databases
-def test_columns_are_found_by_the_header_of_the_file(mappings: MappingStore) -> None:
-    mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=False)
-
-    found = mappings.find(HEADER)
-
-    assert found is not None
-    assert (found.name, found.profile, found.is_confirmed) == ("ours.csv", PROFILE, False)
-    assert mappings.find(OTHER) is None
-
-
-@on_both_databases
 def test_columns_named_anew_take_the_place_of_the_old_and_keep_its_name(mappings: MappingStore) -> None:
     mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=False)
+    found = mappings.find(HEADER)
     mappings.change(HEADER, name="our logger")
 
     mappings.put(HEADER, "another.csv", "{}", is_confirmed=True)
 
+    assert found is not None
+    assert (found.name, found.profile, found.is_confirmed) == ("ours.csv", PROFILE, False)
+    assert mappings.find(OTHER) is None
     assert [(one.name, one.profile) for one in mappings.find_all()] == [("our logger", "{}")]
 
 
-@on_both_databases
-def test_columns_that_nobody_confirmed_are_not_applied_unasked(
-    add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
-) -> None:
-    mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=False)
-
-    add_failed(add_job, bench, HEADER)
-
-    assert find_states(store) == ["failed"]
-
-
-@on_both_databases
-def test_confirmed_columns_are_applied_to_a_file_with_their_header_alone(
-    add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
+def test_confirmed_columns_alone_are_applied_to_a_file_with_their_header(
+    client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
 ) -> None:
     mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=True)
+    mappings.put(OTHER, "theirs.csv", PROFILE, is_confirmed=False)
 
     mine, other = add_failed(add_job, bench, HEADER, OTHER)
+    shown = client.get(f"/analyses/{mine.id}?lang=fr").text
 
     assert find_states(store) == ["succeeded", "failed"]
     assert store.get(mine.id).request.profile == PROFILE
     assert store.get(other.id).request.profile == ""
+    assert "p, q, r" in shown
+    assert "Nommer de nouveau les colonnes" in shown
+
+    client.post(f"/analyses/{mine.id}/columns", data=FORM | {"header": HEADER, "acceleration_unit": "mg"})
+    run_all(bench)
+
+    newest = store.find_newest()[0]
+    assert newest.state is JobState.SUCCEEDED
+    assert (newest.request.version, newest.request.changes) == (2, ("profile",))
 
 
 def test_a_table_whose_columns_no_line_names_is_always_asked_about(mappings: MappingStore) -> None:
@@ -177,18 +169,6 @@ def test_the_page_offers_what_was_named_before_and_uses_it_when_told(
     assert mappings.get(HEADER).is_confirmed
 
 
-def test_an_analysis_by_named_columns_says_so(
-    client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore
-) -> None:
-    mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=True)
-    (job,) = add_failed(add_job, bench, HEADER)
-
-    shown = client.get(f"/analyses/{job.id}?lang=fr").text
-
-    assert "p, q, r" in shown
-    assert "Nommer de nouveau les colonnes" in shown
-
-
 def test_a_header_that_cannot_be_is_refused(client: TestClient, add_job: AddJob, bench: OpenBench) -> None:
     (job,) = add_failed(add_job, bench, HEADER)
 
@@ -241,17 +221,3 @@ def test_the_page_lists_renames_and_forgets_them(client: TestClient, mappings: M
     assert "our logger" in shown
     assert "Acceleration: p, q, r" in shown
     assert not mappings.find_all()
-
-
-def test_a_reason_to_analyse_again_names_the_columns(
-    client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
-) -> None:
-    mappings.put(HEADER, "ours.csv", PROFILE, is_confirmed=True)
-    (job,) = add_failed(add_job, bench, HEADER)
-
-    client.post(f"/analyses/{job.id}/columns", data=FORM | {"header": HEADER, "acceleration_unit": "mg"})
-    run_all(bench)
-
-    newest = store.find_newest()[0]
-    assert newest.state is JobState.SUCCEEDED
-    assert (newest.request.version, newest.request.changes) == (2, ("profile",))

@@ -6,6 +6,7 @@ import pytest
 
 from app.errors import StaleVersion
 from app.jobs.job import Job
+from app.jobs.library.figures import HeadlineFigures
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
 from app.request import ReportRequest
@@ -20,32 +21,36 @@ def again(store: JobStore, job: Job, request: ReportRequest) -> ReportRequest:
     return store.add_analysis((job.recording_id, job.sha256), request).request
 
 
-def fail_next(store: JobStore) -> None:
+def fail_next(store: JobStore, code: str = "E-CALIB") -> Job:
+    """Let the job that waits fail; returns it."""
     job = store.claim()
     assert job is not None
-    assert store.fail(job.id, str(job.token), "E-CALIB", {})
+    assert store.fail(job.id, str(job.token), code, {})
+    return store.get(job.id)
 
 
-def finish_next(store: JobStore) -> None:
+def finish_next(store: JobStore, figures: HeadlineFigures | None = None) -> Job:
+    """Let the job that waits end well; returns it."""
     job = store.claim()
     assert job is not None
-    assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)])
-
-
-def test_the_first_report_of_a_recording_is_version_1(add_job: AddJob) -> None:
-    request = add_job().request
-
-    assert (request.version, request.changes) == (1, ())
+    assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)], figures)
+    return store.get(job.id)
 
 
 def test_other_settings_make_the_next_version_which_names_them(store: JobStore, add_job: AddJob) -> None:
     first = add_job()
 
-    second = again(store, first, MOVED)
+    second = store.add_analysis((first.recording_id, first.sha256), MOVED)
     third = again(store, first, replace(MOVED, side="left", method="published"))
 
-    assert (second.version, second.changes) == (2, ("calibration_windows_s",))
-    assert (third.version, third.changes) == (3, ("side", "method"))
+    versions = [first.request, second.request, third, add_job(b"another").request]
+    assert [(request.version, request.changes) for request in versions] == [
+        (1, ()),
+        (2, ("calibration_windows_s",)),
+        (3, ("side", "method")),
+        (1, ()),
+    ]
+    assert [job.id for job in store.find_same(first.sha256, MOVED)] == [second.id]
 
 
 def test_the_same_settings_again_are_the_same_version(store: JobStore, add_job: AddJob) -> None:
@@ -56,17 +61,6 @@ def test_the_same_settings_again_are_the_same_version(store: JobStore, add_job: 
     assert again(store, first, MOVED).version == 2
 
 
-def test_what_failed_leaves_its_version_to_the_next(store: JobStore, add_job: AddJob) -> None:
-    first = add_job()
-    finish_next(store)
-    again(store, first, MOVED)
-    fail_next(store)
-
-    request = again(store, first, replace(MOVED, side="left"))
-
-    assert (request.version, request.changes) == (2, ("side", "calibration_windows_s"))
-
-
 def test_a_reason_is_kept_and_changes_no_figure(store: JobStore, add_job: AddJob) -> None:
     first = add_job()
 
@@ -74,23 +68,6 @@ def test_a_reason_is_kept_and_changes_no_figure(store: JobStore, add_job: AddJob
 
     assert told.reason == "the arm was moving"
     assert identify_work(first.sha256, told) == identify_work(first.sha256, MOVED)
-
-
-def test_an_analysis_of_a_later_version_is_found_again_by_its_settings(
-    store: JobStore, add_job: AddJob
-) -> None:
-    first = add_job()
-    second = store.add_analysis((first.recording_id, first.sha256), MOVED)
-
-    (found,) = store.find_same(first.sha256, MOVED)
-
-    assert found.id == second.id
-
-
-def test_another_recording_begins_at_version_1(store: JobStore, add_job: AddJob) -> None:
-    again(store, add_job(b"one"), MOVED)
-
-    assert add_job(b"two").request.version == 1
 
 
 def test_what_failed_in_between_leaves_no_gap_and_is_compared_with_by_nobody(
@@ -153,14 +130,16 @@ def test_a_correction_back_to_an_earlier_version_is_the_current_one(store: JobSt
     assert (back.request.version, back.id != first.id) == (1, True)
 
 
-def test_what_failed_leaves_the_version_before_it_to_be_corrected(store: JobStore, add_job: AddJob) -> None:
+def test_what_failed_leaves_its_version_to_the_next_and_the_one_before_it_to_be_corrected(
+    store: JobStore, add_job: AddJob
+) -> None:
     first = add_job()
     finish_next(store)
     failed = store.correct(store.get(first.id), MOVED)
     fail_next(store)
 
-    again = store.correct(store.get(first.id), replace(MOVED, side="left"))
+    again = store.correct(store.get(first.id), replace(MOVED, side="left")).request
 
-    assert again.request.version == 2
+    assert (again.version, again.changes) == (2, ("side", "calibration_windows_s"))
     with pytest.raises(StaleVersion):
         store.correct(store.get(failed.id), replace(MOVED, side="right"))

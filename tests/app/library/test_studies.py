@@ -26,7 +26,6 @@ def hold(batches: BatchStore, study_id: str) -> list[str]:
     return [job.id for job in batches.find_jobs(study_id)]
 
 
-@on_both
 def test_recordings_added_under_one_name_are_one_study(
     store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
 ) -> None:
@@ -73,12 +72,6 @@ def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient,
     assert [item["id"] for item in kept] == [asked.id]
 
 
-def test_a_recording_sent_by_curl_joins_the_study_that_it_names(client: TestClient, study_id: str) -> None:
-    client.put("/api/v1/analyze", params={"file_name": "a.csv", "study": NAME}, content=b"1")
-
-    assert client.get(f"/api/v1/batches/{study_id}").json()["item_count"] == 1
-
-
 def test_what_is_analysed_already_joins_too(client: TestClient, study_id: str) -> None:
     sent = client.put("/api/v1/analyze", params={"file_name": "a.csv"}, content=b"1").json()
 
@@ -104,28 +97,15 @@ def read_whose(client: TestClient, study: str) -> dict[str, tuple[str, str | Non
     return {item["file_name"]: (item["settings"]["subject"], item["settings"]["side"]) for item in held}
 
 
-def test_the_list_says_whose_arm_is_in_which_file(client: TestClient, study: str) -> None:
-    told = client.post(study, content="fichier;sujet;côté\n0.csv;S01;gauche\n7.csv;S07;droit\n").json()
+def test_the_list_says_whose_arm_is_in_which_file_once(client: TestClient, study: str) -> None:
+    listed = "fichier;sujet;côté\n0.csv;S01;gauche\n7.csv;S07;droit\n"
+    told, again = (client.post(study, content=listed).json() for _ in range(2))
 
-    assert told == {"changed": 1, "unknown": ["7.csv"]}
-    assert read_whose(client, study) == {"0.csv": ("S01", "left"), "1.csv": ("", None)}
-
-
-def test_the_list_is_written_on_the_recordings_too(client: TestClient, study: str) -> None:
-    client.post(study, content="file,subject,side\n1.csv,S02,right\n")
-
+    whose = {"0.csv": ("S01", "left"), "1.csv": ("", None)}
     items = client.get("/api/v1/recordings").json()["items"]
-    assert {(item["file_name"], item["subject"], item["side"]) for item in items} == {
-        ("0.csv", "", None),
-        ("1.csv", "S02", "right"),
-    }
-
-
-def test_the_same_list_again_changes_nothing(client: TestClient, study: str) -> None:
-    listed = "file,subject\n0.csv,S01\n"
-    client.post(study, content=listed)
-
-    assert client.post(study, content=listed).json() == {"changed": 0, "unknown": []}
+    assert (told, again) == ({"changed": 1, "unknown": ["7.csv"]}, {"changed": 0, "unknown": ["7.csv"]})
+    assert read_whose(client, study) == whose
+    assert {item["file_name"]: (item["subject"], item["side"]) for item in items} == whose
 
 
 @pytest.mark.parametrize(
@@ -156,10 +136,6 @@ def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_
     assert told == {"changed": 1, "unknown": []}
 
 
-def test_a_list_for_a_study_that_is_not_there_is_refused(client: TestClient) -> None:
-    assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404
-
-
 def test_the_pages_of_studies_show_no_address_of_the_api(
     client: TestClient, study: str, study_id: str
 ) -> None:
@@ -169,3 +145,4 @@ def test_the_pages_of_studies_show_no_address_of_the_api(
 
 def test_without_any_study_the_page_says_how_one_begins(client: TestClient) -> None:
     assert "Drop a folder" in client.get("/batches?lang=en").text
+    assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404

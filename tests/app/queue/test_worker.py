@@ -15,7 +15,7 @@ from sqlalchemy import select, update
 from app.jobs import pool, worker
 from app.jobs.children import attempt
 from app.jobs.children import fork_server as forking
-from app.jobs.children.attempt import NICENESS, choose_limits
+from app.jobs.children.attempt import NICENESS, MakeReport, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
@@ -25,8 +25,6 @@ from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
-
-pytestmark = on_both_set_ups
 
 
 class SlowRoad:
@@ -63,81 +61,55 @@ def find_fork_server() -> int:
     return int(pid)
 
 
-def test_a_job_becomes_a_report(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
-    job = add_job()
-
-    assert run_next(bench(stand_ins.write_report))
-
-    assert store.get(job.id).state is JobState.SUCCEEDED
-    assert store.find_file(job.id, "report.fr.pdf") is not None
-
-
-def test_without_a_job_the_worker_says_so(bench: OpenBench) -> None:
-    assert not run_next(bench(stand_ins.write_report))
-
-
-def test_the_published_files_are_those_of_the_attempt_that_counts(
+@on_both_set_ups
+def test_a_job_becomes_a_report_of_the_attempt_that_counts(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
     job = add_job()
 
-    run_next(bench(stand_ins.write_report))
+    assert run_next(bench(stand_ins.write_report))
 
-    token = store.get(job.id).token
-    assert token is not None
-    name = f"analyses/{job.id}/{token}/results.json"
+    done = store.get(job.id)
+    assert done.state is JobState.SUCCEEDED
+    assert store.find_file(job.id, "report.fr.pdf") is not None
+    name = f"analyses/{job.id}/{done.token}/results.json"
     assert storage.fetch(name).path.read_bytes() == stand_ins.RESULTS
+    assert not run_next(bench(stand_ins.write_report))
 
 
-def test_a_refusal_ends_the_job_with_its_code(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+@pytest.mark.parametrize(
+    ("make", "limits", "code", "facts"),
+    [
+        (stand_ins.write_niceness, {}, "E-SHORT", {"recorded_s": os.nice(0) + NICENESS, "min_s": 0}),
+        (stand_ins.take_all_memory, {}, "E-MEMORY", None),
+        (stand_ins.never_end, {"wall_limit_s": 4.0}, "E-TIMEOUT", {"s": 4}),  # although it makes progress
+        (stand_ins.stand_still, {"wall_limit_s": 4.0}, "E-TIMEOUT", {"s": 2}),  # half of its time
+    ],
+)
+def test_an_attempt_that_cannot_become_a_report_ends_with_its_code(
+    store: JobStore, add_job: AddJob, bench: OpenBench, make: MakeReport,
+    limits: dict[str, float], code: str, facts: dict[str, object] | None,
+) -> None:  # fmt: skip
     job = add_job()
 
-    run_next(bench(stand_ins.refuse))
+    run_next(bench(make, **limits))
 
-    assert (store.get(job.id).state, store.get(job.id).problem_code) == (JobState.FAILED, "E-SHORT")
+    failed = store.get(job.id)
+    assert (failed.state, failed.problem_code) == (JobState.FAILED, code)
+    assert facts is None or failed.problem_facts == facts
 
 
-def test_a_bug_ends_the_job_with_a_reference_and_no_traceback(
-    store: JobStore, add_job: AddJob, bench: OpenBench
+@on_both_set_ups
+def test_a_bug_ends_the_job_with_a_reference_and_leaves_no_file(
+    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
     job = add_job()
 
     run_next(bench(stand_ins.fail_by_bug))
 
     failed = store.get(job.id)
-    assert failed.problem_code == "E-INTERNAL"
-    assert list(failed.problem_facts) == ["reference"]
-
-
-def test_a_job_that_wants_too_much_memory_fails_and_says_so(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-
-    run_next(bench(stand_ins.take_all_memory))
-
-    assert store.get(job.id).problem_code == "E-MEMORY"
-
-
-def test_an_analysis_lets_pages_and_uploads_go_first(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-
-    run_next(bench(stand_ins.write_niceness))
-
-    assert store.get(job.id).problem_facts["recorded_s"] == os.nice(0) + NICENESS
-
-
-def test_a_job_that_takes_too_long_is_ended_although_it_makes_progress(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-
-    run_next(bench(stand_ins.never_end, wall_limit_s=4.0))
-
-    failed = store.get(job.id)
-    assert (failed.problem_code, failed.problem_facts) == ("E-TIMEOUT", {"s": 4})
+    assert (failed.problem_code, list(failed.problem_facts)) == ("E-INTERNAL", ["reference"])
+    assert [path for path in storage.root.glob("analyses/**/*") if path.is_file()] == []
 
 
 def test_a_killed_attempt_is_tried_again(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
@@ -164,60 +136,24 @@ def test_three_deaths_fail_the_job_and_the_queue_goes_on(
     assert store.get(next_job.id).state is JobState.SUCCEEDED
 
 
-def test_the_end_of_a_worker_is_an_interruption_and_no_attempt(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-    die_while_running(store)
-
-    run_next(bench(stand_ins.write_report))
-
-    done = store.get(job.id)
-    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 1)
-
-
-def test_four_ends_of_the_worker_leave_the_job_in_the_queue(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job, living = add_job(), bench(stand_ins.write_report)
-
-    for _ in range(4):
-        die_while_running(store)
-        return_expired(living)
-
-    waiting = store.get(job.id)
-    assert (waiting.state, waiting.attempts, waiting.interruptions) == (JobState.QUEUED, 0, 4)
-
-
+@on_both_set_ups
 def test_five_ends_of_the_worker_set_the_job_aside_without_blame_and_the_queue_goes_on(
     store: JobStore, add_job: AddJob, bench: OpenBench
 ) -> None:
     job, living = add_job(), bench(stand_ins.write_report)
-    for _ in range(5):
+    for times in range(1, 6):
         die_while_running(store)
         return_expired(living)
+        held = store.get(job.id)
+        state = JobState.QUEUED if times < 5 else JobState.FAILED
+        assert (held.state, held.attempts, held.interruptions) == (state, 0, times)
     next_job = add_job()
 
     run_next(living)
 
-    aside = store.get(job.id)
-    assert (aside.state, aside.problem_code, aside.problem_facts) == (
-        JobState.FAILED,
-        "E-INTERRUPTED",
-        {"times": 5},
-    )
+    assert (held.problem_code, held.problem_facts) == ("E-INTERRUPTED", {"times": 5})
     assert store.get(next_job.id).state is JobState.SUCCEEDED
-
-
-def test_an_analysis_set_aside_begins_again_with_both_counts_at_nought(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job, living = add_job(), bench(stand_ins.write_report, max_interruptions=1)
-    die_while_running(store)
-    return_expired(living)
-
     again = store.retry(job.id)
-
     assert (again.state, again.attempts, again.interruptions) == (JobState.QUEUED, 0, 0)
 
 
@@ -250,17 +186,6 @@ def test_a_computer_that_starts_no_child_is_an_interruption(
 
     back = store.get(job.id)
     assert (back.state, back.attempts, back.interruptions) == (JobState.QUEUED, 0, 1)
-
-
-def test_a_child_without_progress_is_ended_after_half_of_its_time(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-
-    run_next(bench(stand_ins.stand_still, wall_limit_s=4.0))
-
-    failed = store.get(job.id)
-    assert (failed.problem_code, failed.problem_facts) == ("E-TIMEOUT", {"s": 2})
 
 
 def test_an_analysis_outlasts_the_death_of_the_fork_server(
@@ -318,16 +243,6 @@ def test_a_fork_server_that_reports_no_end_holds_no_worker(
     assert store.get(job.id).state is JobState.SUCCEEDED
 
 
-def test_an_attempt_that_does_not_count_leaves_no_file(
-    storage: Storage, add_job: AddJob, bench: OpenBench
-) -> None:
-    add_job()
-
-    run_next(bench(stand_ins.refuse))
-
-    assert [path for path in storage.root.glob("analyses/**/*") if path.is_file()] == []
-
-
 def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
     job = add_job()
     worker = threading.Thread(target=run_next, args=(bench(stand_ins.write_slowly),))
@@ -341,6 +256,7 @@ def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJ
     assert store.get(job.id).state is JobState.CANCELLED
 
 
+@on_both_set_ups
 def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
     job, slow = add_job(), bench(stand_ins.write_slowly)
     worker = threading.Thread(target=run_next, args=(slow,))
@@ -353,6 +269,7 @@ def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, be
     assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.QUEUED, 0)
 
 
+@on_both_set_ups
 def test_a_damaged_recording_gives_no_report(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -370,6 +287,7 @@ def wait_for_stage(store: JobStore, job_id: str) -> None:
         time.sleep(0.05)
 
 
+@on_both_set_ups
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_renews_its_lease_while_the_store_is_slow(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
@@ -406,42 +324,26 @@ def test_a_large_file_is_given_more_time(settings: Settings) -> None:
     assert choose_limits(settings, 2_000_000_000).wall_s == 2400.0
 
 
-def test_a_job_that_finds_the_disk_full_goes_back_and_says_so(
+@on_both_set_ups
+def test_a_job_that_finds_the_disk_full_goes_back_until_it_does_too_often(
     store: JobStore, settings: Settings, add_job: AddJob, bench: OpenBench
 ) -> None:
-    job = add_job()
+    job, other = add_job(), add_job(b"another")
+    full = bench(stand_ins.find_no_room, max_put_backs=1)
 
-    run_next(bench(stand_ins.find_no_room))
-
+    run_next(full)
     held = store.get(job.id)
     assert (held.state, held.attempts, held.put_backs) == (JobState.QUEUED, 0, 1)
     assert (held.problem_code, held.problem_facts) == ("E-DISK", {"tries": 1})
     assert not list((settings.data_dir / "analyses").glob("*/*"))
-
-
-def test_a_job_that_finds_the_disk_full_too_often_fails(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-    worker = bench(stand_ins.find_no_room, max_put_backs=1)
-
-    run_next(worker)
-    run_next(worker)
-
+    run_next(full)
     failed = store.get(job.id)
     assert (failed.state, failed.problem_code) == (JobState.FAILED, "E-DISK")
     assert failed.problem_facts == {"tries": 2}
 
-
-def test_room_again_makes_the_report_and_the_trouble_is_forgotten(
-    store: JobStore, add_job: AddJob, bench: OpenBench
-) -> None:
-    job = add_job()
-    run_next(bench(stand_ins.find_no_room))
-
-    run_next(bench(stand_ins.write_report))
-
-    done = store.get(job.id)
+    run_next(full)
+    run_next(bench(stand_ins.write_report))  # there is room again
+    done = store.get(other.id)
     assert (done.state, done.problem_code) == (JobState.SUCCEEDED, None)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.storage.day_file import DayFile, DaySegment, Stretch, open_day, write_day
@@ -75,6 +75,7 @@ def test_what_lies_outside_is_not_given(tmp_path: Path) -> None:
     assert day.cut(20.0, 30.0, 100) == []
 
 
+@settings(max_examples=40)
 @given(st.lists(st.integers(0, 18_000), min_size=1, max_size=2000), st.integers(1, 500))
 def test_the_extremes_of_the_whole_are_those_of_the_samples(
     tmp_path_factory: pytest.TempPathFactory, hundredths: list[int], points: int

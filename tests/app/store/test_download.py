@@ -46,26 +46,26 @@ def add_large(store: JobStore, storage: Storage, file_name: str) -> Job:
     return store.add(upload.keep(), ReportRequest(file_name))
 
 
-def find_disposition(client: TestClient, name: str) -> str:
-    kept = keep(client, file_name=name)
-    return str(client.get(build_address(kept["id"])).headers["content-disposition"])
-
-
 # By the API.
 
 
 @on_both_set_ups
-def test_the_bytes_are_those_that_came(client: TestClient) -> None:
+def test_the_bytes_are_those_that_came_and_leave_a_line(client: TestClient, store: JobStore) -> None:
     kept = keep(client, CONTENT, file_name="shift.gt3x")
 
     answer = client.get(kept["links"]["file"])
+    lines = find_exports(store)
+    head = client.head(kept["links"]["file"])
 
-    assert answer.status_code == 200
-    assert answer.content == CONTENT
-    assert answer.headers["content-type"] == "application/octet-stream"
-    assert answer.headers["content-disposition"] == 'attachment; filename="shift.gt3x"'
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert answer.headers["etag"] == f'"{SHA256}"'
+    assert (answer.status_code, answer.content == CONTENT) == (200, True)
+    assert (head.status_code, head.content) == (200, b"")
+    for one in (answer, head):
+        assert one.headers["content-type"] == "application/octet-stream"
+        assert one.headers["content-length"] == str(len(CONTENT))
+        assert one.headers["content-disposition"] == 'attachment; filename="shift.gt3x"'
+        assert one.headers["x-content-type-options"] == "nosniff"
+        assert one.headers["etag"] == f'"{SHA256}"'
+    assert [(line.recording_id, '"name": "file"' in line.other) for line in lines] == [(kept["id"], True)]
 
 
 def test_a_resumable_upload_comes_back_whole(client: TestClient) -> None:
@@ -81,85 +81,52 @@ def test_a_resumable_upload_comes_back_whole(client: TestClient) -> None:
     assert answer.headers["content-disposition"] == 'attachment; filename="a.cwa"'
 
 
-@pytest.mark.parametrize(
-    ("asked", "part"),
-    [("bytes=0-3", CONTENT[:4]), ("bytes=70000-70009", CONTENT[70000:70010]), ("bytes=-5", CONTENT[-5:])],
-)
-def test_a_range_gives_that_part(client: TestClient, asked: str, part: bytes) -> None:
-    kept = keep(client, CONTENT)
-
-    answer = client.get(build_address(kept["id"]), headers={"range": asked})
-
-    assert (answer.status_code, answer.content) == (206, part)
+WHOLE = {"if-range": f'"{SHA256}"'}
+OTHER = {"if-range": '"other"'}
+DIGITS = {"range": f"bytes={'9' * 6000}-"}
 
 
-def test_several_ranges_come_as_parts_of_one_answer(client: TestClient) -> None:
-    kept = keep(client, b"abcdefghij")
+def test_a_range_gives_that_part_of_the_bytes_that_were_meant(client: TestClient) -> None:
+    address = build_address(keep(client, CONTENT)["id"])
 
-    answer = client.get(build_address(kept["id"]), headers={"range": "bytes=0-1,8-9"})
+    for headers, status, content in (
+        ({"range": "bytes=0-3"}, 206, CONTENT[:4]),
+        ({"range": "bytes=70000-70009"}, 206, CONTENT[70000:70010]),
+        ({"range": "bytes=-5"}, 206, CONTENT[-5:]),
+        ({"range": "bytes=4-"} | WHOLE, 206, CONTENT[4:]),
+        ({"range": "bytes=4-"} | OTHER, 200, CONTENT),
+        (DIGITS, 200, CONTENT),
+        (DIGITS | WHOLE, 200, CONTENT),
+        (DIGITS | OTHER, 200, CONTENT),
+        ({"if-none-match": f'"{SHA256}"'}, 304, b""),
+        ({"if-none-match": f'"other", W/"{SHA256}"'}, 304, b""),
+    ):
+        answer = client.get(address, headers=headers)
+        assert (answer.status_code, answer.content == content) == (status, True), str(headers)[:60]
+        assert answer.headers["etag"] == f'"{SHA256}"'
+
+
+def test_several_ranges_come_as_parts_of_one_answer_and_one_behind_the_end_is_refused(
+    client: TestClient,
+) -> None:
+    address, whole = (
+        build_address(keep(client, b"abcdefghij")["id"]),
+        hashlib.sha256(b"abcdefghij").hexdigest(),
+    )
+
+    answer = client.get(address, headers={"range": "bytes=0-1,8-9"})
 
     assert answer.status_code == 206
     assert b"\r\n\r\nab\r\n" in answer.content
     assert b"\r\n\r\nij\r\n" in answer.content
+    for condition in ({}, {"if-range": f'"{whole}"'}):
+        refused = client.get(address, headers={"range": "bytes=10-"} | condition)
+        assert (refused.status_code, refused.json()["code"]) == (416, "E-RANGE")
+        assert refused.headers["content-range"] == "bytes */10"
 
 
-@pytest.mark.parametrize("condition", [{}, {"if-range": f'"{SHA256}"'}])
-def test_a_range_behind_the_end_is_refused(client: TestClient, condition: dict[str, str]) -> None:
-    kept = keep(client, CONTENT)
-
-    behind = {"range": f"bytes={len(CONTENT)}-"} | condition
-    answer = client.get(build_address(kept["id"]), headers=behind)
-
-    assert (answer.status_code, answer.json()["code"]) == (416, "E-RANGE")
-    assert answer.headers["content-range"] == f"bytes */{len(CONTENT)}"
-
-
-@pytest.mark.parametrize(("etag", "status"), [(f'"{SHA256}"', 206), ('"other"', 200)])
-def test_a_range_is_given_only_of_the_bytes_that_were_meant(
-    client: TestClient, etag: str, status: int
-) -> None:
-    kept = keep(client, CONTENT)
-
-    answer = client.get(build_address(kept["id"]), headers={"range": "bytes=4-", "if-range": etag})
-
-    assert answer.status_code == status
-
-
-@pytest.mark.parametrize("condition", [{}, {"if-range": f'"{SHA256}"'}, {"if-range": '"other"'}])
-def test_a_range_of_too_many_digits_gives_the_whole_file(
-    client: TestClient, condition: dict[str, str]
-) -> None:
-    kept = keep(client, CONTENT)
-
-    asked = {"range": f"bytes={'9' * 6000}-"} | condition
-    answer = client.get(build_address(kept["id"]), headers=asked)
-
-    assert (answer.status_code, answer.content) == (200, CONTENT)
-
-
-@pytest.mark.parametrize("known", [f'"{SHA256}"', f'"other", W/"{SHA256}"'])
-def test_bytes_that_are_known_are_not_sent_again(client: TestClient, known: str) -> None:
-    kept = keep(client, CONTENT)
-
-    answer = client.get(build_address(kept["id"]), headers={"if-none-match": known})
-
-    assert (answer.status_code, answer.content) == (304, b"")
-    assert answer.headers["etag"] == f'"{SHA256}"'
-
-
-def test_the_head_alone_says_size_and_name(client: TestClient) -> None:
-    kept = keep(client, CONTENT, file_name="shift.cwa")
-
-    answer = client.head(build_address(kept["id"]))
-
-    assert (answer.status_code, answer.content) == (200, b"")
-    assert answer.headers["content-length"] == str(len(CONTENT))
-    assert answer.headers["content-disposition"] == 'attachment; filename="shift.cwa"'
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
+def test_a_name_stays_what_it_is(client: TestClient) -> None:
+    for name, told in (
         ("épaule été.csv", "filename=\"epaule ete.csv\"; filename*=UTF-8''%C3%A9paule%20%C3%A9t%C3%A9.csv"),
         ('a"b.csv', "filename=\"a_b.csv\"; filename*=UTF-8''a%22b.csv"),
         ("100%25.csv", "filename=\"100_25.csv\"; filename*=UTF-8''100%2525.csv"),
@@ -167,10 +134,9 @@ def test_the_head_alone_says_size_and_name(client: TestClient) -> None:
         ("a; b.csv", 'filename="a; b.csv"'),
         ("a\r\nSet-Cookie: b.csv", 'filename="aSet-Cookie: b.csv"'),
         ("../../etc/passwd", 'filename="passwd"'),
-    ],
-)
-def test_a_name_stays_what_it_is(client: TestClient, name: str, told: str) -> None:
-    assert find_disposition(client, name) == f"attachment; {told}"
+    ):
+        answer = client.get(build_address(keep(client, file_name=name)["id"]))
+        assert answer.headers["content-disposition"] == f"attachment; {told}"
 
 
 def test_no_name_ends_the_header() -> None:
@@ -181,16 +147,14 @@ def test_no_name_ends_the_header() -> None:
     assert told.isprintable()
 
 
-@pytest.mark.parametrize("how", ["unknown", "trashed", "erased"])
-def test_a_recording_that_is_not_there_is_not_found(client: TestClient, how: str) -> None:
-    kept = keep(client, CONTENT)
-    recording_id = "rec_00000000000000ff" if how == "unknown" else kept["id"]
-    if how != "unknown":
-        client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": str(how == "erased").lower()})
+def test_a_recording_that_is_not_there_is_not_found(client: TestClient) -> None:
+    trashed, erased = (keep(client, content)["id"] for content in (b"1", b"2"))
+    client.delete(f"/api/v1/recordings/{trashed}")
+    client.delete(f"/api/v1/recordings/{erased}?purge=true")
 
-    answer = client.get(build_address(recording_id))
-
-    assert (answer.status_code, answer.json()["code"]) == (404, "E-NOT-FOUND")
+    for recording_id in (trashed, erased, "rec_00000000000000ff"):
+        answer = client.get(build_address(recording_id))
+        assert (answer.status_code, answer.json()["code"]) == (404, "E-NOT-FOUND")
 
 
 @pytest.mark.parametrize("how", ["altered", "missing"])
@@ -211,15 +175,6 @@ def damage(settings: Settings, recording_id: str, how: str) -> None:
         octets = bytearray(path.read_bytes())
         octets[-1] ^= 1
         path.write_bytes(octets)
-
-
-def test_a_download_leaves_a_line_with_the_recording(client: TestClient, store: JobStore) -> None:
-    kept = keep(client, CONTENT)
-
-    client.get(build_address(kept["id"]))
-
-    lines = find_exports(store)
-    assert [(line.recording_id, '"name": "file"' in line.other) for line in lines] == [(kept["id"], True)]
 
 
 def test_the_document_says_that_the_answer_is_a_file(client: TestClient) -> None:
@@ -347,23 +302,7 @@ def test_the_command_writes_the_original(
     ]
 
 
-def test_an_analysis_names_its_recording_to_the_command(
-    settings: Settings, add_job: AddJob, tmp_path: Path
-) -> None:
-    get(settings, add_job(b"recording").id, "-o", str(tmp_path / "out"))
-
-    assert (tmp_path / "out").read_bytes() == b"recording"
-
-
-def test_only_the_owner_may_read_what_the_command_wrote(
-    settings: Settings, add_job: AddJob, tmp_path: Path
-) -> None:
-    get(settings, add_job().recording_id, "-o", str(tmp_path / "out"))
-
-    assert (tmp_path / "out").stat().st_mode & 0o777 == 0o600
-
-
-def test_a_file_that_is_there_is_kept_unless_forced(
+def test_a_file_that_is_there_is_kept_unless_forced_and_only_its_owner_may_read_it(
     settings: Settings, add_job: AddJob, tmp_path: Path
 ) -> None:
     job, out = add_job(b"recording"), tmp_path / "out"
@@ -371,10 +310,11 @@ def test_a_file_that_is_there_is_kept_unless_forced(
 
     refused = get(settings, job.recording_id, "-o", str(out))
     left = out.read_bytes()
-    forced = get(settings, job.recording_id, "-o", str(out), "--force")
+    forced = get(settings, job.id, "-o", str(out), "--force")  # an analysis names its recording
 
     assert (refused.exit_code, left) == (2, b"mine")
     assert (forced.exit_code, out.read_bytes()) == (0, b"recording")
+    assert out.stat().st_mode & 0o777 == 0o600
 
 
 @pytest.mark.parametrize("out", [os.devnull, "."])
@@ -382,27 +322,20 @@ def test_what_is_no_file_is_never_replaced(settings: Settings, add_job: AddJob, 
     assert get(settings, add_job().recording_id, "-o", out, "--force").exit_code == 2
 
 
-@pytest.mark.parametrize("recording_id", ["rec_00000000000000ff", "shift.gt3x", ""])
 def test_an_unknown_recording_is_refused_by_the_command(
-    settings: Settings, store: JobStore, tmp_path: Path, recording_id: str
-) -> None:
-    done = get(settings, recording_id, "-o", str(tmp_path / "out"))
-
-    assert (done.exit_code, "E-NOT-FOUND" in done.output) == (3, True), done.output
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_broken_byte_of_the_terminal_is_no_recording(settings: Settings, tmp_path: Path) -> None:
-    assert get(settings, "rec_\udcff", "-o", str(tmp_path / "out")).exit_code == 2
-
-
-def test_one_in_the_trash_is_refused_by_the_command(
     settings: Settings, store: JobStore, add_job: AddJob, tmp_path: Path
 ) -> None:
-    job = add_job()
-    RecordingStore(store.engine, store.reader).trash(job.recording_id)
+    trashed, out = add_job().recording_id, ("-o", str(tmp_path / "out"))
+    RecordingStore(store.engine, store.reader).trash(trashed)
+    no_place = settings.model_copy(update={"data_dir": tmp_path / "no"})
 
-    assert get(settings, job.recording_id, "-o", str(tmp_path / "out")).exit_code == 3
+    for recording_id in ("rec_00000000000000ff", "shift.gt3x", "", trashed):
+        done = get(settings, recording_id, *out)
+        assert (done.exit_code, "E-NOT-FOUND" in done.output) == (3, True), done.output
+    assert get(settings, "rec_\udcff", *out).exit_code == 2  # a broken byte of the terminal
+    empty = get(no_place, "rec_x", *out)
+    assert (empty.exit_code, "E-NOT-FOUND" in empty.output) == (3, True)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("how", ["altered", "missing"])
@@ -424,11 +357,3 @@ def test_a_place_that_cannot_be_written_is_told(settings: Settings, add_job: Add
 
     assert (done.exit_code, "E-FILE" in done.output) == (3, True)
     assert str(tmp_path / "no") in done.output
-
-
-def test_an_empty_place_is_refused_by_the_command(tmp_path: Path) -> None:
-    done = CliRunner().invoke(
-        app, ["get", "rec_x", "-o", str(tmp_path / "out"), "--data", str(tmp_path / "no")]
-    )
-
-    assert (done.exit_code, "E-NOT-FOUND" in done.output) == (3, True)
