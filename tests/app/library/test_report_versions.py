@@ -6,7 +6,7 @@ import pytest
 
 from app.errors import StaleVersion
 from app.jobs.job import Job
-from app.jobs.library.figures import HeadlineFigures
+from app.jobs.listing import HeadlineFigures
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
 from app.request import ReportRequest
