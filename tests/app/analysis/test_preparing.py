@@ -76,4 +76,4 @@ def test_preparing_compiles_and_says_so(tmp_path: Path) -> None:
 
     compiled = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbc")}
     assert (tmp_path / DONE).exists()
-    assert {"eva.scan_classes", "nodes._correct", "elevation._measure_angles"} <= compiled
+    assert {"eva._scan_classes", "nodes._correct", "elevation._measure_angles"} <= compiled
