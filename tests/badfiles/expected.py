@@ -168,6 +168,11 @@ INFO_AND_TIME = (
     ),
 )
 
+
+def replace_last(word: str, line: str) -> str:
+    return line.rsplit(",", 1)[0] + "," + word
+
+
 XML = '<?xml version="1.0"?>'
 SECOND_OF_MARCH = datetime(2026, 3, 2, 8)  # noqa: DTZ001 - a device's own clock
 FOURTH_OF_MARCH = datetime(2026, 3, 4, 8)  # noqa: DTZ001
@@ -215,7 +220,7 @@ TABLES = (
     *(
         read(
             f"72 {word or 'empty'}",
-            t.line_changed(2000, lambda x, word=word: x.rsplit(",", 1)[0] + "," + word),
+            t.line_changed(2000, partial(replace_last, word)),
             "W-NAN W-GAP W-SHORT",
             ROW_LOST,
         )
