@@ -24,6 +24,12 @@ ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ASSUMED", "W-WHICH-POSE", 
 """What any recording of an hour without sway is told whose pose nobody stated."""
 WHOLE, DEFLATED = g.pack(g.LOG), g.pack(g.LOG, compression=zipfile.ZIP_DEFLATED)
 CANON, ZEROS = t.canon().encode(), b"0,0,0,0,0,0,0\n"
+
+
+def make_bomb() -> bytes:
+    return gzip.compress(CANON + ZEROS * (4 << 20), 9, mtime=0)
+
+
 HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 
 
@@ -67,7 +73,10 @@ CONTAINERS = (
     refused("16 gt3x.gz", t.gzipped(WHOLE), "E-ZIP-UNSAFE", name="shift.gt3x.gz"),
     refused("16 gz.gz", t.gzipped(t.gzipped(CANON)()), "E-ZIP-UNSAFE", name="shift.csv.gz"),
     refused(
-        "16 gz bomb", lambda: gzip.compress(CANON + ZEROS * (4 << 20), 1), "E-ZIP-UNSAFE", name="shift.csv.gz"
+        "16 gz bomb",
+        lambda: gzip.compress(CANON + ZEROS * (4 << 20), 9, mtime=0),
+        "E-ZIP-UNSAFE",
+        name="shift.csv.gz",
     ),
     refused("16 gz cut", t.gzipped(CANON, 0.5), "E-ZIP-TRUNC", name="shift.csv.gz"),
     refused(
