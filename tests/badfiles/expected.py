@@ -5,7 +5,6 @@ Times are those of the file of one minute: recorded = analysed + missing + exclu
 
 import gzip
 import zipfile
-from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 
@@ -21,16 +20,12 @@ from tests.badfiles.signal_rows import SIGNALS
 from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, record, schema
 from tests.fusion.readers.tables.table_builder import HEADER
 
-
-def _end_with(word: str) -> Callable[[str], str]:
-    """Return a change of a line that puts ``word`` into its last field."""
-    return lambda line: line.rsplit(",", 1)[0] + "," + word
-
-
 ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ASSUMED", "W-WHICH-POSE", "W-POSE-UNSTEADY"})
 """What any recording of an hour without sway is told whose pose nobody stated."""
 WHOLE, DEFLATED = g.pack(g.LOG), g.pack(g.LOG, compression=zipfile.ZIP_DEFLATED)
 CANON, ZEROS = t.canon().encode(), b"0,0,0,0,0,0,0\n"
+
+
 HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 
 
@@ -74,7 +69,10 @@ CONTAINERS = (
     refused("16 gt3x.gz", t.gzipped(WHOLE), "E-ZIP-UNSAFE", name="shift.gt3x.gz"),
     refused("16 gz.gz", t.gzipped(t.gzipped(CANON)()), "E-ZIP-UNSAFE", name="shift.csv.gz"),
     refused(
-        "16 gz bomb", lambda: gzip.compress(CANON + ZEROS * (4 << 20), 1), "E-ZIP-UNSAFE", name="shift.csv.gz"
+        "16 gz bomb",
+        lambda: gzip.compress(CANON + ZEROS * (4 << 20), 9, mtime=0),
+        "E-ZIP-UNSAFE",
+        name="shift.csv.gz",
     ),
     refused("16 gz cut", t.gzipped(CANON, 0.5), "E-ZIP-TRUNC", name="shift.csv.gz"),
     refused(
@@ -175,6 +173,11 @@ INFO_AND_TIME = (
     ),
 )
 
+
+def replace_last(word: str, line: str) -> str:
+    return line.rsplit(",", 1)[0] + "," + word
+
+
 XML = '<?xml version="1.0"?>'
 SECOND_OF_MARCH = datetime(2026, 3, 2, 8)  # noqa: DTZ001 - a device's own clock
 FOURTH_OF_MARCH = datetime(2026, 3, 4, 8)  # noqa: DTZ001
@@ -222,7 +225,7 @@ TABLES = (
     *(
         read(
             f"72 {word or 'empty'}",
-            t.line_changed(2000, _end_with(word)),
+            t.line_changed(2000, partial(replace_last, word)),
             "W-NAN W-GAP W-SHORT",
             ROW_LOST,
         )

@@ -39,7 +39,10 @@ def refuse_room(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_room_on_the_disk_they_stay_in_memory(
     monkeypatch: pytest.MonkeyPatch, is_known: bool
 ) -> None:
-    refuse_room(monkeypatch) if is_known else monkeypatch.delattr(os, "posix_fallocate")
+    if is_known:
+        refuse_room(monkeypatch)
+    else:
+        monkeypatch.delattr(os, "posix_fallocate")
     made = fill(700)
     made.resize(SMALL_BYTES)
 
