@@ -13,8 +13,8 @@ from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, ShiftedStays, find
 from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.peaks import ShiftedSeconds
-from fusion.exposure.recovery import Recovery
 from fusion.exposure.speeds import count_crossings, find_mean_power_frequency
+from fusion.exposure.types import Recovery
 from tests.factories import elevate
 
 

@@ -47,7 +47,8 @@ def test_there_is_one_value_for_each_second_and_the_recordings_own_is_their_root
 
     sigma_deg = elevation.segments[0].sigma_deg
     assert sigma_deg is not None
-    assert (sigma_deg.shape, sigma_deg.dtype) == ((11,), np.float32)
+    assert sigma_deg.shape == (11,)
+    assert sigma_deg.dtype == np.float32
     assert elevation.bias_sigma_deg == pytest.approx(np.sqrt(np.mean(sigma_deg.astype(float) ** 2)))
 
 
