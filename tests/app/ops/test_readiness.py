@@ -65,6 +65,12 @@ def test_a_server_that_takes_uploads_is_ready(settings: Settings) -> None:
     assert body["analyses"]["queued"] == 0
 
 
+def test_readiness_tells_the_state_of_the_queue(client: TestClient) -> None:
+    client.post("/api/v1/analyze", content=b"x")
+
+    assert client.get("/readyz").json()["analyses"]["queued"] == 1
+
+
 @pytest.mark.parametrize(
     ("changes", "wrong"),
     [({"min_free_bytes": 1 << 60}, {"disk": "E-DISK"}), ({"max_queued": 0}, {"queue": "E-BUSY"})],
