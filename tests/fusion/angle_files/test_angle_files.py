@@ -85,10 +85,12 @@ def test_an_mvnx_without_upper_arm_is_refused_by_name() -> None:
     ("head", "cut", "reason"),
     [
         ("<!DOCTYPE mvnx>", None, "forbidden"),
+        ('<!DOCTYPE mvnx [<!ENTITY a "b">]>', None, "forbidden"),
+        ('<!DOCTYPE mvnx SYSTEM "http://127.0.0.1:9/x.dtd">', None, "forbidden"),
         ('<!DOCTYPE mvnx [<!ENTITY a SYSTEM "file:///etc/passwd">]>', None, "forbidden"),
         ("", -20, "broken"),
     ],
-    ids=["document type", "entity", "cut"],
+    ids=["document type", "internal entity", "external DTD", "external entity", "cut"],
 )
 def test_a_document_type_and_a_cut_mvnx_are_refused(head: str, cut: int | None, reason: str) -> None:
     with pytest.raises(RefusedXml) as refusal:
