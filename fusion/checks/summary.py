@@ -57,6 +57,12 @@ def summarise(segment: Segment) -> tuple[SensorSummary, SensorSummary]:
     return _SUMMARIES[segment]
 
 
+def forget_summaries(recording: Recording) -> None:
+    """Free the summaries of a recording once its checks are over: they take a sixteenth of its samples."""
+    for segment in recording.segments:
+        _SUMMARIES.pop(segment, None)
+
+
 def summarise_sensor(samples: NDArray[np.float32]) -> SensorSummary:
     """Walk once over samples, shape (n, 3)."""
     blocks = -(-len(samples) // BLOCK_ROWS)

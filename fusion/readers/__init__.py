@@ -15,7 +15,7 @@ from fusion.checks.faults import (
     refuse_dead,
 )
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
-from fusion.checks.summary import flag_resolution
+from fusion.checks.summary import flag_resolution, forget_summaries
 from fusion.errors import EmptyFile, FailedReader
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
@@ -156,7 +156,9 @@ def _check_readings(recording: Recording) -> Recording:
     measured = exclude_stuck(alive) if is_stated else alive
     checked = check_physics(measured)
     found = exclude_faults(checked, measured if is_stated else None)
-    return flag_days(refuse_impossible_rates(add_flags(found, *flag_resolution(checked))))
+    judged = flag_days(refuse_impossible_rates(add_flags(found, *flag_resolution(checked))))
+    forget_summaries(judged)
+    return judged
 
 
 def holds_device_format(file: BinaryIO) -> bool:
