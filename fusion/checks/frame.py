@@ -80,7 +80,7 @@ def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
         rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
         if rows >= max(8, SHORTEST_S * segment.rate_hz):
             places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
-    if cut_off is not None:
+    if cut_off:  # a gyroscope that reads 0 throughout, of a short recording, is not cut off
         places = [
             (segment, first, rows)
             for segment, first, rows in places

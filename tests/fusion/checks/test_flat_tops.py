@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fusion.checks.frame import cut_windows
 from fusion.checks.physics import check_physics
 from fusion.checks.summary import find_flat_range, summarise_sensor
 from fusion.quality.time_account import find_exclusions
@@ -50,6 +51,14 @@ def test_what_is_cut_off_below_the_stated_range_is_excluded() -> None:
 
     assert (checked.acc_range_g, checked.gyr_range_dps) == (16.0, 100.0)
     assert {span.reason for span in find_exclusions(checked)} == {"clipped"}
+
+
+def test_windows_of_a_gyroscope_that_reads_zero_throughout_are_kept() -> None:
+    motion = rest_and_turn(9)
+    segment = Segment(0, 100.0, motion.acc_g.astype(np.float32), np.zeros((len(motion.acc_g), 3), np.float32))
+
+    assert find_flat_range([summarise_sensor(segment.gyr_dps)]) == 0.0
+    assert len(cut_windows([segment])) > 0
 
 
 @pytest.mark.real_recordings
