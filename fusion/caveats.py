@@ -22,7 +22,7 @@ def name_facts(**meanings: str) -> Mapping[str, str]:
 
 
 class Grade(IntEnum):
-    """What a caveat does to the verdict: nothing, "caution", "poor" (EXPOSURE.md A15)."""
+    """What a caveat does to the verdict: nothing, "caution", "poor"."""
 
     NOTE = 0
     CAUTION = 1
@@ -51,7 +51,7 @@ class Limit:
 NO_LIMIT = Limit()
 NO_FACTS = name_facts()
 FEW_H, POOR_H = 4, 2
-"""Below so many hours analysed a recording is to be read with care, or poor (EXPOSURE.md A15)."""
+"""Below so many hours analysed a recording is to be read with care, or poor."""
 
 
 class Caveat(StrEnum):

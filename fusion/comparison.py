@@ -1,4 +1,4 @@
-"""Comparison of two days, and of a day with published values (EXPOSURE.md section 0, finding 3, and A10).
+"""Comparison of two days, and of a day with published values.
 
 Is the difference between two days larger than days differ without any change of the work?
 
@@ -16,7 +16,7 @@ from fusion.exposure.types import Exposure  # not from the package: a report mus
 
 # Published values as data: value, source, what it applies to, and how far it is confirmed.
 #
-# EXPOSURE.md A10; the classes of elevation of the standards are in ``fusion.conventions``. Unverified values
+# The classes of elevation of the standards are in ``fusion.conventions``. Unverified values
 # are left out: :data:`NOT_SHIPPED` lists them with the reason. Nothing here is turned into a score or into
 # anyone's risk.
 

@@ -3,7 +3,7 @@
 A diary may give clock times or seconds. What its rows mean for the time account:
 breaks, time not worn and time outside the shift leave the denominator; everything else is analysed, under
 its own name. Arm supported and seated are analysed unless the row says otherwise (Palm et al. 2018: a sensor
-cannot tell a supported arm from an unsupported one; EXPOSURE.md A10).
+cannot tell a supported arm from an unsupported one).
 """
 
 from collections.abc import Iterator, Sequence

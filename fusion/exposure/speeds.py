@@ -1,4 +1,4 @@
-"""Four speeds of the upper arm, deg/s They are not interchangeable.
+"""Four speeds of the upper arm, deg/s. They are not interchangeable.
 
 - ``inclination``: change of elevation. Blind to axial rotation, turning round and circumduction.
 - ``generalised``: speed of the vertical on the unit sphere, seen from the sensor (Hansson 2001).

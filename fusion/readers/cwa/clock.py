@@ -2,7 +2,7 @@
 
 The sensor samples by a clock of its own; each block gives the reading of the device's clock at one of its
 rows, to 1/32768 s. The stamps of successive blocks show whether time is missing between them, within their
-own scatter: the limit is half a sample period (CONTRACT §5: a step longer than 1.5 periods is a hole), or
+own scatter: the limit is half a sample period (a step longer than 1.5 periods is a hole), or
 eight times the scatter of the stamps where that is more and no block's number is missing. Where the row that
 a stamp belongs to moves by one, the limit is a period more: that row is rounded (40 to 41 in a real AX6,
 whose stamps go on 0.4065 s apart).

@@ -2,7 +2,7 @@
 
 :func:`cut_stamped` and :func:`cut_counted` go first; what they call follows in the order of the calls.
 
-Compared to the rule of CONTRACT §5 (a step longer than 1.5 periods is a hole): a step is not a hole where the
+A step longer than 1.5 periods is a hole. Compared to that rule, a step is not a hole where the
 stamps after it make up for it, because the row was then stamped late, not lost; and a clock too coarse for
 the rate (whole milliseconds at 952 Hz) is allowed its own step.
 """
