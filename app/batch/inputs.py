@@ -155,7 +155,7 @@ def read_participants(
                     stated[reader.field] = reader.read(text)
             except UnusableDiary as refusal:
                 refusals.append(refusal)
-            except (ValueError, KeyError, FileNotFoundError) as error:
+            except (ValueError, FileNotFoundError) as error:
                 is_absent = isinstance(error, FileNotFoundError)
                 why, allowed = ("no such file", "") if is_absent else ("value", reader.allowed)
                 refusals.append(UnusableParticipants(line=line, why=why, value=text[:60], allowed=allowed))
@@ -191,9 +191,11 @@ class Reader:
 def _readers(folder: Path | None) -> Mapping[str, Reader]:
     return {
         "subject": Reader("subject", check_subject, SUBJECT_HINT),
-        "side": Reader("side", lambda text: SIDES[plain_word(text)], "|".join(get_args(Side))),
+        "side": Reader("side", lambda text: _find_word(SIDES, plain_word(text)), "|".join(get_args(Side))),
         "pose": Reader(
-            "pose", lambda text: POSES[plain_word(text).replace(" ", "-")], "|".join(get_args(Pose))
+            "pose",
+            lambda text: _find_word(POSES, plain_word(text).replace(" ", "-")),
+            "|".join(get_args(Pose)),
         ),
         "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
         "pose_held": Reader("pose_held", parse_pose_held, "start|no"),
@@ -202,6 +204,13 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
         "no_slip_at": Reader("no_slip_times_s", _read_slip_times, f"{SLIP_HINT} {SLIP_HINT}"),
         "diary": Reader("diary", lambda name: _read_diary_beside(folder, name), "FILE.csv"),
     }
+
+
+def _find_word(words: Mapping[str, str], text: str) -> str:
+    """Return what a word stands for. Raises ValueError."""
+    if text not in words:
+        raise ValueError
+    return words[text]
 
 
 def _read_diary_beside(folder: Path | None, name: str) -> tuple[DiaryEntry, ...]:

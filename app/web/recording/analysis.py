@@ -214,7 +214,7 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
         day = None
         with suppress(NoSuchFile):
             day = find_day(services, job)
-            shown["day"] = build_day(day, asked, language)
+        shown["day"] = build_day(day, asked, language) if day else None
         shown["page_one"] = read_page_one(services, job, day, language)
     except ResultDamaged as damaged:
         shown["damage"] = build_damage(page, damaged.facts)
