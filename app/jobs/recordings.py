@@ -36,7 +36,7 @@ from app.jobs.queries import (
     select_running_s,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
-from app.jobs.side_files import increment_revision
+from app.jobs.side_files import increment_revision, writing_side_file
 from app.jobs.studies import join_study
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
@@ -254,7 +254,7 @@ class RecordingStore(RowStore):
 
         The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
-        with self._engine.begin() as connection:
+        with writing_side_file, self._engine.begin() as connection:
             _check_hold(connection, recording_id)
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
