@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import logging
 import secrets
+import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
@@ -11,7 +13,7 @@ from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, 
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
 from app.jobs.audit_log import Act, find_actor, record
-from app.jobs.database.connect import lock_tables
+from app.jobs.database.connect import BUSY_TIMEOUT_S, lock_tables
 from app.jobs.database.tables import (
     analyses,
     batch_items,
@@ -54,6 +56,8 @@ PURGED = "purged"
 
 Place = tuple[str, str]
 """Where a page of a list ended: the moment it is ordered by and the id of its last row."""
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,12 +289,23 @@ class RecordingStore(RowStore):
         with self._engine.begin() as connection:
             if delete_recording(connection, recording_id):
                 record(connection, "recording.purged", recording_id)
-        if self._engine.dialect.name == "sqlite":  # its write-ahead log may hold copies of the deleted rows
-            raw = self._engine.raw_connection()
-            try:
-                raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            finally:
-                raw.close()
+        if self._engine.dialect.name == "sqlite":
+            self._empty_log()
+
+    def _empty_log(self) -> None:
+        """Empty SQLite's write-ahead log, which may hold copies of deleted rows.
+
+        While another connection writes the log back, SQLite refuses at once; a reader it waits for by itself.
+        """
+        end_s, raw = time.monotonic() + BUSY_TIMEOUT_S, self._engine.raw_connection()
+        try:
+            while raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
+                if time.monotonic() > end_s:
+                    logger.warning("the log of the database could not be emptied: it is being read")
+                    return
+                time.sleep(0.05)
+        finally:
+            raw.close()
 
     def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
         """Add elapsed time to everything in the trash; gives what has been there for the whole term.

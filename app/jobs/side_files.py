@@ -37,7 +37,7 @@ TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releas
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]
 
 writing_side_file = threading.Lock()
-"""Held while a side file is written, and while a purge begins: none appears after the purge has removed it."""
+"""Held while a side file is written, and while a purge begins: none appears once a purge has removed it."""
 
 
 @dataclass(frozen=True, slots=True)

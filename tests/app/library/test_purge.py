@@ -2,6 +2,8 @@
 
 import base64
 import logging
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -236,3 +238,24 @@ def test_a_side_file_that_was_written_while_another_server_purged_is_removed(
 
     assert list(storage.find_names()) == []
     assert storage.find_erased() == {job.recording_id}
+
+
+def test_the_log_of_the_database_is_emptied_even_if_another_process_is_just_writing_it_back(
+    store: JobStore, settings: Settings, add_job: AddJob
+) -> None:
+    job, rows = add_job(subject=CANARY), RecordingStore(store.engine, store.reader)
+    rows.begin_purge(job.recording_id)
+    database = settings.data_dir / "acromion.sqlite3"
+    hold_checkpoints = (
+        "import fcntl, sys, time; file = open(sys.argv[1], 'r+b'); "
+        "fcntl.lockf(file, fcntl.LOCK_EX, 1, 121); print(flush=True); time.sleep(0.5)"  # sqlite.org/walformat
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", hold_checkpoints, f"{database}-shm"], stdout=subprocess.PIPE
+    ) as peer:
+        assert peer.stdout is not None
+        peer.stdout.readline()
+
+        rows.end_purge(job.recording_id)
+
+    assert CANARY.encode() not in database.with_name(f"{database.name}-wal").read_bytes()
