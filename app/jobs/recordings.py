@@ -230,12 +230,8 @@ class RecordingStore(RowStore):
         A recording in the trash stays there as it is: its term does not start again. Raises NotHere.
         """
         self.get(recording_id, trashed=True)
-        going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
-        mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
         with self._engine.begin() as connection:
-            # the analyses first, in the order in which an ending analysis takes its locks: no deadlock
-            for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
-                cancel_job(connection, analysis_id)
+            _cancel_analyses(connection, recording_id)
             gone = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == STORED)
             grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
             if connection.execute(gone.values(state=TRASHED, trashed_s=0.0, **grown)).rowcount == 1:
@@ -256,9 +252,10 @@ class RecordingStore(RowStore):
     def begin_purge(self, recording_id: str) -> Purged:
         """Hide a recording and its references for good; gives the ids whose files are to be removed now.
 
-        The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
+        Its analyses are cancelled, so that none publishes files afterwards. The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
         with writing_side_file, self._engine.begin() as connection:
+            _cancel_analyses(connection, recording_id)
             _check_hold(connection, recording_id)
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
@@ -403,6 +400,17 @@ def check_not_purged(connection: Connection, stored: StoredRecording, about: Des
 
 def _hash_upload(who: str, sha256: str, about: Description) -> str:
     return hashlib.sha256(json.dumps([who, sha256, asdict(about)]).encode()).hexdigest()
+
+
+def _cancel_analyses(connection: Connection, recording_id: str) -> None:
+    """Cancel the analyses that wait or run.
+
+    Call this before the recording is locked: an ending analysis takes its locks in this order.
+    """
+    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+    mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
+    for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
+        cancel_job(connection, analysis_id)
 
 
 def _find_references(connection: Connection, recording_id: str) -> tuple[str, ...]:

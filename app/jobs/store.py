@@ -370,8 +370,9 @@ class JobStore(RowStore):
 
     def is_published(self, analysis_id: str, token: str) -> bool:
         """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
-        job = self.get(analysis_id)
-        return job.state is JobState.SUCCEEDED and job.token == token
+        mine = (analyses.c.id == analysis_id, analyses.c.token == token)
+        query = select(analyses.c.id).where(*mine, analyses.c.state == JobState.SUCCEEDED)
+        return self._read_value(query) is not None
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job, with the reason."""

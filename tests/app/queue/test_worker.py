@@ -19,6 +19,7 @@ from app.jobs.children.attempt import NICENESS, MakeReport, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
+from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import Lease, return_expired, run_next
 from app.settings import Settings
@@ -257,6 +258,34 @@ def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJ
 
 
 @on_both_set_ups
+@pytest.mark.parametrize("way", ["trashed", "purged", "being purged"])
+def test_nothing_is_left_of_an_attempt_whose_recording_is_deleted_while_its_files_are_kept(
+    store: JobStore,
+    storage: Storage,
+    add_job: AddJob,
+    bench: OpenBench,
+    monkeypatch: pytest.MonkeyPatch,
+    way: str,
+) -> None:
+    job, rows = add_job(), RecordingStore(store.engine, store.reader)
+    keep = type(storage).keep_attempt
+
+    def keep_late(self: Storage, analysis_id: str, token: str) -> None:
+        if way == "trashed":
+            rows.trash(job.recording_id)
+        else:
+            rows.begin_purge(job.recording_id)
+        if way == "purged":
+            rows.end_purge(job.recording_id)
+        keep(self, analysis_id, token)
+
+    monkeypatch.setattr(type(storage), "keep_attempt", keep_late)
+
+    assert run_next(bench(stand_ins.write_report))
+
+    assert [name for name in storage.find_names() if name.startswith("analyses/")] == []
+
+
 def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
     job, slow = add_job(), bench(stand_ins.write_slowly)
     worker = threading.Thread(target=run_next, args=(slow,))
