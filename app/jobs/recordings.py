@@ -13,6 +13,7 @@ from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, 
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
 from app.jobs.audit_log import Act, find_actor, record
+from app.jobs.batches import join_study
 from app.jobs.database.connect import BUSY_TIMEOUT_S, lock_tables
 from app.jobs.database.tables import (
     analyses,
@@ -39,7 +40,6 @@ from app.jobs.queries import (
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision, writing_side_file
-from app.jobs.studies import join_study
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
@@ -252,7 +252,8 @@ class RecordingStore(RowStore):
     def begin_purge(self, recording_id: str) -> Purged:
         """Hide a recording and its references for good; gives the ids whose files are to be removed now.
 
-        Its analyses are cancelled, so that none publishes files afterwards. The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
+        Its analyses are cancelled, so that none publishes files afterwards. The rows go last
+        (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
         with writing_side_file, self._engine.begin() as connection:
             _cancel_analyses(connection, recording_id)

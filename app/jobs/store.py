@@ -22,6 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.jobs.audit_log import Act, record
+from app.jobs.batches import follow_recording, join_study
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
 from app.jobs.job import Job, JobState
@@ -40,7 +41,6 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.jobs.side_files import increment_revision
-from app.jobs.studies import follow_recording, join_study
 from app.jobs.versions import (
     COUNTED,
     build_item,
