@@ -95,7 +95,7 @@ class BatchStore(RowStore):
         return self.get(batch_id)
 
     def get(self, batch_id: str) -> Batch:
-        """Give one batch with its counts. Raises NotHere."""
+        """Return one batch with its counts. Raises NotHere."""
         counted = (
             select(analyses.c.state, func.count())
             .where(analyses.c.id.in_(select_items(batch_id)))
@@ -110,17 +110,17 @@ class BatchStore(RowStore):
         return Batch(row.id, row.name, row.duplicate_count, row.created_at, counts)
 
     def find_newest(self, limit: int) -> tuple[Batch, ...]:
-        """Give the batches asked for last, the newest first."""
+        """Return the batches asked for last, the newest first."""
         newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(limit)
         return tuple(self.get(row.id) for row in self._read_all(newest))
 
     def find_jobs(self, batch_id: str) -> tuple[Job, ...]:
-        """Give the analyses that count, in the order in which they were asked for."""
+        """Return the analyses that count, in the order in which they were asked for."""
         rows = self._read_all(_select_jobs_of(batch_id).order_by(batch_items.c.place))
         return tuple(read_job(row) for row in rows)
 
     def find_verdicts(self, batch_id: str) -> Mapping[str, str]:
-        """Give the verdict on the data of each analysis that has one."""
+        """Return the verdict on the data of each analysis that has one."""
         found = select(answers.c.analysis_id, answers.c.verdict)
         rows = self._read_all(found.where(answers.c.analysis_id.in_(select_items(batch_id))))
         return {row.analysis_id: row.verdict for row in rows}
@@ -157,7 +157,7 @@ def _take_key(connection: Connection, key: str) -> str | None:
 
 
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
-    """Give the analysis of each key that has one, the oldest."""
+    """Return the analysis of each key that has one, the oldest."""
     found: dict[str, str] = {}
     for first in range(0, len(keys), KEYS_PER_QUERY):
         query = select_same(keys[first : first + KEYS_PER_QUERY])
@@ -170,7 +170,7 @@ def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
 
 
 def identify_study(name: str) -> str:
-    """Give the id of the batch that is the study of this name: two that begin it at once begin the same."""
+    """Return the id of the batch that is the study of this name: two that begin it at once begin the same."""
     return "ba_" + hashlib.sha256(f"study\n{name}".encode()).hexdigest()[:16]
 
 

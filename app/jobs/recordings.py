@@ -115,7 +115,7 @@ class RecordingFilter:
         return bool(self.begin or self.end)
 
     def place(self, row: StoredRow) -> Place:
-        """Give the place of a row in the list."""
+        """Return the place of a row in the list."""
         return (row.start or "" if self.by_start else row.created_at), row.id
 
 
@@ -149,7 +149,7 @@ class RecordingStore(RowStore):
             insert_recording(connection, stored, Description(file_name), REFERENCE)
 
     def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
-        """Give one recording. Raises NotHere: also for one in the trash, unless asked for."""
+        """Return one recording. Raises NotHere: also for one in the trash, unless asked for."""
         row = self._read_one(select(recordings).where(recordings.c.id == recording_id))
         if row is None or row.state == PURGING or (row.state == TRASHED and not trashed):
             raise NotHere(id=recording_id)
@@ -158,7 +158,7 @@ class RecordingStore(RowStore):
     def find_page(
         self, wanted: RecordingFilter, limit: int, after: Place | None = None
     ) -> tuple[StoredRow, ...]:
-        """Give the newest recordings that the filter lets through, from ``after`` on."""
+        """Return the newest recordings that the filter lets through, from ``after`` on."""
         query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
         for name in ("subject", "external_id", "sha256"):
             if value := getattr(wanted, name):
@@ -172,11 +172,11 @@ class RecordingStore(RowStore):
         return tuple(_read_recording(row) for row in self._read_all(page))
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
-        """Give those of some ids that belong to a recording, in the trash or not."""
+        """Return those of some ids that belong to a recording, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.id.in_(recording_ids)))
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
-        """Give the ids of a subject's recordings of now, in the trash or not."""
+        """Return the ids of a subject's recordings of now, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
@@ -278,7 +278,7 @@ class RecordingStore(RowStore):
         self._write(delete(purged_uploads).where(is_old))
 
     def find_purging(self) -> tuple[str, ...]:
-        """Give the recordings whose purge was interrupted."""
+        """Return the recordings whose purge was interrupted."""
         query = select(recordings.c.id).where(recordings.c.state == PURGING)
         return tuple(row.id for row in self._read_all(query))
 
@@ -508,7 +508,7 @@ class UploadStore(RowStore):
         return self.get(str(row["id"]))
 
     def get(self, upload_id: str) -> UploadRow:
-        """Give one upload. Raises NotHere."""
+        """Return one upload. Raises NotHere."""
         row = self._read_one(select(uploads).where(uploads.c.id == upload_id))
         if row is None:
             raise NotHere
@@ -577,11 +577,11 @@ class UploadStore(RowStore):
                 record(connection, "upload.dropped", other={"upload": upload_id})
 
     def find_growing(self) -> frozenset[str]:
-        """Give the id of every upload that is not a recording yet."""
+        """Return the id of every upload that is not a recording yet."""
         return self._read_ids(select(uploads.c.id).where(uploads.c.recording_id.is_(None)))
 
     def find_known(self) -> frozenset[str]:
-        """Give the id of every upload that has a row."""
+        """Return the id of every upload that has a row."""
         return self._read_ids(select(uploads.c.id))
 
     def age(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ class SideFile:
         return self.rows["recordings"][0]
 
     def encode(self) -> bytes:
-        """Give the content of the file: indented JSON, with a digest of the rows."""
+        """Return the content of the file: indented JSON, with a digest of the rows."""
         content = {"schema": SCHEMA, "tables": self.tables, "revision": self.revision}
         content |= {"sha256": _hash_rows(self.rows), "rows": self.rows}
         return json.dumps(content, ensure_ascii=False, indent=1).encode()

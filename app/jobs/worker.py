@@ -259,7 +259,7 @@ def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fracti
 
 @contextmanager
 def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
-    """Give the request with the path of its reference, which the row knows by its id."""
+    """Return the request with the path of its reference, which the row knows by its id."""
     reference = job.request.reference
     if reference is None:
         yield job.request
