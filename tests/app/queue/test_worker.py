@@ -22,6 +22,7 @@ from app.jobs.job import JobState
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import Lease, return_expired, run_next
+from app.request import Reference
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
@@ -306,6 +307,20 @@ def test_a_damaged_recording_gives_no_report(
     storage.drop_recording(job.recording_id)
 
     run_next(bench(stand_ins.write_report))
+
+    assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
+
+
+def test_a_comparison_whose_reference_is_gone_ends_and_the_worker_goes_on(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    plain = add_job()
+    asked = replace(plain.request, reference=Reference("rec_gone", "reference.csv"))
+    job = store.add_analysis((plain.recording_id, plain.sha256), asked)
+    at_work = bench(stand_ins.write_report)
+
+    assert run_next(at_work)
+    assert run_next(at_work)
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 
