@@ -115,13 +115,6 @@ class Readiness:
 LANGUAGE_COOKIE = "acromion_lang"
 
 
-@dataclass(slots=True)
-class Quarantine:
-    """Unknown entries among the recordings, as they were last looked up."""
-
-    names: tuple[str, ...] = ()
-
-
 class Services:
     """The database, the folders and the settings of this server, opened."""
 
@@ -148,7 +141,8 @@ class Services:
         self.webhooks, self.releases = WebhookStore(*rows), ReleaseStore(*rows)
         self.retention, self.aggregates = RetentionStore(*rows), AggregateStore(*rows)
         self.upload_slots = UploadSlots(settings.max_uploads_at_once)
-        self.quarantine = Quarantine()
+        self.quarantined: tuple[str, ...] = ()
+        """Unknown entries among the recordings, as they were last looked up."""
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
         self.live: LiveHub | None = None

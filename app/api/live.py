@@ -76,8 +76,16 @@ class LiveLibrary:
         """Store the file and queue its analysis; give the id of the analysis."""
         wearer = ended.request.wearer
         analysis = _take_in(self._services, ended.files, wearer.subject, wearer.side)
-        if ended.request.rules:
-            self._note_cues(analysis.recording_id, ended)
+        if ended.request.rules:  # in the note of the recording, as many cues as it takes
+            from app.live.cue_log import format_rule  # noqa: PLC0415  the science
+
+            counts = Counter(format_rule(cue.rule) for cue in ended.cues)
+            rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
+            times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
+            row = self._services.recordings.get(analysis.recording_id)
+            note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+            self._services.recordings.describe(row, replace(row.about, note=note))
+            self._services.recordings.tag([row.id], [CUED])
         return analysis.id
 
     def announce(self, session_id: str, cue: "Cue") -> None:
@@ -85,18 +93,6 @@ class LiveLibrary:
         rule = cue.rule
         facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
         self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
-
-    def _note_cues(self, recording_id: str, ended: "Ended") -> None:
-        """Log the cues in the note of the recording, as many as it takes."""
-        from app.live.cue_log import format_rule  # noqa: PLC0415  the science
-
-        counts = Counter(format_rule(cue.rule) for cue in ended.cues)
-        rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
-        times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
-        row = self._services.recordings.get(recording_id)
-        note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
-        self._services.recordings.describe(row, replace(row.about, note=note))
-        self._services.recordings.tag([recording_id], [CUED])
 
 
 def take_in_cut(services: Services) -> int:
@@ -236,7 +232,12 @@ async def live(socket: WebSocket) -> None:
         first = _FIRST.validate_json(await asyncio.wait_for(socket.receive_text(), FIRST_LIMIT_S))
         language = first.lang
         async with _receiving(socket) as inbox:
-            session = await _open(socket, first, inbox)
+            services, port = find_services(socket), PushedPort()
+            if isinstance(first, Resume):
+                session = (await run_in_threadpool(find_hub, services)).get(first.session)
+            else:
+                inbox.push = port.push
+                session = await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
             inbox.push = session.push
             await _converse(socket, session, inbox)
     except WebSocketDisconnect:
@@ -255,16 +256,6 @@ async def live(socket: WebSocket) -> None:
 
 
 _STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
-
-
-async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
-    services = find_services(socket)
-    if isinstance(first, Resume):
-        hub = await run_in_threadpool(find_hub, services)
-        return hub.get(first.session)
-    port = PushedPort()
-    inbox.push = port.push
-    return await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
 
 
 def _find_limiter() -> CapacityLimiter:

@@ -1,7 +1,9 @@
 """Reports of several finished analyses: both arms of a shift, one day beside another, days of people."""
 
 import hashlib
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -18,6 +20,7 @@ router = APIRouter(
     prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["pairs"], default_response_class=Response
 )
 
+R = TypeVar("R", PairRequest, ProfileRequest)
 Side = Literal["left", "right"]
 Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
 SameSubject = Annotated[bool, Field(description="All are of one person, though a subject code is missing.")]
@@ -264,6 +267,15 @@ class ProfileView(_Exact):
     source: str
 
 
+def find_jobs(services: Services, ids: Iterable[str], request: R, paper: Paper | None = None) -> AskedJobs[R]:
+    """Find the analyses of a request; its report is on the paper of the first unless one is named.
+
+    Raises NotHere.
+    """
+    jobs = tuple(map(services.store.get, ids))
+    return AskedJobs(jobs, replace(request, paper=paper or jobs[0].request.paper))
+
+
 class ChangeQuery(_Exact):
     """The two analyses, the earlier first, and the paper of their report."""
 
@@ -275,12 +287,8 @@ class ChangeQuery(_Exact):
 
     def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
-        before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
-        paper = self.paper or before.request.paper
-        request = PairRequest(
-            "compare", paper=paper, same_subject=self.same_subject, mixed_methods=self.mixed_methods
-        )
-        return AskedJobs((before, after), request)
+        request = PairRequest("compare", same_subject=self.same_subject, mixed_methods=self.mixed_methods)
+        return find_jobs(services, self.analysis, request, self.paper)
 
 
 class PairQuery(_Exact):
@@ -307,16 +315,14 @@ class PairQuery(_Exact):
 
     def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
-        jobs = tuple(map(services.store.get, filter(None, (self.left, self.right, self.trunk))))
         request = PairRequest(
             "pair",
             self.offset_s,
             self.trunk_offset_s,
-            paper=self.paper or jobs[0].request.paper,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
         )
-        return AskedJobs(jobs, request)
+        return find_jobs(services, filter(None, (self.left, self.right, self.trunk)), request, self.paper)
 
 
 class ProfileQuery(_Exact):
@@ -335,15 +341,13 @@ class ProfileQuery(_Exact):
 
     def find(self, services: Services) -> AskedJobs[ProfileRequest]:
         """Find the analyses. Raises NotHere."""
-        jobs = tuple(services.store.get(each) for each in (*self.analysis, *self.after))
         request = ProfileRequest(
             len(self.analysis) if self.after else None,
-            paper=self.paper or jobs[0].request.paper,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
             has_drawings=True,
         )
-        return AskedJobs(jobs, request)
+        return find_jobs(services, (*self.analysis, *self.after), request, self.paper)
 
 
 PairChoice = Annotated[PairQuery, Query()]

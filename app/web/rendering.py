@@ -1,8 +1,9 @@
-"""Pages: who asks for one, and how it is rendered from a template and its values, with scripts and styles."""
+"""Pages: who asks for one, what its form says, and how it is rendered from a template, scripts and styles."""
 
 import gzip
 import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -22,7 +23,7 @@ from app.access.logins import Logins
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import find_logins
 from app.api.middleware.problems import drop_secrets
-from app.errors import NotHere
+from app.errors import BadParameter, NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
@@ -216,3 +217,48 @@ async def open_page(request: Request) -> Page:
 
 
 UsedPage = Annotated[Page, Depends(open_page)]
+
+
+# Forms of short text fields, as browsers send them (urlencoded).
+
+
+MOST_BYTES = 4 << 20
+MOST_FIELDS = 50_000
+
+Form = Mapping[str, list[str]]
+
+
+async def read_form(request: Request) -> Form:
+    """Read ``application/x-www-form-urlencoded``; each name with its values in order. Raises BadParameter."""
+    body = await read_body(request)
+    try:
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
+    except ValueError:
+        raise BadParameter(name="form", value="", allowed=f"≤ {MOST_FIELDS}") from None
+    form: dict[str, list[str]] = {}
+    for name, value in pairs:
+        form.setdefault(name, []).append(value)
+    return form
+
+
+UsedForm = Annotated[Form, Depends(read_form)]
+
+
+async def read_body(request: Request) -> bytes:
+    """Read a body of at most 4 MiB. Raises BadParameter."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MOST_BYTES:
+            raise BadParameter(name="form", value="", allowed=f"≤ {MOST_BYTES}")
+    return bytes(body)
+
+
+def first(form: Form, name: str) -> str:
+    """Return the first value of a name, "" where there is none."""
+    return form.get(name, [""])[0].strip()
+
+
+def take_secret(form: Form, name: str) -> str:
+    """Return the first value of a name as it was typed, with every space."""
+    return form.get(name, [""])[0]

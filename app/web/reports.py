@@ -1,6 +1,7 @@
 """A report as a page: above it the way back, the PDF and the other language; copies of the file hold none."""
 
 from base64 import b64encode
+from collections.abc import Mapping
 from hashlib import sha256
 from html import escape
 from urllib.parse import urlencode
@@ -11,7 +12,7 @@ from fastapi.responses import HTMLResponse
 from app.api.middleware.guard import REPORT_POLICY
 from app.report.words.wording import find_nearest
 from app.web.rendering import Page, UsedPage
-from app.web.views import OldVersion, describe_old
+from app.web.views import describe_old
 
 STYLE = (
     ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
@@ -31,7 +32,9 @@ def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
     return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
 
-def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
+def lay_way(
+    page: Page, report: str, back: str, pdf: str, old: Mapping[str, str] | None = None
+) -> HTMLResponse:
     """Lay the way back above a report, and the banner of an old version; its file is left as it is.
 
     ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
@@ -45,8 +48,8 @@ def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
     bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
     if old is not None:
-        link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
-        bar += f'<p class="old">{escape(old.told)} {link}</p>'
+        link = f'<a href="{escape(old["address"])}">{escape(old["link"])}</a>'
+        bar += f'<p class="old">{escape(old["told"])} {link}</p>'
     head, end, body = report.partition("</head>")
     head = head.replace("style-src ", f"style-src 'sha256-{STYLE_HASH}' ", 1) + f"<style>{STYLE}</style>"
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)

@@ -137,18 +137,16 @@ def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
     return view_batch(services.batches.get(batch_id))
 
 
+SAME = ("id", "name", "item_count", "duplicate_count", "is_over", "created_at")
+
+
 def view_batch(batch: Batch) -> BatchView:
     """Show a batch."""
     own = f"/api/v1/batches/{batch.id}"
     parts = {"summary_csv": "summary.csv", "problems_csv": "problems.csv", "retry_failed": "retry-failed"}
     return BatchView(
-        id=batch.id,
-        name=batch.name,
-        item_count=batch.item_count,
-        duplicate_count=batch.duplicate_count,
+        **{name: getattr(batch, name) for name in SAME},
         counts=BatchCounts(**{state.value: number for state, number in batch.counts.items()}),
-        is_over=batch.is_over,
-        created_at=batch.created_at,
         links={"self": own, "analyses": f"/api/v1/analyses?batch_id={batch.id}"}
         | {name: f"{own}/{part}" for name, part in parts.items()},
     )

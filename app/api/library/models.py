@@ -405,6 +405,12 @@ SAME = (
 )
 
 
+SETTINGS = (
+    *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
+    *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
+)
+
+
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Show a job."""
     said, draft = job.request.conclusion, job.request.draft
@@ -413,12 +419,13 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
     if draft is not None:
         origin = {"version": draft.version, "changes": list(draft.changes)}
         drafted = ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
+    periods = [period.model_dump() for period in view_periods(job.request.diary)]
     view = AnalysisView(
         **{name: getattr(job, name) for name in SAME},
         state=job.state.value,
         progress=round(job.progress, 3),
         asked_by=job.asked_by or None,
-        settings=view_settings(job.request),
+        settings={name: getattr(job.request, name) for name in SETTINGS} | {"periods": periods},
         created_at=job.created_at.isoformat(),
         started_at=job.started_at.isoformat() if job.started_at else None,
         ended_at=job.ended_at.isoformat() if job.ended_at else None,
@@ -440,16 +447,6 @@ def describe_links(job: Job) -> Mapping[str, str]:
     steps = {name: f"{own}/{name}" for name in ("cancel", "retry", "events")}
     about = {"page": f"/analyses/{job.id}", "recording": f"/api/v1/recordings/{job.recording_id}"}
     return {"self": own, **steps, **about, **files}
-
-
-def view_settings(request: ReportRequest) -> dict[str, Any]:
-    """Show what was asked."""
-    names = (
-        *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
-        *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
-    )
-    periods = [period.model_dump() for period in view_periods(request.diary)]
-    return {name: getattr(request, name) for name in names} | {"periods": periods}
 
 
 # Long lists, page by page.
