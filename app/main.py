@@ -69,7 +69,7 @@ from app.storage.store import FolderLock, check_folder
 from app.upkeep.account_rows import warn_of_lost_secret
 from app.upkeep.recover import check_known
 from app.version import software_version
-from app.web import account, help, library, login, rendering, reports  # noqa: A004
+from app.web import account, help, library, login, rendering  # noqa: A004
 from app.web import live as live_page
 from app.web import pairs as pair_pages
 from app.web import trust as trust_pages
@@ -83,7 +83,7 @@ ROUTES = (
     *(pairs.router, about.router, about.health_router, live.router, trust.router, trust.token_router),
 )
 PAGES = (
-    *(module.router for module in (analysis, reports, day, library, pair_pages, columns, help, rendering)),
+    *(module.router for module in (analysis, day, library, pair_pages, columns, help, rendering)),
     *(module.router for module in (validation_pages, live_page, login, trust_pages, account)),
 )
 MAX_HEADER_BYTES = 64 * 1024
@@ -265,7 +265,14 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     services: Services = application.state.services
     with ExitStack() as stack:
         stack.callback(services.store.close)
-        stack.callback(prepare_house(services).release)
+        stack.callback(FolderLock(services.storage.root).release)
+        reconcile(services)
+        services.inspector.sweep()
+        services.pairs.sweep()
+        if count := live.take_in_cut(services):
+            logger.warning(
+                "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
+            )
         house = asyncio.create_task(keep_house(services))
         try:
             yield
@@ -275,23 +282,6 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
             if services.live is not None:
                 await asyncio.to_thread(services.live.close)
             await asyncio.to_thread(write_side_files, services)
-
-
-def prepare_house(services: Services) -> FolderLock:
-    """Lock the data folder, and repair what a crash has left."""
-    lock = FolderLock(services.storage.root)
-    try:
-        reconcile(services)
-        services.inspector.sweep()
-        services.pairs.sweep()
-        if count := live.take_in_cut(services):
-            logger.warning(
-                "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
-            )
-    except BaseException:
-        lock.release()
-        raise
-    return lock
 
 
 def listen(settings: Settings) -> socket.socket:

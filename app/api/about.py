@@ -106,7 +106,6 @@ def get_version() -> VersionView:
 
 # Health, and ``/metrics`` for Prometheus: counted when asked for, from the rows themselves.
 
-
 health_router = APIRouter(include_in_schema=False)
 
 

@@ -267,7 +267,10 @@ def _find_limiter() -> CapacityLimiter:
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
-    subject = _read_subject(asked.subject)
+    try:
+        subject = check_subject(asked.subject)
+    except ValueError as error:
+        raise BadParameter(name="subject", value=clean_text(asked.subject)[:60]) from error
     port: Port | None = pushed if asked.source == "lines" else None
     if asked.source == "port":
         if asked.port not in find_serial_ports():  # no other file is opened for a page
@@ -279,7 +282,7 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
             whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
             about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
             port = EarlyPort(port, EarlyFile(files.early, about))
-        session = _start_with(services, asked, port, files)
+        session = _start_with(services, asked, subject, port, files)
     except BaseException:
         if port is not None:
             port.close()
@@ -295,13 +298,15 @@ def _name_source(asked: Start) -> str:
     return asked.port if asked.source == "port" else clean_text(asked.name) or "browser"
 
 
-def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
+def _start_with(
+    services: Services, asked: Start, subject: str, port: Port | None, files: SessionFiles
+) -> "RunningSession":
     from app.live.hub import SessionRequest  # noqa: PLC0415
     from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
     from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
-        Wearer(_read_subject(asked.subject), asked.side, asked.axis),
+        Wearer(subject, asked.side, asked.axis),
         rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
@@ -317,13 +322,6 @@ def _start_with(services: Services, asked: Start, port: Port | None, files: Sess
         with borrow_recording(services.storage, row.id, row.sha256) as path:
             source = open_replay(path, asked.speed, row.about.file_name)
     return find_hub(services).start(source, request, files)
-
-
-def _read_subject(text: str) -> str:
-    try:
-        return check_subject(text)
-    except ValueError as error:
-        raise BadParameter(name="subject", value=clean_text(text)[:60]) from error
 
 
 class DifferenceView(BaseModel):
@@ -460,7 +458,7 @@ class Outbox:
 
 
 def find_hub(services: Services) -> "LiveHub":
-    """Give the sessions of this server; the first call loads the science."""
+    """Return the sessions of this server; the first call loads the science."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
     with services.live_turn:

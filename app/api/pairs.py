@@ -1,6 +1,5 @@
 """Reports of several finished analyses: both arms of a shift, one day beside another, days of people."""
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -8,7 +7,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
+from app.api.library.files import serve_bytes
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
 from app.jobs.children.pairs import AnyJobs, AskedJobs
@@ -370,7 +369,7 @@ def get_change_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ChangeChoice
 ) -> Response:
     """The report on the change from one day to a later one, or its answer in five lines."""
-    return _serve_report(request, services, asked.find(services), (name, language))
+    return _serve_report(request, services, asked.find(services), name, language)
 
 
 @router.get("/pair/pair.json", responses={200: {"model": PairView}})
@@ -384,7 +383,7 @@ def get_pair_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: PairChoice
 ) -> Response:
     """The report of both arms of one shift, or its answer in five lines."""
-    return _serve_report(request, services, asked.find(services), (name, language))
+    return _serve_report(request, services, asked.find(services), name, language)
 
 
 @router.get("/profile/profile.json", responses={200: {"model": ProfileView}})
@@ -400,7 +399,7 @@ def get_profile_table(
     """A row for each day, or for each quarter hour of the clock."""
     found = asked.find(services)
     body = services.pairs.make(found).read(f"{name}.csv")
-    return _serve(request, body, build_pair_download_name(found, f"{name}.csv"))
+    return serve_bytes(request, body, build_pair_download_name(found, f"{name}.csv"))
 
 
 @router.get("/profile/{name}", responses=REPORT_RESPONSE)
@@ -408,7 +407,7 @@ def get_profile_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ProfileChoice
 ) -> Response:
     """The report of several days of a person or of a group, or its answer in a few lines."""
-    return _serve_report(request, services, asked.find(services), (name, language))
+    return _serve_report(request, services, asked.find(services), name, language)
 
 
 def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
@@ -421,23 +420,13 @@ def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
 
 def _serve_figures(request: Request, services: Services, asked: AnyJobs) -> Response:
     body = services.pairs.make(asked).read(asked.request.figures_name)
-    return _serve(request, body, build_pair_download_name(asked, "json"))
+    return serve_bytes(request, body, build_pair_download_name(asked, "json"))
 
 
 def _serve_report(
-    request: Request, services: Services, asked: AnyJobs, wanted: tuple[str, Language]
+    request: Request, services: Services, asked: AnyJobs, name: str, language: Language
 ) -> Response:
-    name, language = wanted
     stem, _, kind = name.partition(".")
     report = services.pairs.make(asked)
     body = report.read(report.find(stem, kind, language))
-    return _serve(request, body, build_pair_download_name(asked, f"{language}.{kind}"))
-
-
-def _serve(request: Request, body: bytes, download: str) -> Response:
-    headers = build_file_headers(download, hashlib.sha256(body).hexdigest())
-    if is_known(request, headers["ETag"]):
-        return Response(status_code=304, headers=headers)
-    if not download.endswith(".html"):
-        headers["Content-Disposition"] = format_disposition(download)
-    return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)
+    return serve_bytes(request, body, build_pair_download_name(asked, f"{language}.{kind}"))

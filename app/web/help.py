@@ -37,8 +37,7 @@ from app.report.words.numbers import Clock, format_duration, format_number, form
 from app.report.words.wording import Language, Words, fill, find_other_language, load_wording
 from app.request import ReportRequest
 from app.web.recording.page_one import PageOne
-from app.web.rendering import UsedPage
-from app.web.reports import lay_way_of_query
+from app.web.rendering import UsedPage, lay_way_of_query
 from app.web.views import build_answer
 from fusion.devices import KNOWN_DEVICES
 from fusion.recording import QualityFlag
@@ -177,7 +176,6 @@ def get_example_pdf(page: UsedPage) -> Response:
 
 # The pictures of "How to read this": the drawings of page 1, of an invented day.
 
-
 SHARE, SHARE_RANGE, SHARE_POSE, PUBLISHED = 12.0, (9.0, 16.0), (16.0, 22.0), 10.0
 END = 40.0
 SHARE_DAYS = (8.0, 16.0)
@@ -249,7 +247,6 @@ def _tell(shares: Sequence[float], language: Language) -> str:
 
 
 # The OpenAPI document as a page of our own: nothing is loaded from elsewhere.
-
 
 _QUOTED = re.compile(r"``(.+?)``")
 

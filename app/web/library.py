@@ -346,7 +346,7 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
 
 
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
-    """Say something else of recordings, and analyse again where that is not what the report says.
+    """State something else of recordings, and analyse again where that is not what the report says.
 
     What is under way, given by hand, or a comparison stays as it is. Raises Busy.
     """

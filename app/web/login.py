@@ -296,7 +296,7 @@ def _render_confirmation(
 
 
 def _let_in(page: Page, entered: Entered, wanted: str) -> Response:
-    """Give a browser its new session; one that it had before ends."""
+    """Return a browser its new session; one that it had before ends."""
     response = page.go(_find_way_on(entered, wanted))
     _set_cookies(page, response, entered)
     return response

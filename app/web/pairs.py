@@ -25,8 +25,7 @@ from app.report.words.wording import fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
 from app.services import Services, UsedServices
 from app.web.recording.page_one import Laid, build_curves
-from app.web.rendering import Page, UsedPage
-from app.web.reports import lay_way_of_query
+from app.web.rendering import Page, UsedPage, lay_way_of_query
 from fusion.comparison import FigureChange
 
 DAY = 10  # characters of an ISO date
@@ -215,7 +214,6 @@ def _offer_trunks(
 
 
 # Several days.
-
 
 MOST_OFFERED = 60
 """Recordings of one person in the form."""

@@ -153,7 +153,7 @@ def view_batch(batch: Batch) -> BatchView:
 
 
 def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
-    """Give the analyses of a batch that is over: half a table would pass for a whole one."""
+    """Return the analyses of a batch that is over: half a table would pass for a whole one."""
     batch = services.batches.get(batch_id)
     if not batch.is_over:
         done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
@@ -162,13 +162,13 @@ def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
 
 
 def _is_damaged(services: Services, job: Job) -> bool:
-    """Tell whether the figures of an analysis are lost; all its files would be too many to read here."""
+    """Return whether the figures of an analysis are lost; all its files would be too many to read here."""
     file = services.store.find_file(job.id, RESULTS) if job.state is JobState.SUCCEEDED else None
     return file is not None and not is_result_whole(services.storage, job.id, str(job.token), file)
 
 
 def _build_origin(job: Job) -> Origin:
-    """Tell two recordings of one name apart by their addresses."""
+    """Return the origin of a row; two recordings of one name differ by their addresses."""
     return Origin(
         job.file_name,
         job.request.subject,

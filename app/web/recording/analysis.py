@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, datetime
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
@@ -34,7 +35,7 @@ from app.web.pairs import find_days_address, find_offers
 from app.web.recording.columns import find_offer
 from app.web.recording.day import DayClock, build_day, build_hours, find_day, list_axes
 from app.web.recording.page_one import read_page_one
-from app.web.rendering import Form, Page, UsedForm, UsedPage, first
+from app.web.rendering import Form, Page, UsedForm, UsedPage, first, lay_way
 from app.web.trust import build_release
 from app.web.views import (
     Fact,
@@ -147,14 +148,13 @@ def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> dict[str, obje
 
 
 def describe_source(page: Page, job: Job) -> Problem | None:
-    """Say that the recording of an analysis is damaged or missing; None where it seems whole."""
+    """Return that the recording of an analysis is damaged or missing; None where it seems whole."""
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
     is_whole = seems_whole(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
 
 
 # The answer of a finished analysis, and what a correction has changed.
-
 
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
 
@@ -398,6 +398,20 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
 def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:
     recording = page.services.recordings.get(recording_id, trashed=True)
     return page.render("library/in_trash.html", status=NotHere.outcome.status, recording=recording)
+
+
+@router.get("/analyses/{analysis_id}/report.html")
+def show_report(analysis_id: str, page: UsedPage) -> Response:
+    """Show the report of a recording, or of a comparison with a reference."""
+    services = page.services
+    job = services.store.get(analysis_id)
+    stem, place = ("report", "analyses") if job.request.reference is None else ("validation", "validations")
+    made = find_nearest(page.language, job.request.languages)
+    report = services.results.read(job, f"{stem}.{made}.html").decode()
+    pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
+    reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
+    old = describe_old(job, reports, page)
+    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
 
 @router.post("/analyses/{analysis_id}/cancel")

@@ -123,7 +123,6 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow
 
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
 
-
 NO_POSE = "axis"
 """What the form says in place of a pose where none was held."""
 Window = tuple[float, float]
@@ -418,7 +417,6 @@ def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
 
 # What the page shows of a day: its form, the questions about it, and its hours.
 
-
 STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
 """What a still stretch is proposed as; days of earlier versions proposed poses alone."""
 MOST_PROPOSED = 5
@@ -509,7 +507,6 @@ def format_axis(axis: str) -> str:
 
 
 # The questions of the page: when the pose was held, whether the sensor moved, which pose came after that.
-
 
 START = "start"
 """In place of a stretch: the pose was held at the start of wear."""
