@@ -321,7 +321,8 @@ class PairQuery(_Exact):
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
         )
-        return find_jobs(services, filter(None, (self.left, self.right, self.trunk)), request, self.paper)
+        ids = (self.left, self.right, *filter(None, [self.trunk]))
+        return find_jobs(services, ids, request, self.paper)
 
 
 class ProfileQuery(_Exact):
