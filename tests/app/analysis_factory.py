@@ -12,12 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.report.analysis.report import ReportSubject, Software
-from app.report.findings import (
-    CalibrationFacts,
-    Findings,
-    MethodFacts,
-    RecordingFacts,
-)
+from app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
 from fusion.exposure import (
     Cycles,
     ElevationBin,

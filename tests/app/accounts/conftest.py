@@ -59,6 +59,7 @@ class Visitor:
 
 
 Visit = Callable[[], Visitor]
+Enter = Callable[..., Visitor]
 AddPerson = Callable[..., Person]
 
 
@@ -123,11 +124,7 @@ def password_hash() -> str:
 def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> AddPerson:
     """Add a person with a password and an authenticator."""
 
-    def add(
-        login: str = "clara",
-        *roles: Role,
-        has_second_factor: bool = True,
-    ) -> Person:
+    def add(login: str = "clara", *roles: Role, has_second_factor: bool = True) -> Person:
         person = accounts.add_person(login, login.title(), roles or ("clinician",))
         logins.credentials.set_password(person.id, password_hash)
         if has_second_factor:
@@ -135,6 +132,12 @@ def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> Ad
         return accounts.get_person(person.id)
 
     return add
+
+
+@pytest.fixture
+def person(add_person: AddPerson) -> Person:
+    """Clara, a clinician with a password and an authenticator."""
+    return add_person()
 
 
 @contextmanager
@@ -182,7 +185,7 @@ def guarded(visit: Visit) -> TestClient:
 
 
 @pytest.fixture
-def enter(visit: Visit, clock: Clock) -> Callable[[str], Visitor]:
+def enter(visit: Visit, clock: Clock) -> Enter:
     """Log somebody in in a browser of his own, with both steps."""
 
     def log_in(login: str = "clara") -> Visitor:
@@ -195,6 +198,12 @@ def enter(visit: Visit, clock: Clock) -> Callable[[str], Visitor]:
         return visitor
 
     return log_in
+
+
+@pytest.fixture
+def visitor(person: Person, enter: Enter) -> Visitor:
+    """A browser in which Clara is logged in."""
+    return enter()
 
 
 BASE = "http://localhost:8080"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore
+from app.access.accounts import AccountStore, Person
 from app.access.logins import Caller, Logins
 from app.cli import app
 from tests.app.accounts.conftest import AddPerson
@@ -43,10 +43,8 @@ def test_a_password_may_be_typed_instead(data: Path, logins: Logins) -> None:
 
 
 def test_a_token_made_by_command_asks_for_its_person(
-    data: Path, add_person: AddPerson, accounts: AccountStore
+    person: Person, data: Path, accounts: AccountStore
 ) -> None:
-    add_person()
-
     _, told = run(data, "token", "clara", "--name", "nightly", "--may", "read")
 
     subject = accounts.find_by_token(told.splitlines()[0])
@@ -54,8 +52,9 @@ def test_a_token_made_by_command_asks_for_its_person(
     assert subject.permissions == {"own", "read"}
 
 
-def test_the_list_tells_who_may_log_in(data: Path, add_person: AddPerson, accounts: AccountStore) -> None:
-    add_person()
+def test_the_list_tells_who_may_log_in(
+    person: Person, data: Path, add_person: AddPerson, accounts: AccountStore
+) -> None:
     accounts.end_person(add_person("dora").id)
 
     _, told = run(data, "list")
@@ -88,10 +87,8 @@ def test_what_cannot_be_is_refused_by_its_code(
 
 
 def test_roles_second_factor_and_end_are_changed_by_command(
-    data: Path, add_person: AddPerson, accounts: AccountStore
+    person: Person, data: Path, accounts: AccountStore
 ) -> None:
-    person = add_person()
-
     run(data, "roles", "clara", "--role", "auditor", "--role", "manager")
     run(data, "reset", "clara", "--second-factor")
     changed = accounts.get_person(person.id)

@@ -2,14 +2,13 @@
 
 import re
 import sqlite3
-from collections.abc import Callable
 from pathlib import Path
 
 import pyotp
 import pytest
 from argon2 import PasswordHasher
 
-from app.access.accounts import AccountStore
+from app.access.accounts import AccountStore, Person
 from app.access.logins import Caller, Logins
 from app.access.passwords import needs_rehash
 from app.errors import LoginRefused
@@ -19,21 +18,19 @@ from tests.app.accounts.conftest import (
     SECRET,
     AddPerson,
     Clock,
+    Enter,
     Visit,
     Visitor,
     make_code,
     read_ticket,
 )
-from tests.app.conftest import on_both_set_ups
 
-Enter = Callable[..., Visitor]
 HERE = Caller("192.0.2.1", "")
 
 
 def test_password_and_a_code_that_counts_once_let_a_person_in(
-    add_person: AddPerson, enter: Enter, visit: Visit, clock: Clock
+    person: Person, enter: Enter, visit: Visit, clock: Clock
 ) -> None:
-    add_person()
     first, second = enter(), visit()
     ticket = read_ticket(second.give_password("clara"))
 
@@ -46,9 +43,8 @@ def test_password_and_a_code_that_counts_once_let_a_person_in(
 
 
 def test_a_wrong_password_an_unknown_name_and_an_ended_account_are_refused_alike(
-    add_person: AddPerson, accounts: AccountStore, visit: Visit
+    person: Person, add_person: AddPerson, accounts: AccountStore, visit: Visit
 ) -> None:
-    add_person()
     accounts.end_person(add_person("dora").id)
 
     answers = [
@@ -62,10 +58,8 @@ def test_a_wrong_password_an_unknown_name_and_an_ended_account_are_refused_alike
 
 
 def test_a_password_is_taken_as_it_is_typed_and_a_login_name_in_any_case(
-    logins: Logins, add_person: AddPerson
+    person: Person, logins: Logins
 ) -> None:
-    person = add_person()
-
     assert logins.give_password(" Clara ", PASSWORD, HERE).person_id == person.id
     with pytest.raises(LoginRefused):
         logins.give_password("clara", f" {PASSWORD}", HERE)
@@ -73,9 +67,8 @@ def test_a_password_is_taken_as_it_is_typed_and_a_login_name_in_any_case(
 
 @pytest.mark.parametrize(("step", "place"), [(-2, None), (-1, "/"), (1, "/"), (2, None)])
 def test_a_clock_may_be_one_step_off(
-    add_person: AddPerson, visit: Visit, clock: Clock, step: int, place: str | None
+    person: Person, visit: Visit, clock: Clock, step: int, place: str | None
 ) -> None:
-    add_person()
     visitor = visit()
     ticket = read_ticket(visitor.give_password("clara"))
 
@@ -86,8 +79,7 @@ def test_a_clock_may_be_one_step_off(
     assert answer.headers.get("location") == place  # a place of ours alone
 
 
-def test_a_recovery_code_lets_in_once(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_a_recovery_code_lets_in_once(person: Person, logins: Logins) -> None:
     logins.credentials.set_second_factor(person.id, SECRET, 0, ["abcd-efgh-2345-abcd-efgh-2345"])
 
     first = logins.give_password("clara", PASSWORD, HERE)
@@ -98,10 +90,7 @@ def test_a_recovery_code_lets_in_once(logins: Logins, add_person: AddPerson) -> 
         logins.give_code(second.ticket, "abcd-efgh-2345-abcd-efgh-2345", HERE)
 
 
-def test_the_second_step_is_forgotten_after_ten_minutes(
-    add_person: AddPerson, visit: Visit, clock: Clock
-) -> None:
-    add_person()
+def test_the_second_step_is_forgotten_after_ten_minutes(person: Person, visit: Visit, clock: Clock) -> None:
     visitor = visit()
     ticket = read_ticket(visitor.give_password("clara"))
     clock.wait(601)
@@ -143,8 +132,7 @@ def test_a_password_is_enough_where_the_second_factor_is_only_offered(
     assert accounts.get_person(person.id).has_second_factor is False
 
 
-def test_a_hash_of_other_parameters_is_made_anew_at_login(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_a_hash_of_other_parameters_is_made_anew_at_login(person: Person, logins: Logins) -> None:
     old = PasswordHasher(time_cost=1, memory_cost=8192, parallelism=1).hash(PASSWORD)
     logins.credentials.set_password(person.id, old)
 
@@ -174,9 +162,8 @@ def test_a_link_sets_a_password_once_and_does_not_pass_by_the_second_factor(
 
 
 def test_a_link_ends_after_its_time_and_with_a_new_one(
-    logins: Logins, add_person: AddPerson, visit: Visit, clock: Clock
+    person: Person, logins: Logins, visit: Visit, clock: Clock
 ) -> None:
-    person = add_person()
     first, second = (logins.make_link(person.id, 3600) for _ in range(2))
 
     assert visit().get(f"/login/link/{first}").status_code == 410
@@ -199,10 +186,8 @@ def test_a_weak_password_leaves_the_link_as_it_was(
 
 
 def test_no_secret_of_a_login_stands_in_the_database(
-    logins: Logins, add_person: AddPerson, enter: Enter, settings: Settings
+    person: Person, visitor: Visitor, logins: Logins, enter: Enter, settings: Settings
 ) -> None:
-    person = add_person()
-    visitor = enter()
     told = [PASSWORD, logins.make_link(person.id, 3600), logins.enter(person.id, HERE).session]
     told += [visitor.client.cookies["acromion_session"], visitor.client.cookies["acromion_browser"]]
     told.append(logins.accounts.add_token(person.id, "script", ["read"], 1e12))
@@ -210,19 +195,6 @@ def test_no_secret_of_a_login_stands_in_the_database(
     rows = dump(settings.data_dir / "acromion.sqlite3")
 
     assert [secret for secret in told if secret in rows] == []
-
-
-@on_both_set_ups
-def test_accounts_are_kept_in_every_set_up(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
-
-    step = logins.give_password("clara", PASSWORD, HERE)
-    entered = logins.give_code(step.ticket, make_code(Clock()), HERE)
-    subject = logins.accounts.find_by_session(entered.session)
-
-    assert subject is not None
-    assert subject.id == person.id
-    assert logins.accounts.exist()
 
 
 def dump(database: Path) -> str:
@@ -238,9 +210,8 @@ def test_without_an_account_the_secret_is_asked_for(visit: Visit) -> None:
 
 
 def test_from_the_first_account_on_the_secret_opens_nothing(
-    settings: Settings, add_person: AddPerson, visit: Visit
+    person: Person, settings: Settings, visit: Visit
 ) -> None:
-    add_person()
     secret = (settings.data_dir / "secret").read_text()
 
     answer = visit().client.get("/api/v1/version", headers={"authorization": f"Bearer {secret}"})

@@ -5,7 +5,7 @@ import json
 import pytest
 from sqlalchemy import select, update
 
-from app.access.accounts import AccountStore
+from app.access.accounts import AccountStore, Person
 from app.access.logins import Caller, Logins
 from app.errors import SecondFactorLost
 from app.jobs.database.tables import people, tickets
@@ -37,10 +37,8 @@ def log_in(logins: Logins, clock: Clock) -> str:
 
 
 def test_no_secret_of_an_authenticator_stands_open_in_the_accounts(
-    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+    person: Person, accounts: AccountStore, logins: Logins, clock: Clock
 ) -> None:
-    add_person()
-
     assert SECRET not in dump(accounts)
     assert log_in(logins, clock)
 
@@ -58,9 +56,8 @@ def test_a_secret_that_is_being_set_up_does_not_either(
 
 
 def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
-    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, logins: Logins, clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:
-    person = add_person()
     ServerSecret(settings.data_dir).file.unlink()
 
     with pytest.raises(SecondFactorLost):
@@ -72,9 +69,8 @@ def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
 
 @pytest.mark.parametrize("language", ["en", "fr"])
 def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
-    settings: Settings, add_person: AddPerson, visit: Visit, language: str
+    person: Person, settings: Settings, visit: Visit, language: str
 ) -> None:
-    add_person()
     visitor = visit()
     visitor.client.cookies.set("acromion_lang", language)
     ticket = read_ticket(visitor.give_password("clara"))
@@ -113,10 +109,9 @@ def test_a_secret_does_not_open_as_another_persons(
 
 
 def test_a_start_warns_of_a_lost_key_and_names_the_cure(
-    settings: Settings, store: JobStore, add_person: AddPerson, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, store: JobStore, caplog: pytest.LogCaptureFixture
 ) -> None:
     secret = ServerSecret(settings.data_dir)
-    add_person()
     WebhookStore(store.engine, store.reader).add("https://a.example", ("batch.finished",), secret)
     create_app(settings)
     is_quiet_with_its_key = "E-SECRET" not in caplog.text
@@ -130,9 +125,8 @@ def test_a_start_warns_of_a_lost_key_and_names_the_cure(
 
 
 def test_the_warning_comes_again_with_a_key_that_a_login_has_made(
-    settings: Settings, logins: Logins, add_person: AddPerson, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, logins: Logins, caplog: pytest.LogCaptureFixture
 ) -> None:
-    add_person()
     ServerSecret(settings.data_dir).file.unlink()
     logins.give_password("clara", PASSWORD, HERE)
 

@@ -17,12 +17,11 @@ from hypothesis import strategies as st
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.main import create_app
 from app.request import clean_file_name
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenBench, serving
 
 URL = "/api/v1/analyze"
 
@@ -151,9 +150,7 @@ def test_a_body_of_a_size_that_cannot_be_is_refused_and_leaves_nothing(
 
 
 def test_a_disk_that_is_nearly_full_is_a_507(settings: Settings) -> None:
-    application = create_app(settings.model_copy(update={"min_free_bytes": 1 << 60}))
-
-    with TestClient(application, base_url="http://localhost") as client:
+    with serving(settings, min_free_bytes=1 << 60) as client:
         problem = client.post(URL, content=b"x")
 
     assert (problem.status_code, problem.json()["code"]) == (507, "E-DISK")

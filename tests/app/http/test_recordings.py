@@ -12,11 +12,10 @@ from app.jobs.database.tables import purged_uploads, recordings
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.main import create_app
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenBench, serving
 
 URL = "/api/v1/recordings"
 
@@ -267,8 +266,7 @@ def test_a_delete_of_the_reference_of_a_comparison_changes_nothing(
 @pytest.mark.parametrize("way", ["purge", "no term"])
 def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, way: str) -> None:
     term_s = 0.0 if way == "no term" else 1e6
-    application = create_app(settings.model_copy(update={"trash_term_s": term_s}))
-    with TestClient(application, base_url="http://localhost") as client:
+    with serving(settings, trash_term_s=term_s) as client:
         job = client.post("/api/v1/analyze", content=b"PATIENT-BYTES", params={"subject": "CANARY"}).json()
         run_next(bench(stand_ins.write_report))
         address = f"{URL}/{job['recording_id']}"

@@ -9,10 +9,9 @@ from fastapi.testclient import TestClient
 
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.main import create_app
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenBench, serving
 
 URL = "/api/v1/analyses"
 
@@ -124,8 +123,7 @@ def test_the_same_file_sent_twice_gives_the_same_analysis(client: TestClient, se
 
 
 def test_the_paper_asked_for_goes_before_the_server_s(settings: Settings) -> None:
-    app = create_app(settings.model_copy(update={"paper": "letter"}))
-    with TestClient(app, base_url="http://localhost") as client:
+    with serving(settings, paper="letter") as client:
         recording = keep(client)
 
         views = [ask(client, recording), ask(client, recording, settings={"paper": "a4"})]
@@ -193,8 +191,7 @@ def test_pages_of_analyses_follow_one_another(client: TestClient) -> None:
 
 
 def test_a_full_queue_refuses_more(settings: Settings) -> None:
-    application = create_app(settings.model_copy(update={"max_queued": 1}))
-    with TestClient(application, base_url="http://localhost") as client:
+    with serving(settings, max_queued=1) as client:
         client.post("/api/v1/analyze", content=b"x")
 
         answer = client.post("/api/v1/analyze", content=b"y")
@@ -205,8 +202,7 @@ def test_a_full_queue_refuses_more(settings: Settings) -> None:
 
 @pytest.mark.parametrize("address", ["/api/v1/analyze", "/api/v1/recordings"])
 def test_more_uploads_at_once_than_are_taken_are_told_to_come_again(settings: Settings, address: str) -> None:
-    application = create_app(settings.model_copy(update={"max_uploads_at_once": 0}))
-    with TestClient(application, base_url="http://localhost") as client:
+    with serving(settings, max_uploads_at_once=0) as client:
         answer = client.post(address, content=b"x")
 
         stored = client.get("/api/v1/recordings").json()["items"]
@@ -216,8 +212,7 @@ def test_more_uploads_at_once_than_are_taken_are_told_to_come_again(settings: Se
 
 
 def test_the_turn_of_an_upload_that_ended_badly_is_free_again(settings: Settings) -> None:
-    application = create_app(settings.model_copy(update={"max_uploads_at_once": 1}))
-    with TestClient(application, base_url="http://localhost") as client:
+    with serving(settings, max_uploads_at_once=1) as client:
         client.post("/api/v1/analyze", content=b"")
 
         assert client.post("/api/v1/analyze", content=b"x").status_code == 202

@@ -8,19 +8,18 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
-from starlette.requests import Request
 
 from app.api.housekeeping import grow_older
 from app.jobs.database.tables import metadata
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore
-from app.services import Services, find_services
+from app.services import Services
 from app.settings import Settings
 from app.storage.decoded import DecodedCache, hash_entry_key
 from app.storage.server_secret import ServerSecret
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, do_next, on_both_set_ups
+from tests.app.conftest import OpenBench, do_next, on_both_set_ups, services_of
 from tests.factories import hold
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
@@ -30,7 +29,7 @@ PERIODS = [{"start_s": 0, "end_s": 60, "kind": "task", "label": CANARY}]
 
 @pytest.fixture
 def services(client: TestClient) -> Services:
-    return find_services(Request({"type": "http", "app": client.app}))
+    return services_of(client)
 
 
 @pytest.fixture
@@ -100,30 +99,21 @@ def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes
 
 @on_both_set_ups
 @pytest.mark.usefixtures("purged")
-def test_no_table_holds_a_word_of_what_was_purged(store: JobStore) -> None:
+def test_no_table_no_file_no_object_and_no_line_of_the_log_holds_a_word_of_what_was_purged(
+    store: JobStore, settings: Settings, storage: Storage, caplog: pytest.LogCaptureFixture
+) -> None:
     with store.reader.connect() as connection:
         rows = {table.name: connection.execute(select(table)).all() for table in metadata.sorted_tables}
+    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
+    ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
+    written = "\n".join(logging.Formatter().format(record) for record in ours)
 
     assert {name for name, found in rows.items() if CANARY in str(found)} == set()
     assert rows["recordings"] == rows["analyses"] == rows["batches"] == []
     assert [row.recording_id for row in rows["uploads"]] == ["purged"]
     assert rows["deliveries"] != []
-
-
-@on_both_set_ups
-@pytest.mark.usefixtures("purged")
-def test_no_byte_of_the_data_folder_and_of_the_bucket_holds_one(settings: Settings, storage: Storage) -> None:
-    assert list(storage.find_names()) == []
-    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
-
+    assert (list(storage.find_names()), len(storage.find_erased())) == ([], 4)  # and the reference of one
     assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
-
-
-@pytest.mark.usefixtures("purged")
-def test_no_line_of_the_log_holds_one(caplog: pytest.LogCaptureFixture) -> None:
-    ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
-    written = "\n".join(logging.Formatter().format(record) for record in ours)
-
     assert "attempt 1: finished" in written
     assert CANARY not in written
 

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, delete, text, update
+from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
@@ -15,9 +14,7 @@ from app.jobs.job import TRANSITIONS, Job, JobState
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.store import ResultFile
-from tests.app.conftest import AddJob
-
-both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+from tests.app.conftest import AddJob, on_both_databases
 
 FILES = (ResultFile("results.json", "0" * 64, 2),)
 
@@ -43,13 +40,6 @@ def bring_to(store: JobStore, job_id: str, state: JobState) -> str:
     return token
 
 
-def test_a_new_job_waits_and_knows_its_recording(add_job: AddJob) -> None:
-    job = add_job(b"four", file_name="Équipe 1.gt3x")
-
-    assert job.state is JobState.QUEUED
-    assert (job.file_name, job.size_bytes, job.attempts) == ("Équipe 1.gt3x", 4, 0)
-
-
 def test_the_oldest_job_is_claimed_first_and_its_attempt_and_progress_are_seen(
     store: JobStore, add_job: AddJob
 ) -> None:
@@ -66,7 +56,7 @@ def test_the_oldest_job_is_claimed_first_and_its_attempt_and_progress_are_seen(
         store.get("an_none")
 
 
-@both
+@on_both_databases
 def test_twenty_claims_at_once_give_every_job_to_one_claimer(store: JobStore, add_job: AddJob) -> None:
     jobs = [add_job() for _ in range(10)]
 
@@ -76,7 +66,7 @@ def test_twenty_claims_at_once_give_every_job_to_one_claimer(store: JobStore, ad
     assert sorted(job.id for job in claimed if job) == sorted(job.id for job in jobs)
 
 
-@both
+@on_both_databases
 def test_a_finished_job_has_its_files_and_is_published_once(store: JobStore, add_job: AddJob) -> None:
     job = add_job()
     _, token = claim(store)
@@ -103,7 +93,7 @@ def lose(store: JobStore, job_id: str, token: str, way: str) -> None:
         claim(store)
 
 
-@both
+@on_both_databases
 @pytest.mark.parametrize("way", ["cancelled", "released", "lease ran out"])
 def test_a_worker_that_lost_its_job_changes_nothing_any_more(
     store: JobStore, add_job: AddJob, way: str
@@ -122,17 +112,7 @@ def test_a_worker_that_lost_its_job_changes_nothing_any_more(
     assert store.get(job.id).state is state
 
 
-def test_a_failed_job_says_why(store: JobStore, add_job: AddJob) -> None:
-    job = add_job()
-    _, token = claim(store)
-
-    store.fail(job.id, token, "E-SHORT", {"s": 4.0})
-
-    assert store.get(job.id).problem_code == "E-SHORT"
-    assert store.get(job.id).problem_facts == {"s": 4.0}
-
-
-@both
+@on_both_databases
 def test_an_orderly_release_does_not_count_as_a_death(store: JobStore, add_job: AddJob) -> None:
     job = add_job()
     _, token = claim(store)
@@ -147,7 +127,7 @@ def move_lease(store: JobStore, by_s: float) -> None:
     store.run(update(analyses).values(lease_until_s=analyses.c.lease_until_s + by_s))
 
 
-@both
+@on_both_databases
 @pytest.mark.parametrize(
     "first_s", [-60.0, 3600.0, -3600.0], ids=["dead", "clock put back", "clock put forward"]
 )
@@ -169,7 +149,7 @@ def test_a_job_whose_lease_ran_out_twice_waits_again_and_counts_an_interruption(
     assert (back.stage, back.progress) == (None, 0.0)
 
 
-@both
+@on_both_databases
 def test_a_living_worker_keeps_its_job_when_the_time_jumps(store: JobStore, add_job: AddJob) -> None:
     job = add_job()
     _, token = claim(store)
@@ -183,7 +163,7 @@ def test_a_living_worker_keeps_its_job_when_the_time_jumps(store: JobStore, add_
     assert store.get(job.id).interruptions == 0
 
 
-@both
+@on_both_databases
 @pytest.mark.parametrize("source", tuple(JobState))
 def test_a_state_follows_another_only_where_the_table_says_so(
     store: JobStore, add_job: AddJob, source: JobState
@@ -206,7 +186,7 @@ def test_a_state_follows_another_only_where_the_table_says_so(
         store.cancel(job.id)  # nothing waits when the next job is claimed
 
 
-@both
+@on_both_databases
 def test_a_commit_is_durable_through_a_power_cut(store: JobStore) -> None:
     asked = {
         "sqlite": ("PRAGMA journal_mode", "PRAGMA synchronous"),
@@ -220,7 +200,7 @@ def test_a_commit_is_durable_through_a_power_cut(store: JobStore) -> None:
     assert modes == durable[store._engine.dialect.name]
 
 
-@both
+@on_both_databases
 def test_rows_cannot_lose_their_recording(store: JobStore, add_job: AddJob) -> None:
     add_job()
 
@@ -228,7 +208,7 @@ def test_rows_cannot_lose_their_recording(store: JobStore, add_job: AddJob) -> N
         connection.execute(delete(recordings))
 
 
-@both
+@on_both_databases
 def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
     settings.data_dir.mkdir(exist_ok=True)
 
@@ -238,16 +218,6 @@ def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
     assert [one.find_newest() for one in stores] == [(), (), (), ()]
     for one in stores:
         one.close()
-
-
-@both
-def test_the_rows_outlive_the_store(settings: Settings, add_job: AddJob, tmp_path: Path) -> None:
-    job = add_job()
-
-    engine = create_engine(settings.database_url)
-    with engine.connect() as connection:
-        assert connection.execute(text("SELECT id FROM analyses")).scalar() == job.id
-    engine.dispose()
 
 
 def test_a_database_keeps_to_the_store_it_was_first_used_with(store: JobStore) -> None:

@@ -99,7 +99,6 @@ def test_an_attempt_that_cannot_become_a_report_ends_with_its_code(
     assert facts is None or failed.problem_facts == facts
 
 
-@on_both_set_ups
 def test_a_bug_ends_the_job_with_a_reference_and_leaves_no_file(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -136,7 +135,6 @@ def test_three_deaths_fail_the_job_and_the_queue_goes_on(
     assert store.get(next_job.id).state is JobState.SUCCEEDED
 
 
-@on_both_set_ups
 def test_five_ends_of_the_worker_set_the_job_aside_without_blame_and_the_queue_goes_on(
     store: JobStore, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -256,7 +254,6 @@ def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJ
     assert store.get(job.id).state is JobState.CANCELLED
 
 
-@on_both_set_ups
 def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
     job, slow = add_job(), bench(stand_ins.write_slowly)
     worker = threading.Thread(target=run_next, args=(slow,))
@@ -269,7 +266,6 @@ def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, be
     assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.QUEUED, 0)
 
 
-@on_both_set_ups
 def test_a_damaged_recording_gives_no_report(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -287,7 +283,6 @@ def wait_for_stage(store: JobStore, job_id: str) -> None:
         time.sleep(0.05)
 
 
-@on_both_set_ups
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_renews_its_lease_while_the_store_is_slow(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
@@ -324,7 +319,6 @@ def test_a_large_file_is_given_more_time(settings: Settings) -> None:
     assert choose_limits(settings, 2_000_000_000).wall_s == 2400.0
 
 
-@on_both_set_ups
 def test_a_job_that_finds_the_disk_full_goes_back_until_it_does_too_often(
     store: JobStore, settings: Settings, add_job: AddJob, bench: OpenBench
 ) -> None:

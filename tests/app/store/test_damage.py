@@ -175,7 +175,6 @@ def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again_once(
     assert ask(client, again, "report.pdf?lang=fr").content == b"%PDF-fr"
 
 
-@on_both_set_ups
 @pytest.mark.parametrize("way", ["sent", "asked for"])
 def test_damaged_work_that_is_sent_or_asked_for_again_is_done_again(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, way: str
@@ -234,7 +233,6 @@ def test_the_inspection_of_a_damaged_recording_is_a_problem(
     assert (answer.status_code, answer.json()["code"]) == (410, "E-STORE-DAMAGED")
 
 
-@on_both_set_ups
 @HOWS
 def test_a_damaged_reference_gives_no_comparison(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, how: str

@@ -281,11 +281,7 @@ def get(settings: Settings, *words: str) -> Any:
 
 @on_both_set_ups
 def test_the_command_writes_the_original(
-    settings: Settings,
-    store: JobStore,
-    storage: Storage,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    settings: Settings, store: JobStore, storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ACROMION_DATABASE_URL", settings.database_url)
     monkeypatch.setenv("ACROMION_OBJECT_STORE", settings.object_store)
