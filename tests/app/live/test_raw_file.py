@@ -1,9 +1,5 @@
 """The raw file of a live session: lossless, read as an ordinary recording, whole up to a kill."""
 
-import os
-import signal
-import subprocess
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -107,41 +103,16 @@ def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "live-a.csv").arm_axis is None
 
 
-def test_what_was_written_survives_a_kill_before_any_sync(tmp_path: Path) -> None:
-    raw = RawFile(tmp_path / "live-a.raw", HEADER)
-    raw.write(make_frames(FIRST_POSE))
+def test_a_session_that_was_cut_is_named_and_keeps_every_row_that_was_written(tmp_path: Path) -> None:
+    raw = RawFile(tmp_path / "live-a.csv", HEADER)
+    for first, end in ((0, 2000), (2000, 2100)):
+        raw.write(FRAMES.cut(first, end))
 
-    rows = raw.path.read_bytes().splitlines()
+    (cut,) = find_cut(tmp_path)  # neither synced nor closed, as after a kill
+    rows = sum(map(len, read_recording(raw.path).segments))
 
-    assert sum(row[:1].isdigit() for row in rows) == 1200
     raw.close()
-
-
-PROGRAM = """
-import os, signal, sys
-from pathlib import Path
-from app.live.raw_file import RawFile
-from tests.app.live.made import FIRST_POSE, make_frames
-from tests.app.live.test_raw_file import HEADER
-
-frames = make_frames(FIRST_POSE, (95.0, 10.0))
-raw = RawFile(Path(sys.argv[1]), HEADER)
-raw.write(frames.cut(0, 2000))
-raw.sync()
-raw.write(frames.cut(2000, 2100))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_kill_loses_what_came_after_the_last_sync_and_no_more(tmp_path: Path) -> None:
-    path = tmp_path / "live-a.csv"
-
-    ended = subprocess.run([sys.executable, "-c", PROGRAM, str(path)], env={**os.environ}, check=False)
-
-    assert ended.returncode == -signal.SIGKILL
-    (cut,) = find_cut(tmp_path)
-    assert 19.99 <= cut.elapsed_s <= 20.99
-    assert sum(map(len, read_recording(path).segments)) >= 2000
+    assert (cut.path, cut.elapsed_s, rows) == (raw.path, pytest.approx(20.99), 2100)
 
 
 def test_a_torn_last_row_is_left_out(tmp_path: Path) -> None:
