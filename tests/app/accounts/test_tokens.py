@@ -38,15 +38,6 @@ def test_a_token_has_a_prefix_that_scanners_know_and_is_shown_once(visitor: Visi
     assert [row["used_at"] for row in listed.json()["items"]] == ["2026-09-21T14:13:20+00:00"]
 
 
-def test_a_token_may_what_it_was_given_and_no_more(person: Person, enter: Enter, visit: Visit) -> None:
-    token = make(enter(), "read")
-
-    assert ask(visit, token) == 200
-    assert ask(visit, token, "DELETE", "/api/v1/recordings/rec_x") == 403
-    assert ask(visit, token, "POST", "/api/v1/tokens") == 403
-    assert ask(visit, token, "GET", "/account") == 403
-
-
 def test_nobody_gives_a_token_what_he_may_not(add_person: AddPerson, enter: Enter) -> None:
     add_person("clara", "assistant")
 

@@ -149,9 +149,15 @@ def test_a_body_of_a_size_that_cannot_be_is_refused_and_leaves_nothing(
     assert files_in(shared_settings.data_dir) == []
 
 
-def test_a_disk_that_is_nearly_full_is_a_507(settings: Settings) -> None:
+@pytest.mark.parametrize(
+    ("address", "headers"),
+    [(URL, {}), ("/api/v1/uploads", {"tus-resumable": "1.0.0", "upload-length": "3"})],
+)
+def test_a_disk_that_is_nearly_full_is_a_507(
+    settings: Settings, address: str, headers: dict[str, str]
+) -> None:
     with serving(settings, min_free_bytes=1 << 60) as client:
-        problem = client.post(URL, content=b"x")
+        problem = client.post(address, content=b"" if headers else b"x", headers=headers)
 
     assert (problem.status_code, problem.json()["code"]) == (507, "E-DISK")
     assert problem.headers["retry-after"] == "5"

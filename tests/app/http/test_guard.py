@@ -6,11 +6,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from starlette.requests import Request
 from starlette.types import Message
 
 from app.api.middleware.guard import _BodyWatch, takes_file
-from app.api.middleware.problems import respond_to_refusal
 from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
 from app.main import create_app
@@ -288,14 +286,6 @@ def test_nothing_is_awaited_after_a_last_piece_that_makes_the_body_too_large() -
         await watch.finish()
 
     run_coroutine(refuse())
-
-
-def test_a_slow_upload_is_answered_and_the_line_closed() -> None:
-    scope = {"type": "http", "method": "POST", "path": "/", "headers": [], "query_string": b""}
-
-    answer = respond_to_refusal(Request(scope), SlowUpload())
-
-    assert (answer.status_code, answer.headers["connection"]) == (408, "close")
 
 
 @pytest.mark.parametrize("root", ["", "/acromion"])

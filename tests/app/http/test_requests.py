@@ -204,15 +204,19 @@ def test_a_full_queue_refuses_more(settings: Settings) -> None:
     assert answer.headers["retry-after"] == "5"
 
 
-@pytest.mark.parametrize("address", ["/api/v1/analyze", "/api/v1/recordings"])
-def test_more_uploads_at_once_than_are_taken_are_told_to_come_again(settings: Settings, address: str) -> None:
+def test_more_uploads_at_once_than_are_taken_are_told_to_come_again(settings: Settings) -> None:
+    tus = {"tus-resumable": "1.0.0"}
+    piece = tus | {"upload-offset": "0", "content-type": "application/offset+octet-stream"}
     with serving(settings, max_uploads_at_once=0) as client:
-        answer = client.post(address, content=b"x")
+        begun = client.post("/api/v1/uploads", headers=tus | {"upload-length": "3"}).headers["location"]
+        answers = [client.post(f"/api/v1/{place}", content=b"x") for place in ("analyze", "recordings")]
+        answers.append(client.patch(begun, content=b"abc", headers=piece))
 
-        stored = client.get("/api/v1/recordings").json()["items"]
+        assert client.get("/api/v1/recordings").json()["items"] == []
+        assert client.head(begun, headers=tus).headers["upload-offset"] == "0"
 
-    assert (answer.status_code, answer.json()["code"]) == (429, "E-TOO-MANY")
-    assert (answer.headers["retry-after"], stored) == ("5", [])
+    told = [(one.status_code, one.json()["code"], one.headers["retry-after"]) for one in answers]
+    assert told == [(429, "E-TOO-MANY", "5")] * 3
 
 
 def test_the_turn_of_an_upload_that_ended_badly_is_free_again(settings: Settings) -> None:

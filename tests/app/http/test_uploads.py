@@ -84,14 +84,6 @@ def test_the_first_bytes_may_come_with_the_announcement(client: TestClient) -> N
     assert (answer.status_code, answer.headers["upload-offset"]) == (201, "4")
 
 
-def test_bytes_beyond_what_is_taken_at_once_are_told_to_come_again(settings: Settings) -> None:
-    with serving(settings, max_uploads_at_once=0) as client:
-        address = announce(client, 3)
-
-        assert append(client, address, 0, b"abc") == 429
-        assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
-
-
 @pytest.mark.parametrize(
     ("version", "content", "headers", "status"),
     [
@@ -136,11 +128,6 @@ def test_a_length_that_cannot_be_is_refused_before_the_first_byte(
 
     assert client.post(URL, headers=headers).status_code == status
     assert files_of(settings) == []
-
-
-def test_no_upload_is_begun_on_a_disk_that_is_nearly_full(settings: Settings) -> None:
-    with serving(settings, min_free_bytes=1 << 60) as client:
-        assert client.post(URL, headers=TUS | {"upload-length": "3"}).status_code == 507
 
 
 @pytest.mark.parametrize("algorithm", ["sha1", "sha256", "sha512", "md5"])

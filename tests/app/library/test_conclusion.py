@@ -19,7 +19,6 @@ from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
 from app.report.analysis.report import build_report
 from app.report.export.results import build_results, decode_results, encode_results, identify_report
-from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ConclusionDraft, ReportRequest
@@ -55,12 +54,6 @@ def test_the_conclusion_stands_on_page_2_of_the_pdf() -> None:
 
     assert "Overhead work is the load." in pages[1]
     assert "M. Tremblay" in pages[1]
-
-
-def test_markup_in_a_conclusion_is_only_text() -> None:
-    subject = replace(make_subject(), conclusion=replace(TWO_LINES, text="<b>raised</b>"))
-
-    assert b"&lt;b&gt;raised&lt;/b&gt;" in render_html(build_report(make_analysis(), subject, "en"))
 
 
 def test_a_report_with_a_conclusion_has_an_id_of_its_own() -> None:

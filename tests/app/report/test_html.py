@@ -27,6 +27,7 @@ from app.report.model import format_brief
 from app.report.render.html import content_security_policy, render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
+from app.request import Conclusion
 from fusion.exposure import PartExposure
 from fusion.quality import Quality
 from fusion.recording import QualityFlag, Span
@@ -160,7 +161,9 @@ def analysis_with(texts: Sequence[str]) -> Findings:
 
 
 def report_with(texts: Sequence[str], language: Language = "en") -> Report:
-    return build_report(analysis_with(texts), make_subject(texts[0], texts[0]), language)
+    said = Conclusion(texts[0], texts[0], "2026-11-23")
+    subject = replace(make_subject(texts[0], texts[0]), conclusion=said)
+    return build_report(analysis_with(texts), subject, language)
 
 
 def squeeze(text: str) -> str:
