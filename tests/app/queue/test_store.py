@@ -1,20 +1,32 @@
 """The job rows: who may change what, and when."""
 
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from functools import partial
 
 import pytest
+from fastapi.testclient import TestClient
 from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
+from app.jobs.audit_log import acting
 from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import TRANSITIONS, Job, JobState
-from app.jobs.store import JobStore
+from app.jobs.listing import Library, Took
+from app.jobs.queue import WayIn
+from app.jobs.store import JobFilter, JobStore
+from app.jobs.worker import run_next
+from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import ResultFile
-from tests.app.conftest import AddJob, on_both_databases
+from app.storage.store import ResultFile, Storage
+from app.web.views import estimate_left_s
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench, on_both_databases
+from tests.app.stand_ins import write_report
 
 FILES = (ResultFile("results.json", "0" * 64, 2),)
 
@@ -228,3 +240,108 @@ def test_a_database_keeps_to_the_store_it_was_first_used_with(store: JobStore) -
         store.check_belongs("folder-2")
 
     assert refusal.value.facts == {"found": "folder-2", "needed": "folder-1"}
+
+
+# What tokens ask for takes turns by token; what a person drops on the page goes first.
+
+
+def ask(store: JobStore, storage: Storage, who: str, number: int, way_in: WayIn = "api") -> None:
+    upload = storage.open_upload(1_000_000)
+    upload.write(f"{who} {number}".encode())
+    with acting(who):
+        store.add(upload.keep(), ReportRequest(f"{who}-{number}.gt3x"), way_in)
+
+
+def read_order(store: JobStore, bench: OpenBench, count: int) -> list[str]:
+    """Do the jobs one by one; gives whose each was."""
+    worker = bench(write_report)
+    for _ in range(count):
+        assert run_next(worker)
+    jobs = sorted(store.find_page(JobFilter(), count), key=lambda job: str(job.ended_at))
+    return [job.file_name.partition("-")[0] for job in jobs]
+
+
+@on_both_databases
+def test_a_token_that_sends_much_does_not_hold_up_another(
+    store: JobStore, storage: Storage, bench: OpenBench
+) -> None:
+    for number in range(4):
+        ask(store, storage, "tok_many", number)
+    for number in range(2):
+        ask(store, storage, "tok_few", number)
+
+    order = read_order(store, bench, 6)
+
+    assert order == ["tok_many", "tok_few", "tok_many", "tok_few", "tok_many", "tok_many"]
+
+
+def test_a_drop_on_the_page_goes_before_every_token(
+    store: JobStore, storage: Storage, bench: OpenBench
+) -> None:
+    for number in range(3):
+        ask(store, storage, "tok_many", number)
+    ask(store, storage, "per_clara", 0, "web")
+
+    assert read_order(store, bench, 4)[0] == "per_clara"
+
+
+# The time left of an analysis, by those before it: what is judged, what is not, where it is told.
+
+
+NOW = datetime(2026, 3, 2, 8, 0, 10, tzinfo=UTC)
+BEGAN = NOW - timedelta(seconds=4)
+
+
+@pytest.fixture
+def running(add_job: AddJob) -> Job:
+    """An analysis of a file of 100 bytes, begun 4 s ago."""
+    return replace(add_job(), file_name="day.GT3X", size_bytes=100, state=JobState.RUNNING, started_at=BEGAN)
+
+
+def test_a_file_twice_as_large_takes_twice_as_long(running: Job) -> None:
+    took = [Took("a.gt3x", 50, 3.0), Took("b.gt3x", 100, 10.0), Took("c.gt3x", 200, 14.0)]
+
+    assert estimate_left_s(running, took, NOW) == 3.0  # 6, 10 and 7 s: the middle one, less 4
+
+
+@pytest.mark.parametrize(
+    "took",
+    [
+        [],
+        [Took("a.csv", 100, 10.0)],  # another kind
+        [Took("a.gt3x", 49, 10.0)],  # less than half as large
+        [Took("a.gt3x", 201, 10.0)],  # more than twice
+        [Took("a.gt3x", 100, 4.0)],  # should be over
+    ],
+)
+def test_without_a_file_like_it_no_time_is_told(running: Job, took: list[Took]) -> None:
+    assert estimate_left_s(running, took, NOW) is None
+
+
+def test_only_what_runs_has_time_left(running: Job) -> None:
+    waiting = replace(running, state=JobState.QUEUED, started_at=None)
+
+    assert estimate_left_s(waiting, [Took("a.gt3x", 100, 10.0)], NOW) is None
+
+
+def test_finished_analyses_are_what_time_is_judged_by(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    add_job(b"1")
+    run_next(bench(stand_ins.write_report))
+    add_job(b"2")
+
+    (took,) = Library(store.reader).find_took()
+
+    assert took.size_bytes == 1
+    assert took.took_s >= 0
+
+
+def test_the_list_tells_about_how_long_it_still_takes(
+    client: TestClient, store: JobStore, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_job(b"123")
+    store.claim()
+    monkeypatch.setattr(Library, "find_took", lambda _: (Took("a.gt3x", 3, 3600.0),))
+
+    assert re.search(r"about (1\s+h|59\s+min.{0,8}) left", client.get("/").text)
