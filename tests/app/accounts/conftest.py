@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 
 import pyotp
 import pytest
+from argon2 import PasswordHasher
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from httpx2 import Response
 from sqlalchemy import update
 
+from app.access import passwords
 from app.access.accounts import LONGEST_S, AccountStore, Person, hash_secret
 from app.access.logins import Logins
 from app.access.passwords import hash_password
@@ -114,8 +116,18 @@ def logins(accounts: AccountStore, settings: Settings) -> Logins:
     return Logins(accounts, settings)
 
 
-@pytest.fixture(scope="session")
-def password_hash() -> str:
+@pytest.fixture(autouse=True, scope="package")
+def cheap_hashes() -> Iterator[None]:
+    """Hash passwords at the least cost, in all tests of this folder."""
+    cheap = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(passwords, "_HASHER", cheap)
+        patched.setattr(passwords, "_NOBODY", cheap.hash("of nobody"))
+        yield
+
+
+@pytest.fixture(scope="package")
+def password_hash(cheap_hashes: None) -> str:
     """The hash of everybody's password, computed once."""
     return hash_password(PASSWORD)
 

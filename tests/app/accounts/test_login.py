@@ -9,9 +9,10 @@ from typing import cast
 
 import pyotp
 import pytest
-from argon2 import PasswordHasher
+from argon2 import PasswordHasher, Type
 from fastapi.testclient import TestClient
 
+from app.access import passwords
 from app.access.accounts import AccountStore, Person
 from app.access.gate import Gate, StartSecret, read_or_create_secret
 from app.access.logins import Caller, Logins
@@ -255,6 +256,15 @@ def test_a_password_is_judged_by_length_by_how_many_have_it_and_by_names(
     password: str, names: tuple[str, ...], fault: str
 ) -> None:
     assert find_fault(password, *names) == fault
+
+
+SERVERS_HASHER = passwords._HASHER  # which the tests replace by a cheap one
+
+
+def test_a_hash_costs_at_least_what_owasp_asks() -> None:
+    assert SERVERS_HASHER.type is Type.ID
+    assert SERVERS_HASHER.time_cost >= 2
+    assert SERVERS_HASHER.memory_cost >= 19 * 1024  # KiB
 
 
 def test_a_password_of_128_characters_counts_to_the_last() -> None:

@@ -208,22 +208,6 @@ def list_names(logs: tuple[Path, ...], out: Path) -> list[str]:
     return [folder.name for folder in place_folders(logs, out)]
 
 
-def test_recordings_of_one_stem_are_numbered(logs: tuple[Path, Path], tmp_path: Path) -> None:
-    assert list_names(logs, tmp_path / "out") == ["arm", "arm-2"]
-
-
-def test_a_folder_stays_with_its_recording(logs: tuple[Path, Path], tmp_path: Path) -> None:
-    leave_marker(tmp_path / "out" / "arm", logs[1])
-
-    assert list_names(logs, tmp_path / "out") == ["arm-2", "arm"]
-
-
-def test_a_recording_of_another_run_keeps_its_folder(logs: tuple[Path, Path], tmp_path: Path) -> None:
-    leave_marker(tmp_path / "out" / "arm", logs[1])
-
-    assert list_names(logs[:1], tmp_path / "out") == ["arm-2"]
-
-
 def test_a_recording_that_changed_in_its_place_keeps_its_folder(
     logs: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -233,25 +217,29 @@ def test_a_recording_that_changed_in_its_place_keeps_its_folder(
     assert list_names(logs[:1], tmp_path / "out") == ["arm"]
 
 
-def test_a_recording_that_was_moved_keeps_its_folder(logs: tuple[Path, Path], tmp_path: Path) -> None:
-    leave_marker(tmp_path / "out" / "arm", logs[1], place="where it lay before")
-
-    assert list_names(logs, tmp_path / "out") == ["arm-2", "arm"]
-
-
-def test_no_recording_is_named_as_a_table(tmp_path: Path) -> None:
-    assert list_names((tmp_path / "Summary.csv.gt3x",), tmp_path / "out") == ["Summary.csv-2"]
-
-
-def test_a_recording_keeps_its_folder_where_one_before_it_has_none(
-    logs: tuple[Path, Path], tmp_path: Path
+@pytest.mark.parametrize(
+    ("done", "others", "named", "folders"),
+    [
+        ("", {}, 2, ["arm", "arm-2"]),
+        ("arm", {}, 2, ["arm-2", "arm"]),
+        ("arm", {"place": "where it lay before"}, 2, ["arm-2", "arm"]),
+        ("arm-2", {}, 2, ["arm", "arm-2"]),
+        ("arm", {}, 1, ["arm-2"]),
+    ],
+    ids=["numbered", "kept", "moved", "the one before has none", "of another run"],
+)
+def test_recordings_of_one_stem_are_numbered_and_the_second_keeps_the_folder_it_has(
+    logs: tuple[Path, Path], tmp_path: Path, done: str, others: dict[str, str], named: int, folders: list[str]
 ) -> None:
-    leave_marker(tmp_path / "out" / "arm-2", logs[1])
+    if done:
+        leave_marker(tmp_path / "out" / done, logs[1], **others)
 
-    assert list_names(logs, tmp_path / "out") == ["arm", "arm-2"]
+    assert list_names(logs[:named], tmp_path / "out") == folders
 
 
-def test_no_recording_is_named_as_a_folder_of_ours(tmp_path: Path) -> None:
-    logs = (tmp_path / "shards.gt3x", tmp_path / "profiles.gt3x")
-
-    assert list_names(logs, tmp_path / "out") == ["shards_", "profiles_"]
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [("Summary.csv", "Summary.csv-2"), ("shards", "shards_"), ("profiles", "profiles_")],
+)
+def test_no_recording_is_named_as_a_table_or_a_folder_of_ours(tmp_path: Path, name: str, folder: str) -> None:
+    assert list_names((tmp_path / f"{name}.gt3x",), tmp_path / "out") == [folder]

@@ -30,11 +30,21 @@ def library(store: JobStore) -> Library:
     return Library(store.reader)
 
 
-def finish(
-    store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00", above_60: float | None = 7.0
-) -> Job:
-    """Let the job that waits end well."""
-    return finish_next(store, HeadlineFigures(verdict, start, 28800.0, above_60))
+@pytest.fixture
+def add_report(store: JobStore, add_job: AddJob) -> AddJob:
+    """Store a recording and let its analysis end well."""
+
+    def add(
+        content: bytes = b"recording",
+        verdict: str = "good",
+        start: str = "2026-03-02T07:00:00",
+        above_60: float | None = 7.0,
+        subject: str = "",
+    ) -> Job:
+        add_job(content, subject=subject)
+        return finish_next(store, HeadlineFigures(verdict, start, 28800.0, above_60))
+
+    return add
 
 
 def list_ids(library: Library, wanted: LibraryFilter) -> list[str]:
@@ -65,11 +75,9 @@ def test_pages_follow_one_another_the_newest_first_unless_reversed(
 
 
 def test_recordings_are_found_by_their_own_day_or_today_while_they_wait(
-    library: Library, store: JobStore, add_job: AddJob
+    library: Library, add_job: AddJob, add_report: AddJob
 ) -> None:
-    add_job()
-    job = finish(store, "good", "2026-03-02T07:00:00")
-    waiting = add_job(b"waits")
+    job, waiting = add_report(start="2026-03-02T07:00:00"), add_job(b"waits")
 
     assert list_ids(library, LibraryFilter(first_day="2026-03-02", last_day="2026-03-02")) == [job.id]
     assert list_ids(library, LibraryFilter(first_day="2026-03-03", last_day="2026-03-03")) == []
@@ -85,12 +93,8 @@ def test_recordings_are_found_by_any_part_of_the_name(library: Library, add_job:
     assert list_ids(library, LibraryFilter("100%_w")) == [job.id]
 
 
-def test_groups_are_counted_as_they_are_listed(library: Library, store: JobStore, add_job: AddJob) -> None:
-    add_job(b"1")
-    poor = finish(store, "poor")
-    add_job(b"2")
-    finish(store, "good")
-    waiting = add_job(b"3")
+def test_groups_are_counted_as_they_are_listed(library: Library, add_job: AddJob, add_report: AddJob) -> None:
+    poor, _, waiting = add_report(b"1", "poor"), add_report(b"2", "good"), add_job(b"3")
 
     counts = library.count(LibraryFilter())
 
@@ -115,10 +119,9 @@ def fail_again(store: JobStore, job: Job) -> Job:
 
 
 def test_a_failed_repetition_leaves_the_earlier_report_in_the_list_and_needs_attention(
-    library: Library, store: JobStore, add_job: AddJob
+    library: Library, store: JobStore, add_report: AddJob
 ) -> None:
-    add_job()
-    good = finish(store, "good")
+    good = add_report()
     failed = fail_again(store, good)
 
     (entry,) = library.find_page(LibraryFilter(), 10)
@@ -134,31 +137,25 @@ def test_a_failed_repetition_leaves_the_earlier_report_in_the_list_and_needs_att
 
 
 def test_neighbours_of_a_report_with_a_failed_repetition_are_those_of_its_row(
-    library: Library, store: JobStore, add_job: AddJob
+    library: Library, store: JobStore, add_report: AddJob
 ) -> None:
-    first = add_job(b"1")
-    good = finish(store, "good")
-    second = add_job(b"2")
-    finish(store, "good")
+    good, second = add_report(b"1"), add_report(b"2")
     fail_again(store, good)
 
-    assert first.id == good.id
     assert library.find_neighbours(good, LibraryFilter()) == (None, second.id)
     assert library.find_neighbours(second, LibraryFilter()) == (good.id, None)
 
 
 def test_a_report_whose_repetition_runs_is_offered_to_be_compared(
-    library: Library, store: JobStore, add_job: AddJob
+    library: Library, store: JobStore, add_report: AddJob
 ) -> None:
-    ids = []
-    for content in (b"1", b"2"):
-        job = add_job(content, subject="S1")
-        ids.append(finish(store, "good").id)
-    store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", "S1", pose="side-lean"))
+    first, second = (add_report(content, subject="S1") for content in (b"1", b"2"))
+    wish = ReportRequest("shift.gt3x", "S1", pose="side-lean")
+    store.add_analysis((second.recording_id, second.sha256), wish)
 
-    (other,) = library.find_others(store.get(ids[0]))
+    (other,) = library.find_others(first)
 
-    assert other.job.id == ids[1]
+    assert other.job.id == second.id
 
 
 def test_a_batch_shows_its_own_analyses_and_no_other(
@@ -184,13 +181,10 @@ def test_recordings_are_sorted_by_name_whatever_the_case(library: Library, add_j
 
 
 def test_a_column_sorts_either_way_and_what_has_no_value_stands_last(
-    library: Library, store: JobStore, add_job: AddJob
+    library: Library, add_report: AddJob
 ) -> None:
     figures = {"a": 3.0, "b": None, "c": 12.5}
-    ids = {}
-    for name, percent in figures.items():
-        add_job(name.encode())
-        ids[finish(store, "good", above_60=percent).id] = name
+    ids = {add_report(name.encode(), above_60=percent).id: name for name, percent in figures.items()}
 
     most = [ids[one] for one in list_ids(library, LibraryFilter(order="above_60"))]
     least = [ids[one] for one in list_ids(library, LibraryFilter(order="above_60", is_reversed=True))]
@@ -198,10 +192,9 @@ def test_a_column_sorts_either_way_and_what_has_no_value_stands_last(
     assert (most, least) == (["c", "a", "b"], ["a", "c", "b"])
 
 
-def test_the_poorest_quality_comes_first(library: Library, store: JobStore, add_job: AddJob) -> None:
+def test_the_poorest_quality_comes_first(library: Library, add_report: AddJob) -> None:
     for verdict in ("good", "poor", "caution"):
-        add_job(verdict.encode())
-        finish(store, verdict)
+        add_report(verdict.encode(), verdict)
 
     found = library.find_page(LibraryFilter(order="quality"), 10)
 
