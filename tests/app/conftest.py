@@ -15,7 +15,6 @@ from app.jobs import worker
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
-from app.jobs.studies import identify_study
 from app.jobs.worker import Bench, open_bench, run_next
 from app.main import configure_server, create_app
 from app.request import ReportRequest
@@ -39,11 +38,6 @@ on_both_set_ups = pytest.mark.parametrize(
 )
 
 on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
-
-
-def find_study(store: JobStore, name: str) -> str:
-    """Give the id of the study of a name."""
-    return identify_study(name)
 
 
 def services_of(client: TestClient) -> Services:

@@ -15,13 +15,14 @@ from app.jobs.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter
 from app.jobs.recordings import RecordingStore
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
+from app.jobs.studies import identify_study
 from app.main import create_app
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
 from app.storage.store import Storage
 from app.web.views import draw_spark
 from fusion.conventions import METHOD_VERSION
-from tests.app.conftest import AddJob, find_study
+from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next
 
 
@@ -413,7 +414,7 @@ def test_the_chosen_join_a_study_that_goes_on_with_their_next_analyses(
     told = do(client, "study", *jobs, study="spring")
     do(client, "again", *jobs)
 
-    study = LibraryFilter(batch=find_study(store, "spring"))
+    study = LibraryFilter(batch=identify_study("spring"))
     assert "2 recordings are in the study spring." in told
     assert list_names(library, study) == {"a", "b"}
     assert {entry.job.state for entry in library.find_page(study, 10)} == {JobState.QUEUED}
