@@ -55,7 +55,7 @@ def make_analysis(
     quality: Quality | None = None,
     calibrated: bool = True,
 ) -> Findings:
-    """Give an analysed shift."""
+    """Return an analysed shift."""
     recording = RecordingFacts(
         device="gt9x",
         sha256=SHA256,

@@ -66,14 +66,14 @@ AddPerson = Callable[..., Person]
 
 
 def read_ticket(answer: Response) -> str:
-    """Give the hidden ticket of a form."""
+    """Return the hidden ticket of a form."""
     found = re.search(r'name="ticket" value="([^"]+)"', answer.text)
     assert found is not None, answer.text
     return found[1]
 
 
 def make_code(clock: Clock, step: int = 0, secret: str = SECRET) -> str:
-    """Give the code that an authenticator shows, some steps from now."""
+    """Return the code that an authenticator shows, some steps from now."""
     return pyotp.TOTP(secret).at(int(clock()) + 30 * step)
 
 
@@ -236,7 +236,7 @@ class House:
         return services
 
     def add_person(self, name: str, *roles: Role) -> str:
-        """Add a person; gives the id."""
+        """Add a person; return the id."""
         person = self.accounts.add_person(name, name.title(), roles)
         self.people[name] = person.id
         return person.id
@@ -246,12 +246,12 @@ class House:
         return self.accounts.add_token(self.people[name], f"of {name}", permissions, time.time() + 3600)
 
     def log_in(self, name: str) -> Mapping[str, str]:
-        """Give the headers of a session that goes on."""
+        """Return the headers of a session that goes on."""
         cookie = self.accounts.begin_session(self.people[name])
         return {"Cookie": f"acromion_session={cookie}"}
 
     def log_in_too_long_ago(self, name: str, settings: Settings) -> Mapping[str, str]:
-        """Give the headers of a session that is too old."""
+        """Return the headers of a session that is too old."""
         then = AccountStore(settings, clock=lambda: time.time() - LONGEST_S - 60)
         return {"Cookie": f"acromion_session={then.begin_session(self.people[name])}"}
 

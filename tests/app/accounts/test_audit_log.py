@@ -40,7 +40,7 @@ NAVIGATION = {"accept": "text/html", "sec-fetch-mode": "navigate"}
 
 
 def read(store: JobStore, question: AuditQuestion | None = None) -> list[AuditLine]:
-    """Give lines, the oldest first."""
+    """Return lines, the oldest first."""
     return list(find_lines(store.reader, question or AuditQuestion()))[::-1]
 
 

@@ -111,7 +111,7 @@ def is_allowed(visitor: Visitor, method: str, path: str) -> bool:
 
 
 def expect(visitor: Visitor, method: str, path: str, status: int) -> bool:
-    """Tell whether a status is what the table of permissions says."""
+    """Return whether a status is what the table of permissions says."""
     if not is_allowed(visitor, method, path):
         return status == (401 if visitor.permissions is None else 403)
     if visitor.name.startswith("token") and path.startswith("/api/v1/tokens"):
@@ -166,7 +166,7 @@ def test_a_live_session_asks_for_the_permission_to_upload(
 
 
 def find_routes() -> Iterator[tuple[str, str]]:
-    """Give method and path of every route; a WebSocket's method is WS."""
+    """Return method and path of every route; a WebSocket's method is WS."""
     found: Any = (route for router in (*ROUTES, *PAGES) for route in router.routes)
     for route in found:
         for method in getattr(route, "methods", None) or {"WS"}:

@@ -21,7 +21,7 @@ HERE = Caller("192.0.2.1", "")
 
 
 def dump(accounts: AccountStore) -> str:
-    """Give every row of every table of the accounts, as bytes are."""
+    """Return every row of every table of the accounts, as bytes are."""
     found = []
     for table in (people, tickets):
         found += [

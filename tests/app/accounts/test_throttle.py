@@ -34,7 +34,7 @@ def hashes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = STRANGER) -> str:
-    """Try once; gives the code of the refusal."""
+    """Try once; return the code of the refusal."""
     try:
         logins.give_password(login, password, caller)
     except (LoginRefused, TooManyTries) as refusal:
@@ -188,7 +188,7 @@ def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
 
 
 def find_keys(accounts: AccountStore) -> list[str]:
-    """Give what tries are counted by."""
+    """Return what tries are counted by."""
     return [row.key for row in accounts.database.read_all(select(tries.c.key))]
 
 

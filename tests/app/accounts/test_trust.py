@@ -27,7 +27,7 @@ from tests.crash.program import write_digest
 
 
 def find_acts(services: Services, act: str) -> list[tuple[str, str, str]]:
-    """Give who, recording and analysis of each line of an act, the oldest first."""
+    """Return who, recording and analysis of each line of an act, the oldest first."""
     lines = list(find_lines(services.store.reader, AuditQuestion(act=act)))[::-1]
     return [(line.who, line.recording_id, line.analysis_id) for line in lines]
 
@@ -138,7 +138,7 @@ def trash_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def delete_by_every_way(caller: TestClient, recording_id: str, headers: dict[str, str]) -> list[int]:
-    """Delete a recording by the API, its page, and the list; gives the statuses."""
+    """Delete a recording by the API, its page, and the list; return the statuses."""
     form = {"recording": recording_id}
     return [
         caller.post("/library/acts/delete", data=form, headers=headers).status_code,
@@ -365,7 +365,7 @@ def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: 
 
 
 def list_menu(page: str) -> list[str]:
-    """Give the addresses of the bar of pages, its folded part included."""
+    """Return the addresses of the bar of pages, its folded part included."""
     bar = page.partition("<nav")[2].partition("</nav>")[0]
     return re.findall(r'href="([^"]+)"', bar)
 

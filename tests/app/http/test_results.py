@@ -27,7 +27,7 @@ NAMES = (
 
 
 def analyse(client: TestClient, bench: OpenBench, make: MakeReport, **wishes: str) -> str:
-    """Send a recording and let a worker take it; gives the address of the analysis."""
+    """Send a recording and let a worker take it; return the address of the analysis."""
     sent = client.post("/api/v1/analyze", content=b"<b>recording", params=wishes)
     run_next(bench(make))
     return sent.headers["location"]

@@ -339,7 +339,7 @@ def test_an_upload_is_taken_on_postgresql_too(client: TestClient) -> None:
 
 
 def send_declared(client: TestClient, content: bytes) -> str:
-    """Send a whole file that declares its analysis; gives the id of its recording."""
+    """Send a whole file that declares its analysis; return the id of its recording."""
     address = announce(client, len(content), filename="shift.csv", side="left", settings="{}")
     assert append(client, address, 0, content) == 204
     recording: str = client.get(address).json()["recording_id"]

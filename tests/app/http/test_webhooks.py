@@ -99,7 +99,7 @@ def tell_webhooks(services: Services, elapsed_s: float) -> None:
 
 @contextmanager
 def listening(answer: Callable[[socket.socket], None]) -> Iterator[str]:
-    """A server that takes one connection and does with it as told; gives its address."""
+    """A server that takes one connection and does with it as told; return its address."""
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve() -> None:

@@ -228,7 +228,7 @@ def views(store: JobStore, storage: Storage) -> SavedViews:
 
 
 def do(client: TestClient, act: str, *jobs: Job, **fields: str) -> str:
-    """Do one thing to recordings; gives the page that says what was done."""
+    """Do one thing to recordings; return the page that says what was done."""
     form = {"recording": [job.recording_id for job in jobs], **fields}
     answer = client.post(f"/library/acts/{act}?lang=en", data=form)
     assert answer.status_code == 200, answer.text
@@ -236,7 +236,7 @@ def do(client: TestClient, act: str, *jobs: Job, **fields: str) -> str:
 
 
 def add_asked(store: JobStore, job: Job, **asked: Any) -> Job:
-    """Queue and finish_by an analysis of the same recording, asked for otherwise; gives it."""
+    """Queue and finish_by an analysis of the same recording, asked for otherwise; return it."""
     again = store.add_analysis((job.recording_id, job.sha256), replace(job.request, **asked))
     finish_by(store)
     finish_by(store)

@@ -53,7 +53,7 @@ def run_all(bench: OpenBench) -> None:
 
 
 def find_states(store: JobStore) -> list[str]:
-    """Give the state of the last analysis of each recording, the oldest recording first."""
+    """Return the state of the last analysis of each recording, the oldest recording first."""
     last: dict[str, str] = {}
     for job in reversed(store.find_newest()):
         last[job.recording_id] = job.state.value

@@ -126,7 +126,7 @@ def test_no_table_no_file_no_object_and_no_line_of_the_log_holds_a_word_of_what_
 
 
 def keep_samples(settings: Settings, recording_id: str) -> Path:
-    """Keep the samples of a recording as a worker does; gives the folder."""
+    """Keep the samples of a recording as a worker does; return the folder."""
     cache = DecodedCache(settings.data_dir / "cache", 1 << 20, recording_id)
     cache.keep(hash_entry_key("", "", ""), hold((0, 1)).recording)
     return cache.folder
@@ -197,7 +197,7 @@ def write_canary_report(log: Path, request: Any, out: Path, on_stage: Any) -> No
 
 
 def fill_every_place(settings: Settings, client: TestClient, bench: OpenBench) -> str:
-    """Store the canary as bytes, words, periods and a report, in a kept response too; gives the recording."""
+    """Store the canary as bytes, words, periods and a report, also in a kept response; return its id."""
     content = b"recording " + CANARY.encode()
     kept = client.post("/api/v1/recordings", content=content, params=WORDS).json()
     own = f"/api/v1/recordings/{kept['id']}"
@@ -212,7 +212,7 @@ def fill_every_place(settings: Settings, client: TestClient, bench: OpenBench) -
 
 
 def find_hits(folder: Path) -> list[str]:
-    """Give every file of a folder that holds the canary in clear, the database and its log too."""
+    """Return every file of a folder that holds the canary in clear, the database and its log too."""
     files = (path for path in folder.rglob("*") if path.is_file())
     return sorted(path.name for path in files if CANARY.encode() in path.read_bytes())
 

@@ -83,7 +83,7 @@ def test_what_is_analysed_already_joins_too(client: TestClient) -> None:
 
 @pytest.fixture
 def study(client: TestClient) -> str:
-    """A study of two recordings; gives the address of its list of participants."""
+    """A study of two recordings; return the address of its list of participants."""
     for k in range(2):
         client.put("/api/v1/analyze", params={"file_name": f"{k}.csv", "study": NAME}, content=bytes([k]))
     return f"/batches/{STUDY_ID}/participants"

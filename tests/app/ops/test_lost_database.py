@@ -64,7 +64,7 @@ def keep_older_copy(settings: Settings) -> Callable[[], None]:
 
 
 def read_every_byte(storage: Storage) -> dict[str, bytes]:
-    """Give what is kept, by name, without the side files."""
+    """Return what is kept, by name, without the side files."""
     names = [
         name for name in storage.find_names() if not name.endswith(".json") or name.startswith("analyses/")
     ]

@@ -46,7 +46,7 @@ def wide_umask(umask: int) -> Iterator[None]:
 
 
 def read_faults(backup: Path) -> list[dict[str, str]]:
-    """Give the faults that a backup lists."""
+    """Return the faults that a backup lists."""
     with zipfile.ZipFile(backup) as archive:
         faults: list[dict[str, str]] = json.loads(archive.read("manifest.json"))["faults"]
     return faults
@@ -367,7 +367,6 @@ def test_known_faults_of_a_backup_are_called_known_until_they_are_damaged_furthe
     assert f"\nDAMAGED {name}" in f"\n{further.output}"
 
 
-@on_both_set_ups
 def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
     finished: Job, storage: Storage, acromion: Acromion, backup: Backup, move: Move
 ) -> None:

@@ -39,7 +39,7 @@ def claim(store: JobStore) -> tuple[Job, str]:
 
 
 def bring_to(store: JobStore, job_id: str, state: JobState) -> str:
-    """Bring a queued job into a state; gives the token of the attempt, if there was one."""
+    """Bring a queued job into a state; return the token of the attempt, if there was one."""
     if state in (JobState.QUEUED, JobState.CANCELLED):
         if state is JobState.CANCELLED:
             store.cancel(job_id)
@@ -253,7 +253,7 @@ def ask(store: JobStore, storage: Storage, who: str, number: int, way_in: WayIn 
 
 
 def read_order(store: JobStore, bench: OpenBench, count: int) -> list[str]:
-    """Do the jobs one by one; gives whose each was."""
+    """Do the jobs one by one; return whose each was."""
     worker = bench(write_report)
     for _ in range(count):
         assert run_next(worker)

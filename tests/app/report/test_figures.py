@@ -125,7 +125,7 @@ def exposure(analysed: Findings) -> dict[str, Any]:
 
 
 def list_figures(value: Any, path: str, above: tuple[dict[str, Any], ...]) -> Iterator[tuple[str, Any, Any]]:
-    """Give (path, value, the objects around it) of every number."""
+    """Return (path, value, the objects around it) of every number."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from list_figures(inner, f"{path}.{key}" if path else key, (*above, value))

@@ -71,7 +71,7 @@ def test_the_first_page_stands_alone_on_both_papers(paper: Paper, language: Lang
 
 
 def find_lowest_text(page: PageObject) -> float:
-    """Give how far up the page its last line above the footer stands, as a share of the height."""
+    """Return how far up the page its last line above the footer stands, as a share of the height."""
     places: list[float] = []
 
     def note(text: str, cm: list[float], tm: list[float], *_: object) -> None:

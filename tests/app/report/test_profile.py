@@ -47,7 +47,7 @@ def profile_of(
 
 
 def with_percent(percent: float, interval: Interval | None = None) -> Exposure:
-    """Give the day with another time above 60 deg."""
+    """Return the day with another time above 60 deg."""
     exposure = make_exposure()
     above = (
         replace(item, percent=percent, interval=interval) if item.threshold_deg == 60 else item
@@ -281,7 +281,7 @@ def test_page_1_holds_at_most_two_hundred_words_of_three_letters(day: str, langu
 
 
 def list_sizes_pt(document: bytes) -> set[float]:
-    """Give the sizes of all words of page 1, those of its drawings included."""
+    """Return the sizes of all words of page 1, those of its drawings included."""
     sizes: set[float] = set()
 
     def note(text: str, cm: list[float], tm: list[float], _: object, size: float) -> None:

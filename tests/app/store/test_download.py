@@ -190,7 +190,6 @@ def join_study(store: JobStore, *jobs: Job) -> str:
     return {store.join_study("spring", job.id) for job in jobs}.pop()
 
 
-@on_both_set_ups
 def test_the_zip_of_a_study_holds_the_originals_of_the_study(
     client: TestClient, store: JobStore, storage: Storage, add_job: AddJob
 ) -> None:
@@ -268,12 +267,9 @@ def get(settings: Settings, *words: str) -> Any:
     return CliRunner().invoke(app, ["get", *words, "--data", str(settings.data_dir)])
 
 
-@on_both_set_ups
 def test_the_command_writes_the_original(
-    settings: Settings, store: JobStore, storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    settings: Settings, store: JobStore, storage: Storage, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("ACROMION_DATABASE_URL", settings.database_url)
-    monkeypatch.setenv("ACROMION_OBJECT_STORE", settings.object_store)
     job = add_large(store, storage, "shift.gt3x")
 
     done = get(settings, job.recording_id, "-o", str(tmp_path / "out.gt3x"))
