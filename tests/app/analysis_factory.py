@@ -12,12 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.report.analysis.report import ReportSubject, Software
-from app.report.findings import (
-    CalibrationFacts,
-    Findings,
-    MethodFacts,
-    RecordingFacts,
-)
+from app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
 from fusion.exposure import (
     Cycles,
     ElevationBin,
@@ -60,7 +55,7 @@ def make_analysis(
     quality: Quality | None = None,
     calibrated: bool = True,
 ) -> Findings:
-    """Give an analysed shift."""
+    """Return an analysed shift."""
     recording = RecordingFacts(
         device="gt9x",
         sha256=SHA256,

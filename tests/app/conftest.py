@@ -4,6 +4,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -11,13 +12,13 @@ import uvicorn
 from fastapi.testclient import TestClient
 
 from app.jobs import worker
-from app.jobs.batches import identify_study
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.worker import Bench, open_bench, run_next
 from app.main import configure_server, create_app
 from app.request import ReportRequest
+from app.services import Services
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import Storage
@@ -36,10 +37,21 @@ on_both_set_ups = pytest.mark.parametrize(
     indirect=True,
 )
 
+on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
-def find_study(store: JobStore, name: str) -> str:
-    """Give the id of the study of a name."""
-    return identify_study(name)
+
+def services_of(client: TestClient) -> Services:
+    """Return the services of a server."""
+    services: Services = client.app.state.services  # type: ignore[attr-defined]
+    return services
+
+
+@contextmanager
+def serving(settings: Settings, **changes: object) -> Iterator[TestClient]:
+    """Start and stop a server of other settings."""
+    application = create_app(settings.model_copy(update=changes))
+    with TestClient(application, base_url="http://localhost:8080", follow_redirects=False) as client:
+        yield client
 
 
 def do_next(bench: Bench) -> bool:

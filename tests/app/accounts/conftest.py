@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 
 import pyotp
 import pytest
+from argon2 import PasswordHasher
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from httpx2 import Response
 from sqlalchemy import update
 
+from app.access import passwords
 from app.access.accounts import LONGEST_S, AccountStore, Person, hash_secret
 from app.access.logins import Logins
 from app.access.passwords import hash_password
@@ -59,18 +61,19 @@ class Visitor:
 
 
 Visit = Callable[[], Visitor]
+Enter = Callable[..., Visitor]
 AddPerson = Callable[..., Person]
 
 
 def read_ticket(answer: Response) -> str:
-    """Give the hidden ticket of a form."""
+    """Return the hidden ticket of a form."""
     found = re.search(r'name="ticket" value="([^"]+)"', answer.text)
     assert found is not None, answer.text
     return found[1]
 
 
 def make_code(clock: Clock, step: int = 0, secret: str = SECRET) -> str:
-    """Give the code that an authenticator shows, some steps from now."""
+    """Return the code that an authenticator shows, some steps from now."""
     return pyotp.TOTP(secret).at(int(clock()) + 30 * step)
 
 
@@ -113,8 +116,18 @@ def logins(accounts: AccountStore, settings: Settings) -> Logins:
     return Logins(accounts, settings)
 
 
-@pytest.fixture(scope="session")
-def password_hash() -> str:
+@pytest.fixture(autouse=True, scope="package")
+def cheap_hashes() -> Iterator[None]:
+    """Hash passwords at the least cost, in all tests of this folder."""
+    cheap = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(passwords, "_HASHER", cheap)
+        patched.setattr(passwords, "_NOBODY", cheap.hash("of nobody"))
+        yield
+
+
+@pytest.fixture(scope="package")
+def password_hash(cheap_hashes: None) -> str:
     """The hash of everybody's password, computed once."""
     return hash_password(PASSWORD)
 
@@ -123,11 +136,7 @@ def password_hash() -> str:
 def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> AddPerson:
     """Add a person with a password and an authenticator."""
 
-    def add(
-        login: str = "clara",
-        *roles: Role,
-        has_second_factor: bool = True,
-    ) -> Person:
+    def add(login: str = "clara", *roles: Role, has_second_factor: bool = True) -> Person:
         person = accounts.add_person(login, login.title(), roles or ("clinician",))
         logins.credentials.set_password(person.id, password_hash)
         if has_second_factor:
@@ -135,6 +144,12 @@ def add_person(accounts: AccountStore, logins: Logins, password_hash: str) -> Ad
         return accounts.get_person(person.id)
 
     return add
+
+
+@pytest.fixture
+def person(add_person: AddPerson) -> Person:
+    """Clara, a clinician with a password and an authenticator."""
+    return add_person()
 
 
 @contextmanager
@@ -182,7 +197,7 @@ def guarded(visit: Visit) -> TestClient:
 
 
 @pytest.fixture
-def enter(visit: Visit, clock: Clock) -> Callable[[str], Visitor]:
+def enter(visit: Visit, clock: Clock) -> Enter:
     """Log somebody in in a browser of his own, with both steps."""
 
     def log_in(login: str = "clara") -> Visitor:
@@ -195,6 +210,12 @@ def enter(visit: Visit, clock: Clock) -> Callable[[str], Visitor]:
         return visitor
 
     return log_in
+
+
+@pytest.fixture
+def visitor(person: Person, enter: Enter) -> Visitor:
+    """A browser in which Clara is logged in."""
+    return enter()
 
 
 BASE = "http://localhost:8080"
@@ -215,7 +236,7 @@ class House:
         return services
 
     def add_person(self, name: str, *roles: Role) -> str:
-        """Add a person; gives the id."""
+        """Add a person; return the id."""
         person = self.accounts.add_person(name, name.title(), roles)
         self.people[name] = person.id
         return person.id
@@ -225,12 +246,12 @@ class House:
         return self.accounts.add_token(self.people[name], f"of {name}", permissions, time.time() + 3600)
 
     def log_in(self, name: str) -> Mapping[str, str]:
-        """Give the headers of a session that goes on."""
+        """Return the headers of a session that goes on."""
         cookie = self.accounts.begin_session(self.people[name])
         return {"Cookie": f"acromion_session={cookie}"}
 
     def log_in_too_long_ago(self, name: str, settings: Settings) -> Mapping[str, str]:
-        """Give the headers of a session that is too old."""
+        """Return the headers of a session that is too old."""
         then = AccountStore(settings, clock=lambda: time.time() - LONGEST_S - 60)
         return {"Cookie": f"acromion_session={then.begin_session(self.people[name])}"}
 

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import Table, func, select
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore
+from app.access.accounts import AccountStore, Person
 from app.access.logins import Caller, Logins
 from app.cli import app
 from app.errors import AccountsLost, LoginRefused, NotEmpty
@@ -20,10 +20,10 @@ from app.settings import Settings
 from app.upkeep.account_rows import Accounts
 from app.upkeep.backup import back_up, find_damage, restore
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
+from tests.app.conftest import on_both_databases
 from tests.postgres import PostgresServer
 
 HERE = Caller("192.0.2.1", "")
-on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
 
 @dataclass
@@ -95,9 +95,8 @@ def test_people_log_in_after_a_restore_as_before(move: Move, add_person: AddPers
 
 
 def test_tokens_and_recovery_codes_come_back(
-    move: Move, add_person: AddPerson, accounts: AccountStore, logins: Logins
+    person: Person, move: Move, accounts: AccountStore, logins: Logins
 ) -> None:
-    person = add_person()
     bearer = accounts.add_token(person.id, "nightly", ["read"], move.clock() + 3600)
     logins.credentials.set_second_factor(person.id, SECRET, 0, ["aaaa-bbbb"])
     move.back_up()
@@ -113,8 +112,7 @@ def test_tokens_and_recovery_codes_come_back(
     assert Logins(store, move.new).credentials.use_recovery_code(person.id, "aaaa-bbbb") is True
 
 
-def test_what_goes_on_now_is_in_no_backup(move: Move, add_person: AddPerson, logins: Logins) -> None:
-    person = add_person()
+def test_what_goes_on_now_is_in_no_backup(person: Person, move: Move, logins: Logins) -> None:
     logins.enter(person.id, HERE)
     logins.make_link(person.id, 3600)
     with pytest.raises(LoginRefused):
@@ -166,9 +164,8 @@ def lose_database(settings: Settings) -> None:
 
 
 def test_a_server_that_lost_its_accounts_does_not_start_without_them(
-    settings: Settings, accounts: AccountStore, add_person: AddPerson
+    person: Person, settings: Settings, accounts: AccountStore
 ) -> None:
-    add_person()
     accounts.database.close()
     lose_database(settings)
 
@@ -178,10 +175,7 @@ def test_a_server_that_lost_its_accounts_does_not_start_without_them(
     assert refused.value.facts == {"file": str(settings.data_dir / "has_accounts")}
 
 
-def test_a_restored_place_does_not_start_without_its_accounts_either(
-    move: Move, add_person: AddPerson
-) -> None:
-    add_person()
+def test_a_restored_place_does_not_start_without_its_accounts_either(person: Person, move: Move) -> None:
     move.back_up()
     move.restore()
     lose_database(move.new)
@@ -191,9 +185,8 @@ def test_a_restored_place_does_not_start_without_its_accounts_either(
 
 
 def test_accounts_that_are_lost_may_be_added_again(
-    settings: Settings, accounts: AccountStore, add_person: AddPerson
+    person: Person, settings: Settings, accounts: AccountStore
 ) -> None:
-    add_person()
     accounts.database.close()
     lose_database(settings)
 
@@ -203,8 +196,7 @@ def test_accounts_that_are_lost_may_be_added_again(
     create_app(settings).state.services.store.close()
 
 
-def test_verify_finds_a_damaged_row_of_the_accounts(move: Move, add_person: AddPerson) -> None:
-    add_person()
+def test_verify_finds_a_damaged_row_of_the_accounts(person: Person, move: Move) -> None:
     move.back_up()
     move.rewrite("manifest.json", b"backup", b"backup")
     move.file.write_bytes(move.file.read_bytes().replace(b'"login": "clara"', b'"login": "clarx"'))
@@ -216,9 +208,8 @@ def test_verify_finds_a_damaged_row_of_the_accounts(move: Move, add_person: AddP
 
 @pytest.mark.parametrize("language", ["en", "fr"])
 def test_the_doctor_names_lost_accounts_and_the_cure(
-    settings: Settings, accounts: AccountStore, add_person: AddPerson, language: str
+    person: Person, settings: Settings, accounts: AccountStore, language: str
 ) -> None:
-    add_person()
     accounts.exist()
     accounts.database.close()
     lose_database(settings)
@@ -232,9 +223,8 @@ def test_the_doctor_names_lost_accounts_and_the_cure(
 
 @pytest.mark.parametrize("key", [None, b"x" * 45])
 def test_the_doctor_names_a_server_key_that_fits_no_second_factor_and_the_cure(
-    settings: Settings, add_person: AddPerson, key: bytes | None
+    person: Person, settings: Settings, key: bytes | None
 ) -> None:
-    add_person()
     doctor = ["doctor", "--data", str(settings.data_dir)]
     before = CliRunner().invoke(app, doctor)
     secret = settings.data_dir / "server.key"

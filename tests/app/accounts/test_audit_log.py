@@ -12,15 +12,16 @@ from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.api.housekeeping import write_side_files
-from app.api.middleware.readings import MOST_LINES
-from app.jobs.audit_log import (
-    ACTS,
-    AuditLine,
-    AuditQuestion,
-    acting,
-    find_lines,
-    record,
+from app.api.middleware.readings import (
+    MOST_COUNTED,
+    MOST_KNOWN,
+    MOST_LINES,
+    MOST_OF_STRANGERS,
+    WINDOW_S,
+    KnownReadings,
+    RefusedLines,
 )
+from app.jobs.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
 from app.jobs.database.tables import facts, sessions
 from app.jobs.job import Job
 from app.jobs.store import JobStore
@@ -30,16 +31,16 @@ from app.report.words.wording import LANGUAGES, load_wording
 from app.request import ReportRequest
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.accounts.conftest import House
-from tests.app.conftest import AddJob, do_next
+from tests.app.accounts.conftest import Clock, House
+from tests.app.conftest import AddJob, do_next, on_both_databases
 from tests.crash.program import write_digest
 
-both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 UNKNOWN = "an_00000000000000ff"
+NAVIGATION = {"accept": "text/html", "sec-fetch-mode": "navigate"}
 
 
 def read(store: JobStore, question: AuditQuestion | None = None) -> list[AuditLine]:
-    """Give lines, the oldest first."""
+    """Return lines, the oldest first."""
     return list(find_lines(store.reader, question or AuditQuestion()))[::-1]
 
 
@@ -60,13 +61,10 @@ def test_storing_and_asking_leave_a_line_each(store: JobStore, add_job: AddJob) 
     job = add_job()
 
     lines = [(line.act, line.recording_id, line.analysis_id) for line in read(store)]
-    assert lines == [
-        ("recording.stored", job.recording_id, ""),
-        ("analysis.asked", job.recording_id, job.id),
-    ]
+    assert lines == [("recording.stored", job.recording_id, ""), ("analysis.asked", job.recording_id, job.id)]
 
 
-@both
+@on_both_databases
 def test_a_rollback_drops_the_line_with_the_act_and_logs_nothing(
     store: JobStore, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -109,7 +107,7 @@ def test_no_line_holds_what_was_said_of_a_recording(client: TestClient, store: J
     assert "Zoe" not in written
 
 
-@both
+@on_both_databases
 def test_lines_of_many_at_once_are_all_there(store: JobStore, settings: Settings) -> None:
     def work() -> None:
         own = JobStore(settings)
@@ -187,28 +185,13 @@ def test_a_file_that_a_page_sends_in_answer_to_a_form_is_a_download(house: House
     assert len(_find_by(house, "clinician", "file.exported")) == 2
 
 
-def test_an_original_is_given_to_whoever_may_export_and_leaves_a_line(
-    house: House, caller: TestClient
-) -> None:
-    job = _store_job(house)
-
-    answer = caller.get(
-        f"/api/v1/recordings/{job.recording_id}/file", headers=dict(house.log_in("researcher"))
-    )
-
-    assert (answer.status_code, answer.content) == (200, b"recording")
-    lines = _find_by(house, "researcher", "file.exported")
-    assert [line.recording_id for line in lines] == [job.recording_id]
-
-
 def test_a_file_that_is_not_given_before_the_password_is_no_export(house: House, caller: TestClient) -> None:
     _finish_job(house)
     clinician = dict(house.log_in("clinician"))
     with house.accounts.database.write() as connection:
         connection.execute(update(sessions).values(confirmed_s=0.0))
 
-    asked = {"accept": "text/html", "sec-fetch-mode": "navigate"}
-    answer = caller.get("/library/reports.zip", headers=clinician | asked)
+    answer = caller.get("/library/reports.zip", headers=clinician | NAVIGATION)
 
     assert (answer.status_code, answer.headers["location"].split("?")[0]) == (303, "/confirm")
     assert _find_by(house, "clinician", "file.exported") == []
@@ -223,18 +206,24 @@ def test_an_act_by_a_token_names_the_token(house: House, caller: TestClient) -> 
 
 
 @pytest.mark.parametrize(
-    ("headers_of", "status", "who"), [("", 401, "nobody"), ("employer", 403, "employer")]
+    ("path", "headers", "who", "status"),
+    [
+        ("/api/v1/analyses", {}, "nobody", 401),
+        ("/api/v1/analyses", {}, "employer", 403),
+        ("/analyses", NAVIGATION, "nobody", 303),  # is led to the login and has read nothing
+    ],
 )
 def test_a_refusal_leaves_a_line_with_the_id_that_was_asked_for(
-    house: House, caller: TestClient, headers_of: str, status: int, who: str
+    house: House, caller: TestClient, path: str, headers: dict[str, str], who: str, status: int
 ) -> None:
     job = _store_job(house)
-    headers = dict(house.log_in(headers_of)) if headers_of else {}
+    session = dict(house.log_in(who)) if who in house.people else {}
 
-    assert caller.get(f"/api/v1/analyses/{job.id}", headers=headers).status_code == status
+    assert caller.get(f"{path}/{job.id}", headers=headers | session).status_code == status
 
-    (line,) = read(house.services.store, AuditQuestion(act="refused"))
-    assert (line.who, line.analysis_id) == (house.people.get(who, who), job.id)
+    found = read(house.services.store, AuditQuestion(who=house.people.get(who, who)))
+    lines = [(line.act, line.analysis_id) for line in found if not line.act.startswith("login.")]
+    assert lines == [("refused", job.id)]
 
 
 def test_each_refused_id_is_a_line_once_wherever_it_stood(house: House, caller: TestClient) -> None:
@@ -250,7 +239,8 @@ def test_each_refused_id_is_a_line_once_wherever_it_stood(house: House, caller: 
             assert caller.get(address, headers=dict(house.log_in(name))).status_code == 403
         assert [line.analysis_id for line in _find_by(house, name, "refused")] == [first, second], name
 
-    caller.get("/api/v1/batches/ba_00000000000000ff", headers=dict(house.log_in("clinician")))
+    for _ in range(2):  # may be read, but is not there
+        caller.get("/api/v1/batches/ba_00000000000000ff", headers=dict(house.log_in("clinician")))
     (line,) = _find_by(house, "clinician", "refused")
     assert json.loads(line.other)["asked"] == "ba_00000000000000ff"
 
@@ -275,18 +265,6 @@ def test_who_guesses_many_ids_leaves_so_many_lines_and_one_more_and_others_keep_
     acts = [line.act for line in read(house.services.store, AuditQuestion(who="nobody"))]
     assert (acts.count("refused"), acts.count("refused.more")) == (MOST_LINES, 1)
     assert [line.analysis_id for line in _find_by(house, "clinician", "refused")] == [UNKNOWN]
-
-
-def test_a_stranger_s_browser_that_is_led_to_the_login_was_refused_and_read_nothing(
-    house: House, caller: TestClient
-) -> None:
-    job = _store_job(house)
-
-    asked = {"accept": "text/html", "sec-fetch-mode": "navigate"}
-    assert caller.get(f"/analyses/{job.id}", headers=asked).status_code == 303
-
-    lines = read(house.services.store, AuditQuestion(who="nobody"))
-    assert [(line.act, line.analysis_id) for line in lines] == [("refused", job.id)]
 
 
 def test_a_response_does_not_go_out_without_its_line(house: House, caller: TestClient) -> None:
@@ -456,3 +434,75 @@ def test_a_number_that_no_line_can_have_is_refused(house: House, caller: TestCli
     answer = caller.get("/api/v1/trail", params={"before": 1 << 63}, headers=auditor)
 
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+
+
+# How many lines refusals leave: guesses are seen, and the log does not grow by them without bound.
+
+
+def take_many(lines: RefusedLines, asker: str, number: int, *, is_stranger: bool = False) -> list[str]:
+    return [lines.take(asker, is_stranger=is_stranger) for _ in range(number)]
+
+
+def test_after_the_most_one_line_says_that_there_were_more() -> None:
+    taken = take_many(RefusedLines(), "per_1", MOST_LINES + 3)
+
+    assert taken == ["line"] * MOST_LINES + ["more", "none", "none"]
+
+
+def test_the_next_window_begins_anew(clock: Clock) -> None:
+    lines = RefusedLines(clock)
+    take_many(lines, "per_1", MOST_LINES + 3)
+
+    clock.wait(WINDOW_S)
+
+    assert lines.take("per_1", is_stranger=False) == "line"
+
+
+def test_many_addresses_together_leave_no_more_than_all_strangers_may() -> None:
+    lines = RefusedLines()
+
+    taken = [lines.take(f"192.0.2.{number}", is_stranger=True) for number in range(2 * MOST_OF_STRANGERS)]
+
+    assert taken == ["line"] * MOST_OF_STRANGERS + ["more"] + ["none"] * (MOST_OF_STRANGERS - 1)
+
+
+def test_strangers_use_up_nothing_of_who_is_logged_in() -> None:
+    lines = RefusedLines()
+    for number in range(2 * MOST_OF_STRANGERS):
+        lines.take(f"192.0.2.{number}", is_stranger=True)
+
+    assert lines.take("per_1", is_stranger=False) == "line"
+
+
+def test_many_addresses_take_no_memory_without_bound_and_free_no_stranger() -> None:
+    lines = RefusedLines()
+
+    taken = [lines.take(f"host{number}", is_stranger=True) for number in range(2 * MOST_COUNTED)]
+
+    assert len(lines._counts) <= MOST_COUNTED
+    assert taken.count("line") == MOST_OF_STRANGERS
+
+
+def test_many_at_once_are_counted_one_by_one() -> None:
+    lines, taken = RefusedLines(), []
+
+    def ask() -> None:
+        taken.extend(take_many(lines, "per_1", MOST_LINES))
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert (taken.count("line"), taken.count("more")) == (MOST_LINES, 1)
+
+
+def test_many_readings_take_no_memory_without_bound() -> None:
+    known = KnownReadings()
+
+    for number in range(MOST_KNOWN + 10):
+        known.begin((str(number),))
+
+    assert len(known._at_s) == MOST_KNOWN
+    assert not known.is_new((str(MOST_KNOWN),))

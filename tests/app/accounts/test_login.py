@@ -1,39 +1,42 @@
 """A person logs in by a password and a second factor; nothing less lets anybody in."""
 
+import logging
 import re
 import sqlite3
-from collections.abc import Callable
+import stat
 from pathlib import Path
+from typing import cast
 
 import pyotp
 import pytest
-from argon2 import PasswordHasher
+from argon2 import PasswordHasher, Type
+from fastapi.testclient import TestClient
 
-from app.access.accounts import AccountStore
+from app.access import passwords
+from app.access.accounts import AccountStore, Person
+from app.access.gate import Gate, StartSecret, read_or_create_secret
 from app.access.logins import Caller, Logins
-from app.access.passwords import needs_rehash
-from app.errors import LoginRefused
+from app.access.passwords import check_password, hash_password, needs_rehash, verify_password
+from app.errors import LoginRefused, WeakPassword
 from app.settings import Settings
 from tests.app.accounts.conftest import (
     PASSWORD,
     SECRET,
     AddPerson,
     Clock,
+    Enter,
     Visit,
     Visitor,
     make_code,
     read_ticket,
 )
-from tests.app.conftest import on_both_set_ups
 
-Enter = Callable[..., Visitor]
 HERE = Caller("192.0.2.1", "")
 
 
 def test_password_and_a_code_that_counts_once_let_a_person_in(
-    add_person: AddPerson, enter: Enter, visit: Visit, clock: Clock
+    person: Person, enter: Enter, visit: Visit, clock: Clock
 ) -> None:
-    add_person()
     first, second = enter(), visit()
     ticket = read_ticket(second.give_password("clara"))
 
@@ -46,9 +49,8 @@ def test_password_and_a_code_that_counts_once_let_a_person_in(
 
 
 def test_a_wrong_password_an_unknown_name_and_an_ended_account_are_refused_alike(
-    add_person: AddPerson, accounts: AccountStore, visit: Visit
+    person: Person, add_person: AddPerson, accounts: AccountStore, visit: Visit
 ) -> None:
-    add_person()
     accounts.end_person(add_person("dora").id)
 
     answers = [
@@ -62,10 +64,8 @@ def test_a_wrong_password_an_unknown_name_and_an_ended_account_are_refused_alike
 
 
 def test_a_password_is_taken_as_it_is_typed_and_a_login_name_in_any_case(
-    logins: Logins, add_person: AddPerson
+    person: Person, logins: Logins
 ) -> None:
-    person = add_person()
-
     assert logins.give_password(" Clara ", PASSWORD, HERE).person_id == person.id
     with pytest.raises(LoginRefused):
         logins.give_password("clara", f" {PASSWORD}", HERE)
@@ -73,9 +73,8 @@ def test_a_password_is_taken_as_it_is_typed_and_a_login_name_in_any_case(
 
 @pytest.mark.parametrize(("step", "place"), [(-2, None), (-1, "/"), (1, "/"), (2, None)])
 def test_a_clock_may_be_one_step_off(
-    add_person: AddPerson, visit: Visit, clock: Clock, step: int, place: str | None
+    person: Person, visit: Visit, clock: Clock, step: int, place: str | None
 ) -> None:
-    add_person()
     visitor = visit()
     ticket = read_ticket(visitor.give_password("clara"))
 
@@ -86,8 +85,7 @@ def test_a_clock_may_be_one_step_off(
     assert answer.headers.get("location") == place  # a place of ours alone
 
 
-def test_a_recovery_code_lets_in_once(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_a_recovery_code_lets_in_once(person: Person, logins: Logins) -> None:
     logins.credentials.set_second_factor(person.id, SECRET, 0, ["abcd-efgh-2345-abcd-efgh-2345"])
 
     first = logins.give_password("clara", PASSWORD, HERE)
@@ -98,10 +96,7 @@ def test_a_recovery_code_lets_in_once(logins: Logins, add_person: AddPerson) -> 
         logins.give_code(second.ticket, "abcd-efgh-2345-abcd-efgh-2345", HERE)
 
 
-def test_the_second_step_is_forgotten_after_ten_minutes(
-    add_person: AddPerson, visit: Visit, clock: Clock
-) -> None:
-    add_person()
+def test_the_second_step_is_forgotten_after_ten_minutes(person: Person, visit: Visit, clock: Clock) -> None:
     visitor = visit()
     ticket = read_ticket(visitor.give_password("clara"))
     clock.wait(601)
@@ -143,8 +138,7 @@ def test_a_password_is_enough_where_the_second_factor_is_only_offered(
     assert accounts.get_person(person.id).has_second_factor is False
 
 
-def test_a_hash_of_other_parameters_is_made_anew_at_login(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_a_hash_of_other_parameters_is_made_anew_at_login(person: Person, logins: Logins) -> None:
     old = PasswordHasher(time_cost=1, memory_cost=8192, parallelism=1).hash(PASSWORD)
     logins.credentials.set_password(person.id, old)
 
@@ -174,9 +168,8 @@ def test_a_link_sets_a_password_once_and_does_not_pass_by_the_second_factor(
 
 
 def test_a_link_ends_after_its_time_and_with_a_new_one(
-    logins: Logins, add_person: AddPerson, visit: Visit, clock: Clock
+    person: Person, logins: Logins, visit: Visit, clock: Clock
 ) -> None:
-    person = add_person()
     first, second = (logins.make_link(person.id, 3600) for _ in range(2))
 
     assert visit().get(f"/login/link/{first}").status_code == 410
@@ -199,10 +192,8 @@ def test_a_weak_password_leaves_the_link_as_it_was(
 
 
 def test_no_secret_of_a_login_stands_in_the_database(
-    logins: Logins, add_person: AddPerson, enter: Enter, settings: Settings
+    person: Person, visitor: Visitor, logins: Logins, enter: Enter, settings: Settings
 ) -> None:
-    person = add_person()
-    visitor = enter()
     told = [PASSWORD, logins.make_link(person.id, 3600), logins.enter(person.id, HERE).session]
     told += [visitor.client.cookies["acromion_session"], visitor.client.cookies["acromion_browser"]]
     told.append(logins.accounts.add_token(person.id, "script", ["read"], 1e12))
@@ -210,19 +201,6 @@ def test_no_secret_of_a_login_stands_in_the_database(
     rows = dump(settings.data_dir / "acromion.sqlite3")
 
     assert [secret for secret in told if secret in rows] == []
-
-
-@on_both_set_ups
-def test_accounts_are_kept_in_every_set_up(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
-
-    step = logins.give_password("clara", PASSWORD, HERE)
-    entered = logins.give_code(step.ticket, make_code(Clock()), HERE)
-    subject = logins.accounts.find_by_session(entered.session)
-
-    assert subject is not None
-    assert subject.id == person.id
-    assert logins.accounts.exist()
 
 
 def dump(database: Path) -> str:
@@ -238,11 +216,170 @@ def test_without_an_account_the_secret_is_asked_for(visit: Visit) -> None:
 
 
 def test_from_the_first_account_on_the_secret_opens_nothing(
-    settings: Settings, add_person: AddPerson, visit: Visit
+    person: Person, settings: Settings, visit: Visit
 ) -> None:
-    add_person()
     secret = (settings.data_dir / "secret").read_text()
 
     answer = visit().client.get("/api/v1/version", headers={"authorization": f"Bearer {secret}"})
 
     assert answer.status_code == 401
+
+
+# Which passwords may be had.
+
+
+def find_fault(password: str, *names: str) -> str:
+    try:
+        check_password(password, names)
+    except WeakPassword as refusal:
+        return str(refusal.facts["weak"])
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("password", "names", "fault"),
+    [
+        ("elevenchars", (), "short"),
+        ("twelve chars", (), ""),
+        ("a1" + "é ü漢😀" * 25 + "z", (), ""),
+        ("xyzabcde" * 16 + "!", (), "long"),
+        ("123456qwerty", (), "common"),
+        ("QwertyQwerty", (), "common"),
+        ("aaaaaaaaaaaaaaaa", (), "common"),
+        ("abababababababab", (), "common"),
+        ("my acromion hurts", (), "name"),
+        ("clara goes to work", ("clara",), "name"),
+        ("seven annual reports", ("Ann",), ""),  # a short name may be part of a word
+    ],
+)
+def test_a_password_is_judged_by_length_by_how_many_have_it_and_by_names(
+    password: str, names: tuple[str, ...], fault: str
+) -> None:
+    assert find_fault(password, *names) == fault
+
+
+SERVERS_HASHER = passwords._HASHER  # which the tests replace by a cheap one
+
+
+def test_a_hash_costs_at_least_what_owasp_asks() -> None:
+    assert SERVERS_HASHER.type is Type.ID
+    assert SERVERS_HASHER.time_cost >= 2
+    assert SERVERS_HASHER.memory_cost >= 19 * 1024  # KiB
+
+
+def test_a_password_of_128_characters_counts_to_the_last() -> None:
+    password = "abcdefgh" * 16
+
+    kept = hash_password(password)
+
+    assert verify_password(kept, password)
+    assert not verify_password(kept, password[:-1])
+    assert not verify_password(None, password)
+
+
+# Without accounts: only who has the secret of the start comes in.
+
+
+LIST = "/api/v1/recordings"
+
+
+def find_secret(client: TestClient) -> StartSecret:
+    gate = cast("Gate", client.app.state.gate)  # type: ignore[attr-defined]
+    assert gate.secret is not None
+    return gate.secret
+
+
+def test_who_does_not_bring_the_secret_gets_nothing(guarded: TestClient) -> None:
+    secret = find_secret(guarded).bearer
+    answers = [
+        guarded.get(LIST),
+        guarded.get(LIST, headers={"Authorization": "Bearer wrong"}),
+        guarded.get(LIST, params={"secret": secret}),  # in the address it counts for nothing
+    ]
+    typed = guarded.post("/login", data={"secret": "wrong", "next": "/"})
+
+    assert [(answer.status_code, answer.json()["code"]) for answer in answers] == [(401, "E-SIGN-IN")] * 3
+    assert (typed.status_code, "set-cookie" in typed.headers) == (401, False)
+
+
+def test_a_script_sends_the_contents_of_the_file_which_only_its_owner_may_read(
+    guarded: TestClient, settings: Settings
+) -> None:
+    file = settings.data_dir / "secret"
+
+    assert guarded.get(LIST, headers={"Authorization": f"Bearer {file.read_text()}"}).status_code == 200
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+def test_the_address_of_the_start_lets_a_browser_in_once_until_it_logs_out(guarded: TestClient) -> None:
+    secret = find_secret(guarded)
+    address = f"/login/once/{secret.make_address()}"
+
+    entered = guarded.get(address)
+
+    assert guarded.get("/").status_code == 200
+    assert "httponly" in entered.headers["set-cookie"].lower()
+    assert guarded.cookies["acromion_session"] != secret.bearer
+    guarded.post("/logout")
+    assert guarded.get(LIST).status_code == 401
+    assert guarded.get(address).status_code == 401
+
+
+def test_a_browser_that_brings_nothing_is_asked_and_led_back(guarded: TestClient) -> None:
+    answer = guarded.get("/days?study=ba_1", headers={"accept": "text/html"})
+
+    assert answer.headers["location"] == "/login?next=%2Fdays%3Fstudy%3Dba_1"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "place"),
+    [
+        ("/help", "/help"),
+        ("//evil.example/", "/"),
+        ("https://evil.example/", "/"),
+        ("/\\evil.example", "/"),
+        ("/a\r\nb", "/"),
+    ],
+)
+def test_a_login_by_the_typed_secret_leads_to_a_page_of_ours(
+    guarded: TestClient, wanted: str, place: str
+) -> None:
+    form = {"secret": find_secret(guarded).bearer, "next": wanted}
+
+    assert guarded.post("/login", data=form).headers["location"] == place
+
+
+def test_the_next_start_has_the_same_secret_unless_it_was_deleted(settings: Settings) -> None:
+    settings.data_dir.mkdir(parents=True)
+
+    first, second = (read_or_create_secret(settings.data_dir).bearer for _ in range(2))
+    (settings.data_dir / "secret").unlink()
+
+    assert first == second != read_or_create_secret(settings.data_dir).bearer
+
+
+def test_what_is_public_is_answered(guarded: TestClient) -> None:
+    assert [guarded.get(path).status_code for path in ("/healthz", "/readyz", "/login")] == [200] * 3
+
+
+def test_a_stranger_is_not_told_what_lies_in_the_trash(guarded: TestClient) -> None:
+    answer = guarded.get("/nowhere/an_0123456789abcdef", headers={"accept": "text/html"})
+
+    assert answer.status_code == 404
+
+
+def test_no_secret_of_a_request_reaches_the_log(
+    guarded: TestClient, settings: Settings, caplog: pytest.LogCaptureFixture
+) -> None:
+    secret = (settings.data_dir / "secret").read_text()
+    caplog.set_level(logging.DEBUG)
+
+    with_it = guarded.get("/api/v1/version", headers={"Authorization": f"Bearer {secret}"})
+    guarded.get("/api/v1/version", headers={"Authorization": "Bearer acr_CANARY-1"})
+    guarded.get("/api/v1/version", headers={"Cookie": "acromion_session=CANARY-2"})
+    guarded.get("/api/v1/version?token=CANARY-3")
+    guarded.post("/login", data={"secret": "CANARY-4", "password": "CANARY-5"})
+
+    lines = [record.getMessage() for record in caplog.records if not record.name.startswith("httpx")]
+    assert with_it.status_code == 200
+    assert not [line for line in lines if "CANARY" in line or secret in line]

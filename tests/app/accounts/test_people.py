@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 
 import pytest
 from httpx2 import Response
@@ -12,9 +11,8 @@ from app.access.logins import Caller, Logins
 from app.jobs.audit_log import AuditQuestion, find_lines
 from app.jobs.store import JobStore
 from app.settings import Settings
-from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor, make_code, read_ticket
 
-Enter = Callable[..., Visitor]
 NEW_PASSWORD = "five yellow umbrellas"
 
 

@@ -84,7 +84,7 @@ def visit(settings: Settings, clock: Clock, add_person: AddPerson) -> Iterator[V
 
 
 def go(visitor: Visitor, path: str = "/login/provider?next=/account") -> str:
-    """Begin; gives the provider's address."""
+    """Begin; return the provider's address."""
     answer = visitor.get(path)
     assert answer.status_code == 303, answer.text
     return str(answer.headers["location"])

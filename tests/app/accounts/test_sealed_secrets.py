@@ -1,26 +1,27 @@
 """Secrets of authenticators: a dump of the accounts shows none, and they open with server.key alone."""
 
 import json
+from pathlib import Path
 
 import pytest
 from sqlalchemy import select, update
 
-from app.access.accounts import AccountStore
+from app.access.accounts import AccountStore, Person
 from app.access.logins import Caller, Logins
-from app.errors import SecondFactorLost
+from app.errors import SecondFactorLost, SecretUnreadable
 from app.jobs.database.tables import people, tickets
 from app.jobs.store import JobStore
 from app.jobs.webhooks import WebhookStore
 from app.main import create_app
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.storage.server_secret import LENGTH_BYTES, ServerSecret
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
 
 HERE = Caller("192.0.2.1", "")
 
 
 def dump(accounts: AccountStore) -> str:
-    """Give every row of every table of the accounts, as bytes are."""
+    """Return every row of every table of the accounts, as bytes are."""
     found = []
     for table in (people, tickets):
         found += [
@@ -37,10 +38,8 @@ def log_in(logins: Logins, clock: Clock) -> str:
 
 
 def test_no_secret_of_an_authenticator_stands_open_in_the_accounts(
-    accounts: AccountStore, logins: Logins, add_person: AddPerson, clock: Clock
+    person: Person, accounts: AccountStore, logins: Logins, clock: Clock
 ) -> None:
-    add_person()
-
     assert SECRET not in dump(accounts)
     assert log_in(logins, clock)
 
@@ -58,9 +57,8 @@ def test_a_secret_that_is_being_set_up_does_not_either(
 
 
 def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
-    settings: Settings, logins: Logins, add_person: AddPerson, clock: Clock, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, logins: Logins, clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:
-    person = add_person()
     ServerSecret(settings.data_dir).file.unlink()
 
     with pytest.raises(SecondFactorLost):
@@ -72,9 +70,8 @@ def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
 
 @pytest.mark.parametrize("language", ["en", "fr"])
 def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
-    settings: Settings, add_person: AddPerson, visit: Visit, language: str
+    person: Person, settings: Settings, visit: Visit, language: str
 ) -> None:
-    add_person()
     visitor = visit()
     visitor.client.cookies.set("acromion_lang", language)
     ticket = read_ticket(visitor.give_password("clara"))
@@ -113,10 +110,9 @@ def test_a_secret_does_not_open_as_another_persons(
 
 
 def test_a_start_warns_of_a_lost_key_and_names_the_cure(
-    settings: Settings, store: JobStore, add_person: AddPerson, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, store: JobStore, caplog: pytest.LogCaptureFixture
 ) -> None:
     secret = ServerSecret(settings.data_dir)
-    add_person()
     WebhookStore(store.engine, store.reader).add("https://a.example", ("batch.finished",), secret)
     create_app(settings)
     is_quiet_with_its_key = "E-SECRET" not in caplog.text
@@ -130,9 +126,8 @@ def test_a_start_warns_of_a_lost_key_and_names_the_cure(
 
 
 def test_the_warning_comes_again_with_a_key_that_a_login_has_made(
-    settings: Settings, logins: Logins, add_person: AddPerson, caplog: pytest.LogCaptureFixture
+    person: Person, settings: Settings, logins: Logins, caplog: pytest.LogCaptureFixture
 ) -> None:
-    add_person()
     ServerSecret(settings.data_dir).file.unlink()
     logins.give_password("clara", PASSWORD, HERE)
 
@@ -140,3 +135,41 @@ def test_the_warning_comes_again_with_a_key_that_a_login_has_made(
 
     assert ServerSecret(settings.data_dir).file.exists()
     assert "E-SECRET" in caplog.text
+
+
+# The secret of a server: what it encrypted is read with it alone, and a lost one costs nothing else.
+
+
+def test_what_was_encrypted_is_read_again_for_its_own_purpose_alone(tmp_path: Path) -> None:
+    token = ServerSecret(tmp_path).encrypt("whsec_é", "webhook")
+    again = ServerSecret(tmp_path)
+
+    assert "whsec" not in token
+    assert again.decrypt(token, "webhook") == "whsec_é"
+    with pytest.raises(SecretUnreadable):
+        again.decrypt(token, "second factor of clara")
+    assert again.derive("logins") == again.derive("logins") != again.derive("others")
+
+
+def test_only_its_user_reads_the_file(tmp_path: Path) -> None:
+    ServerSecret(tmp_path / "data").encrypt("a", "b")
+
+    file = tmp_path / "data" / "server.key"
+    assert (file.stat().st_mode & 0o777, file.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+    assert file.stat().st_size == LENGTH_BYTES
+    assert list(file.parent.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("content", [None, b"", b"garbage", b"x" * 45])
+def test_a_lost_or_damaged_file_is_named_and_made_anew_for_what_comes(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    secret = ServerSecret(tmp_path)
+    token = secret.encrypt("a", "webhook")
+    secret.file.unlink() if content is None else secret.file.write_bytes(content)
+
+    with pytest.raises(SecretUnreadable) as refused:
+        secret.decrypt(token, "webhook")
+    assert refused.value.facts == {"file": str(tmp_path / "server.key")}
+
+    assert secret.decrypt(secret.encrypt("b", "webhook"), "webhook") == "b"

@@ -1,14 +1,21 @@
 """A session is new at login, ends by itself, and ends at once when it is told to."""
 
 import re
-from collections.abc import Callable
 
 import pytest
 
-from app.access.accounts import AccountStore
-from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
+from app.access.accounts import AccountStore, Person
+from tests.app.accounts.conftest import (
+    PASSWORD,
+    AddPerson,
+    Clock,
+    Enter,
+    Visit,
+    Visitor,
+    make_code,
+    read_ticket,
+)
 
-Enter = Callable[..., Visitor]
 MINUTE_S, HOUR_S = 60.0, 3600.0
 
 
@@ -38,9 +45,8 @@ def two(add_person: AddPerson, enter: Enter, clock: Clock) -> tuple[Visitor, Vis
 
 
 def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
-    add_person: AddPerson, visit: Visit, clock: Clock
+    person: Person, visit: Visit, clock: Clock
 ) -> None:
-    add_person()
     victim, attacker = visit(), visit()
     planted = "A" * 43
     victim.client.cookies.set("acromion_session", planted)
@@ -53,10 +59,8 @@ def test_a_cookie_that_was_planted_before_the_login_opens_nothing_after_it(
 
 @pytest.mark.parametrize("way", ["login", "confirmation"])
 def test_a_session_is_new_after_a_login_and_after_the_password_was_given_again(
-    add_person: AddPerson, enter: Enter, clock: Clock, visit: Visit, way: str
+    visitor: Visitor, clock: Clock, visit: Visit, way: str
 ) -> None:
-    add_person()
-    visitor = enter()
     thief = copy_session(visitor, visit)
     clock.wait(60)
 
@@ -68,11 +72,7 @@ def test_a_session_is_new_after_a_login_and_after_the_password_was_given_again(
     assert (is_in(visitor), is_in(thief)) == (True, False)
 
 
-def test_logging_out_ends_the_session_at_the_server(
-    add_person: AddPerson, enter: Enter, visit: Visit
-) -> None:
-    add_person()
-    visitor = enter()
+def test_logging_out_ends_the_session_at_the_server(visitor: Visitor, visit: Visit) -> None:
     thief = copy_session(visitor, visit)
 
     answer = visitor.post("/logout")
@@ -82,12 +82,7 @@ def test_logging_out_ends_the_session_at_the_server(
     assert not is_in(thief)
 
 
-def test_a_session_ends_after_thirty_minutes_without_use(
-    add_person: AddPerson, enter: Enter, clock: Clock
-) -> None:
-    add_person()
-    visitor = enter()
-
+def test_a_session_ends_after_thirty_minutes_without_use(visitor: Visitor, clock: Clock) -> None:
     clock.wait(29 * MINUTE_S)
     assert is_in(visitor)
     clock.wait(31 * MINUTE_S)
@@ -95,12 +90,7 @@ def test_a_session_ends_after_thirty_minutes_without_use(
     assert not is_in(visitor)
 
 
-def test_what_a_page_asks_by_itself_keeps_no_session(
-    add_person: AddPerson, enter: Enter, clock: Clock
-) -> None:
-    add_person()
-    visitor = enter()
-
+def test_what_a_page_asks_by_itself_keeps_no_session(visitor: Visitor, clock: Clock) -> None:
     for _ in range(31):
         clock.wait(MINUTE_S)
         visitor.client.get("/rows", headers={"x-unattended": "1"})
@@ -110,11 +100,8 @@ def test_what_a_page_asks_by_itself_keeps_no_session(
 
 @pytest.mark.parametrize("way", ["used", "confirmed"])
 def test_a_session_ends_after_twelve_hours_of_use_or_confirmation(
-    add_person: AddPerson, enter: Enter, clock: Clock, way: str
+    visitor: Visitor, clock: Clock, way: str
 ) -> None:
-    add_person()
-    visitor = enter()
-
     for _ in range(35):
         clock.wait(20 * MINUTE_S)
         if way == "confirmed":
@@ -126,11 +113,8 @@ def test_a_session_ends_after_twelve_hours_of_use_or_confirmation(
 
 
 def test_roles_and_the_end_of_a_person_hold_from_the_next_request_on(
-    add_person: AddPerson, enter: Enter, accounts: AccountStore
+    person: Person, visitor: Visitor, accounts: AccountStore
 ) -> None:
-    person = add_person()
-    visitor = enter()
-
     accounts.set_roles(person.id, ["auditor"])
     assert visitor.client.get("/api/v1/recordings").status_code == 403
     accounts.end_person(person.id)
@@ -138,10 +122,7 @@ def test_roles_and_the_end_of_a_person_hold_from_the_next_request_on(
     assert not is_in(visitor)
 
 
-def test_a_cookie_is_read_by_no_script_and_by_no_other_site(add_person: AddPerson, enter: Enter) -> None:
-    add_person()
-    visitor = enter()
-
+def test_a_cookie_is_read_by_no_script_and_by_no_other_site(visitor: Visitor) -> None:
     cookie = next(cookie for cookie in visitor.client.cookies.jar if cookie.name == "acromion_session")
     assert (cookie.path, cookie.secure, cookie.domain_specified) == ("/", False, False)
     assert cookie.has_nonstandard_attr("HttpOnly")
@@ -195,9 +176,8 @@ def test_a_person_ends_one_session(two: tuple[Visitor, Visitor]) -> None:
 
 
 def test_nobody_ends_the_session_of_another(
-    add_person: AddPerson, enter: Enter, accounts: AccountStore
+    person: Person, add_person: AddPerson, enter: Enter, accounts: AccountStore
 ) -> None:
-    add_person()
     add_person("dora")
     clara, dora = enter(), enter("dora")
     subject = accounts.find_by_session(clara.client.cookies["acromion_session"])
@@ -226,6 +206,7 @@ ASKED_AGAIN = [
     ("GET", "/api/v1/profile/profile.csv?analysis=an_x"),
     ("POST", "/api/v1/webhooks"),
     ("POST", "/api/v1/tokens"),
+    ("POST", "/account/sessions/end"),
     ("DELETE", "/api/v1/recordings/rec_x?purge=true"),
 ]
 
@@ -258,11 +239,7 @@ FREE = [
 ]
 
 
-def test_a_file_of_one_recording_is_downloaded_without_the_password(
-    add_person: AddPerson, enter: Enter, clock: Clock
-) -> None:
-    add_person()
-    visitor = enter()
+def test_a_file_of_one_recording_is_downloaded_without_the_password(visitor: Visitor, clock: Clock) -> None:
     clock.wait(11 * MINUTE_S)
 
     assert [visitor.client.get(address).status_code for address in FREE] == [404] * 5
@@ -283,9 +260,7 @@ def test_a_browser_is_led_to_the_question_and_back(add_person: AddPerson, enter:
     assert visitor.get("/people").status_code == 200
 
 
-def test_a_form_leads_back_to_the_page_it_stood_on(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
-    add_person()
-    visitor = enter()
+def test_a_form_leads_back_to_the_page_it_stood_on(visitor: Visitor, clock: Clock) -> None:
     clock.wait(11 * MINUTE_S)
 
     led = visitor.client.post(
@@ -296,9 +271,7 @@ def test_a_form_leads_back_to_the_page_it_stood_on(add_person: AddPerson, enter:
     assert led.headers["location"] == "/confirm?next=%2Ftrash%3Fa%3Db"
 
 
-def test_a_code_of_the_authenticator_confirms_once(add_person: AddPerson, enter: Enter, clock: Clock) -> None:
-    add_person()
-    visitor = enter()
+def test_a_code_of_the_authenticator_confirms_once(visitor: Visitor, clock: Clock) -> None:
     clock.wait(60)
 
     answers = [visitor.post("/confirm", proof=make_code(clock), next="/").status_code for _ in range(2)]
@@ -320,11 +293,7 @@ def test_whoever_may_not_read_is_led_to_what_he_may_use(
     assert enter().get("/").headers["location"] == place
 
 
-def test_the_head_of_each_page_says_who_is_logged_in(
-    add_person: AddPerson, enter: Enter, visit: Visit
-) -> None:
-    add_person()
-
+def test_the_head_of_each_page_says_who_is_logged_in(person: Person, enter: Enter, visit: Visit) -> None:
     page = enter().get("/").text
 
     assert '<a href="/account">Clara</a>' in page

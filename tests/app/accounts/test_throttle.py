@@ -2,23 +2,19 @@
 
 import hashlib
 import json
-import subprocess
-import sys
-from collections.abc import Callable
 
 import pytest
 from sqlalchemy import select
 
 from app.access import passwords
-from app.access.accounts import AccountStore
+from app.access.accounts import AccountStore, Person
 from app.access.logins import TOLD_S, Budget, Caller, Logins, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.jobs.audit_log import NOBODY, acting
 from app.jobs.database.tables import audit_log, tries
 from app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
-
-on_both_databases = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+from tests.app.conftest import on_both_databases
 
 STRANGER = Caller("203.0.113.9", "")
 
@@ -38,7 +34,7 @@ def hashes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = STRANGER) -> str:
-    """Try once; gives the code of the refusal."""
+    """Try once; return the code of the refusal."""
     try:
         logins.give_password(login, password, caller)
     except (LoginRefused, TooManyTries) as refusal:
@@ -48,10 +44,8 @@ def guess(logins: Logins, login: str, password: str = "wrong", caller: Caller = 
 
 @pytest.mark.parametrize("way", ["one address", "one name"])
 def test_guesses_for_500_s_from_one_address_or_of_one_name_cost_at_most_twenty_hashes(
-    logins: Logins, add_person: AddPerson, hashes: list[str], clock: Clock, way: str
+    person: Person, logins: Logins, hashes: list[str], clock: Clock, way: str
 ) -> None:
-    add_person()
-
     for number in range(250):
         caller = Caller(f"198.51.100.{number}", "")
         if way == "one address":
@@ -63,8 +57,7 @@ def test_guesses_for_500_s_from_one_address_or_of_one_name_cost_at_most_twenty_h
     assert 10 <= len(hashes) <= 20
 
 
-def test_a_known_browser_gets_in_while_strangers_guess(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_a_known_browser_gets_in_while_strangers_guess(person: Person, logins: Logins) -> None:
     known = Caller("192.0.2.1", logins.enter(person.id, Caller("192.0.2.1", "")).browser)
     for _ in range(50):
         guess(logins, "clara")
@@ -73,8 +66,7 @@ def test_a_known_browser_gets_in_while_strangers_guess(logins: Logins, add_perso
     assert guess(logins, "clara", PASSWORD, known) == "in"
 
 
-def test_a_known_browser_gets_in_from_an_address_that_guesses(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_a_known_browser_gets_in_from_an_address_that_guesses(person: Person, logins: Logins) -> None:
     browser = logins.enter(person.id, STRANGER).browser
     for number in range(50):
         guess(logins, f"person{number}")
@@ -102,8 +94,7 @@ def test_a_known_browser_may_not_guess_without_end(
     assert len(hashes) <= 20
 
 
-def test_the_name_of_a_known_browser_changes_with_each_login(logins: Logins, add_person: AddPerson) -> None:
-    person = add_person()
+def test_the_name_of_a_known_browser_changes_with_each_login(person: Person, logins: Logins) -> None:
     first = logins.enter(person.id, STRANGER).browser
 
     second = logins.enter(person.id, Caller(STRANGER.address, first)).browser
@@ -134,10 +125,7 @@ def test_an_account_of_ones_own_does_not_clear_the_address(
     assert len(hashes) <= 20
 
 
-def test_the_right_password_does_not_clear_wrong_codes(
-    logins: Logins, add_person: AddPerson, clock: Clock
-) -> None:
-    add_person()
+def test_the_right_password_does_not_clear_wrong_codes(person: Person, logins: Logins, clock: Clock) -> None:
     refused = []
     for number in range(7):
         caller = Caller(f"198.51.100.{number}", "")
@@ -153,15 +141,8 @@ def test_the_right_password_does_not_clear_wrong_codes(
 def test_delays_double_up_to_the_longest() -> None:
     budget = Budget("address:x", 10, 900.0)
 
-    assert [budget.find_delay_s(failures) for failures in (9, 10, 11, 12, 19, 20, 40)] == [
-        0.0,
-        1.0,
-        2.0,
-        4.0,
-        512.0,
-        900.0,
-        900.0,
-    ]
+    delays = [budget.find_delay_s(failures) for failures in (9, 10, 11, 12, 19, 20, 40)]
+    assert delays == [0.0, 1.0, 2.0, 4.0, 512.0, 900.0, 900.0]
 
 
 def test_many_tries_at_once_are_counted_one_by_one_and_forgiven_after_an_hour_of_silence(
@@ -196,10 +177,8 @@ def test_a_name_that_was_typed_is_not_kept(logins: Logins, settings: Settings) -
 
 
 def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
-    logins: Logins, accounts: AccountStore, add_person: AddPerson
+    person: Person, logins: Logins, accounts: AccountStore
 ) -> None:
-    add_person()
-
     for _ in range(7):
         guess(logins, "hunter2")
 
@@ -209,45 +188,27 @@ def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
 
 
 def find_keys(accounts: AccountStore) -> list[str]:
-    """Give what tries are counted by."""
+    """Return what tries are counted by."""
     return [row.key for row in accounts.database.read_all(select(tries.c.key))]
 
 
-COUNT_IN_A_PROCESS = """
-import sys
-from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
-from app.errors import LoginRefused, TooManyTries
-from app.settings import Settings
-settings = Settings(data_dir=sys.argv[1], database_url=sys.argv[2])
-logins = Logins(AccountStore(settings, lambda: float(sys.argv[3])), settings)
-for number in range(3):
-    try:
-        logins.give_password("clara", "wrong", Caller(f"{sys.argv[4]}.{number}", ""))
-    except (LoginRefused, TooManyTries) as refusal:
-        print(refusal.code)
-"""
-
-
 @on_both_databases
-def test_two_processes_count_the_tries_of_a_name_together(
-    settings: Settings, add_person: AddPerson, clock: Clock
+def test_two_servers_count_the_tries_of_a_name_together(
+    person: Person, logins: Logins, settings: Settings, clock: Clock
 ) -> None:
-    add_person()
+    other = Logins(AccountStore(settings, clock), settings)
 
-    codes: list[str] = []
-    for network in ("198.51.100", "203.0.113"):
-        told = (str(settings.data_dir), settings.database_url, str(clock()), network)
-        done = subprocess.run(
-            [sys.executable, "-c", COUNT_IN_A_PROCESS, *told], capture_output=True, text=True, check=True
-        )
-        codes += done.stdout.split()
+    told = [
+        guess(server, "clara", caller=Caller(f"{network}.{number}", ""))
+        for server, network in ((logins, "198.51.100"), (other, "203.0.113"))
+        for number in range(3)
+    ]
+    other.accounts.database.close()
 
-    assert codes == ["E-LOGIN"] * 5 + ["E-TRIES"]
+    assert told == ["E-LOGIN"] * 5 + ["E-TRIES"]
 
 
-def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> None:
-    add_person()
+def test_the_page_says_how_long_to_wait(person: Person, visit: Visit) -> None:
     visitor = visit()
     for _ in range(5):
         visitor.give_password("clara", "wrong wrong wrong")
@@ -257,36 +218,26 @@ def test_the_page_says_how_long_to_wait(add_person: AddPerson, visit: Visit) -> 
     assert (answer.status_code, answer.headers["retry-after"]) == (429, "1")
 
 
-def test_the_last_address_of_a_named_proxy_counts(add_person: AddPerson, visit_behind_proxy: Visit) -> None:
-    add_person()
-    visitor = visit_behind_proxy()
-
-    answers = [send_forwarded(visitor, f"10.0.0.{number}, 203.0.113.9", number) for number in range(11)]
-
-    assert answers == [401] * 10 + [429]
-
-
-def test_what_a_stranger_says_of_its_address_is_not_believed(add_person: AddPerson, visit: Visit) -> None:
-    add_person()
-    visitor = visit()
-
-    answers = [send_forwarded(visitor, f"203.0.113.{number}", number) for number in range(11)]
-
-    assert answers == [401] * 10 + [429]
-
-
-def send_forwarded(visitor: Visitor, forwarded: str, number: int) -> int:
-    form = {"login": f"person{number}", "password": "wrong wrong wrong"}
-    answer = visitor.client.post("/login", data=form, headers={"x-forwarded-for": forwarded})
-    return answer.status_code
-
-
-def test_confirming_is_throttled_too(
-    add_person: AddPerson, enter: Callable[..., Visitor], hashes: list[str]
+@pytest.mark.parametrize(
+    ("browsers", "forwarded"),
+    [("visit_behind_proxy", "10.0.0.{}, 203.0.113.9"), ("visit", "203.0.113.{}")],
+    ids=["named proxy", "stranger"],
+)
+def test_the_last_address_of_a_named_proxy_counts_and_what_a_stranger_says_does_not(
+    person: Person, request: pytest.FixtureRequest, browsers: str, forwarded: str
 ) -> None:
-    add_person()
-    visitor = enter()
+    visitor: Visitor = request.getfixturevalue(browsers)()
 
+    answers = []
+    for number in range(11):
+        form = {"login": f"person{number}", "password": "wrong wrong wrong"}
+        headers = {"x-forwarded-for": forwarded.format(number)}
+        answers.append(visitor.client.post("/login", data=form, headers=headers).status_code)
+
+    assert answers == [401] * 10 + [429]
+
+
+def test_confirming_is_throttled_too(visitor: Visitor, hashes: list[str]) -> None:
     for _ in range(100):
         visitor.post("/confirm", proof="wrong wrong wrong", next="/")
 
@@ -294,9 +245,8 @@ def test_confirming_is_throttled_too(
 
 
 def test_codes_from_one_ticket_are_throttled(
-    add_person: AddPerson, visit: Visit, clock: Clock, logins: Logins
+    person: Person, visit: Visit, clock: Clock, logins: Logins
 ) -> None:
-    clara = add_person()
     visitor = visit()
     ticket = read_ticket(visitor.give_password("clara"))
 
@@ -307,7 +257,7 @@ def test_codes_from_one_ticket_are_throttled(
 
     assert answers == [401] * 5 + [429]
     assert late.status_code == 429
-    assert [told for *_, told in find_notes(logins)] == [{"by": "code", "person": clara.id}]
+    assert [told for *_, told in find_notes(logins)] == [{"by": "code", "person": person.id}]
 
 
 # What of it is in the audit log.
@@ -328,22 +278,17 @@ def find_notes(logins: Logins) -> list[tuple[str, dict[str, str]]]:
     ],
 )
 def test_tries_that_have_to_wait_are_one_line_with_the_person_if_there_is_one(
-    logins: Logins, add_person: AddPerson, login: str, address: str, told: dict[str, str]
+    person: Person, logins: Logins, login: str, address: str, told: dict[str, str]
 ) -> None:
-    clara = add_person()
-
     with acting(NOBODY):
         for number in range(20):
             guess(logins, login.format(number), caller=Caller(address.format(number), ""))
 
-    expected = told | {"person": clara.id} if "person" in told else told
+    expected = told | {"person": person.id} if "person" in told else told
     assert find_notes(logins) == [(NOBODY, expected)]
 
 
-def test_a_quarter_of_an_hour_later_it_is_a_line_again(
-    logins: Logins, add_person: AddPerson, clock: Clock
-) -> None:
-    add_person()
+def test_a_quarter_of_an_hour_later_it_is_a_line_again(person: Person, logins: Logins, clock: Clock) -> None:
     for _ in range(2):
         for _ in range(30):
             guess(logins, "clara")
@@ -353,9 +298,8 @@ def test_a_quarter_of_an_hour_later_it_is_a_line_again(
 
 
 def test_a_second_server_does_not_tell_it_again(
-    logins: Logins, add_person: AddPerson, settings: Settings, clock: Clock
+    person: Person, logins: Logins, settings: Settings, clock: Clock
 ) -> None:
-    add_person()
     other = Logins(AccountStore(settings, clock), settings)
 
     for server in (logins, other):

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import pytest
 from fastapi.testclient import TestClient
@@ -10,8 +11,9 @@ from sqlalchemy import insert, update
 
 from app.api.housekeeping import grow_older, write_side_files
 from app.jobs.audit_log import AuditQuestion, find_lines
+from app.jobs.batches import identify_study
 from app.jobs.database.tables import analyses, answers
-from app.jobs.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore
+from app.jobs.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
 from app.jobs.job import Job
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
@@ -20,14 +22,12 @@ from app.request import ReportRequest
 from app.services import Services
 from app.storage.store import Storage
 from tests.app.accounts.conftest import House
-from tests.app.conftest import AddJob, do_next, find_study
+from tests.app.conftest import AddJob, do_next, on_both_databases
 from tests.crash.program import write_digest
-
-both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
 
 def find_acts(services: Services, act: str) -> list[tuple[str, str, str]]:
-    """Give who, recording and analysis of each line of an act, the oldest first."""
+    """Return who, recording and analysis of each line of an act, the oldest first."""
     lines = list(find_lines(services.store.reader, AuditQuestion(act=act)))[::-1]
     return [(line.who, line.recording_id, line.analysis_id) for line in lines]
 
@@ -138,7 +138,7 @@ def trash_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def delete_by_every_way(caller: TestClient, recording_id: str, headers: dict[str, str]) -> list[int]:
-    """Delete a recording by the API, its page, and the list; gives the statuses."""
+    """Delete a recording by the API, its page, and the list; return the statuses."""
     form = {"recording": recording_id}
     return [
         caller.post("/library/acts/delete", data=form, headers=headers).status_code,
@@ -264,103 +264,92 @@ def test_the_terms_are_changed_on_their_page_by_who_may_erase(house: House, call
 # Group figures.
 
 
-def put_report(
-    store: JobStore, storage: Storage, study: str, subject: str, above_percent: float, content: str = ""
-) -> None:
-    """Add a report to a study, with its time above 60 deg in percent."""
-    upload = storage.open_upload(1_000_000)
-    upload.write(f"{study} {subject} {content}".encode())
-    job = store.add(upload.keep(), ReportRequest("shift.gt3x", subject), study=study)
-    row = {"analysis_id": job.id, "verdict": "good", "recorded_s": 8 * 3600.0}
-    with store.engine.begin() as connection:
-        connection.execute(update(analyses).where(analyses.c.id == job.id).values(state="succeeded"))
-        connection.execute(insert(answers).values(row | {"above_60_percent": above_percent}))
+@dataclass
+class Studies:
+    """Studies of reports of which only the time above 60 deg is known."""
 
+    store: JobStore
+    storage: Storage
 
-def put_reports(store: JobStore, storage: Storage, study: str, people: dict[str, float]) -> None:
-    """Add a report to a study for each subject code."""
-    for subject, above_percent in people.items():
-        put_report(store, storage, study, subject, above_percent)
+    def put(self, study: str, people: dict[str, float], content: str = "") -> None:
+        """Add a report to a study for each subject code."""
+        for subject, above_percent in people.items():
+            upload = self.storage.open_upload(1_000_000)
+            upload.write(f"{study} {subject} {content}".encode())
+            job = self.store.add(upload.keep(), ReportRequest("shift.gt3x", subject), study=study)
+            row = {"analysis_id": job.id, "verdict": "good", "recorded_s": 8 * 3600.0}
+            with self.store.engine.begin() as connection:
+                connection.execute(update(analyses).where(analyses.c.id == job.id).values(state="succeeded"))
+                connection.execute(insert(answers).values(row | {"above_60_percent": above_percent}))
+
+    def publish(self, study: str) -> StudyGroup:
+        return AggregateStore(self.store.engine, self.store.reader).publish(identify_study(study))
 
 
 @pytest.fixture
-def groups(store: JobStore) -> AggregateStore:
-    return AggregateStore(store.engine, store.reader)
+def studies(store: JobStore, storage: Storage) -> Studies:
+    return Studies(store, storage)
 
 
 FIVE = {"W-1": 10.0, "W-2": 12.0, "W-3": 14.0, "W-4": 16.0, "W-5": 20.0}
+FOUR = dict(list(FIVE.items())[:4])
 
 
-@both
-def test_five_people_have_a_rounded_mean(store: JobStore, storage: Storage, groups: AggregateStore) -> None:
-    put_reports(store, storage, "spring", FIVE)
+@on_both_databases
+def test_five_people_have_a_rounded_mean(studies: Studies) -> None:
+    studies.put("spring", FIVE)
 
-    (block,) = groups.publish(find_study(store, "spring")).blocks
+    (block,) = studies.publish("spring").blocks
 
     assert (block.people, block.time_above_60_percent, block.recorded_h) == (5, 14.0, 8.0)
 
 
-def test_five_recordings_of_four_people_have_none(
-    store: JobStore, storage: Storage, groups: AggregateStore
+@pytest.mark.parametrize("others", [("w-1",), ("", "NA", "?", "unknown")], ids=["again", "without code"])
+def test_four_people_have_none_whose_code_comes_twice_or_beside_recordings_without_one(
+    studies: Studies, others: tuple[str, ...]
 ) -> None:
-    put_reports(store, storage, "spring", dict(list(FIVE.items())[:4]))
-    put_report(store, storage, "spring", "w-1", 1.0, "second shift")
+    studies.put("spring", FOUR)
+    studies.put("spring", dict.fromkeys(others, 1.0), "second shift")
 
-    group = groups.publish(find_study(store, "spring"))
+    group = studies.publish("spring")
 
     assert (group.blocks, group.name) == ((), "")
 
 
-def test_a_sixth_person_does_not_show_by_the_difference_nor_in_a_second_study(
-    store: JobStore, storage: Storage, groups: AggregateStore
-) -> None:
-    put_reports(store, storage, "spring", FIVE)
-    before = groups.publish(find_study(store, "spring"))
-    put_reports(store, storage, "spring", {"W-6": 90.0})
-    put_reports(store, storage, "summer", FIVE | {"W-6": 90.0})
+def test_a_sixth_person_does_not_show_by_the_difference_nor_in_a_second_study(studies: Studies) -> None:
+    studies.put("spring", FIVE)
+    before = studies.publish("spring")
+    studies.put("spring", {"W-6": 90.0})
+    studies.put("summer", FIVE | {"W-6": 90.0})
 
-    assert groups.publish(find_study(store, "spring")) == before
-    assert groups.publish(find_study(store, "summer")).blocks == ()
+    assert studies.publish("spring") == before
+    assert studies.publish("summer").blocks == ()
 
 
-def test_five_new_people_are_a_group_of_their_own(
-    store: JobStore, storage: Storage, groups: AggregateStore
-) -> None:
-    put_reports(store, storage, "spring", FIVE)
-    groups.publish(find_study(store, "spring"))
-    put_reports(store, storage, "spring", {f"X-{number}": 30.0 for number in range(5)})
+def test_five_new_people_are_a_group_of_their_own(studies: Studies) -> None:
+    studies.put("spring", FIVE)
+    studies.publish("spring")
+    studies.put("spring", {f"X-{number}": 30.0 for number in range(5)})
 
-    blocks = groups.publish(find_study(store, "spring")).blocks
+    blocks = studies.publish("spring").blocks
 
     assert [block.time_above_60_percent for block in blocks] == [14.0, 30.0]
 
 
-def test_an_erasure_moves_no_published_figure(
-    store: JobStore, storage: Storage, groups: AggregateStore
-) -> None:
-    put_reports(store, storage, "spring", FIVE)
-    before = groups.publish(find_study(store, "spring"))
+def test_an_erasure_moves_no_published_figure(studies: Studies, store: JobStore) -> None:
+    studies.put("spring", FIVE)
+    before = studies.publish("spring")
     rows = RecordingStore(store.engine, store.reader)
     (recording_id,) = rows.find_of_subject("W-1")
     rows.begin_purge(recording_id)
     rows.end_purge(recording_id)
 
-    assert groups.publish(find_study(store, "spring")) == before
-
-
-def test_a_recording_without_a_subject_code_counts_nowhere(
-    store: JobStore, storage: Storage, groups: AggregateStore
-) -> None:
-    four = dict(list(FIVE.items())[:4])
-    put_reports(store, storage, "spring", four | dict.fromkeys(("", "NA", "?", "unknown"), 10.0))
-
-    assert groups.publish(find_study(store, "spring")).blocks == ()
+    assert studies.publish("spring") == before
 
 
 def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: TestClient) -> None:
-    put_reports(house.services.store, house.services.storage, "spring", FIVE)
-    employer = dict(house.log_in("employer"))
-    study = find_study(house.services.store, "spring")
+    Studies(house.services.store, house.services.storage).put("spring", FIVE)
+    employer, study = dict(house.log_in("employer")), identify_study("spring")
 
     shown = caller.get(f"/api/v1/studies/{study}/aggregate.json", headers=employer)
     page = caller.get("/aggregate", headers=employer)
@@ -376,7 +365,7 @@ def test_the_employer_sees_group_figures_and_nothing_else(house: House, caller: 
 
 
 def list_menu(page: str) -> list[str]:
-    """Give the addresses of the bar of pages, its folded part included."""
+    """Return the addresses of the bar of pages, its folded part included."""
     bar = page.partition("<nav")[2].partition("</nav>")[0]
     return re.findall(r'href="([^"]+)"', bar)
 

@@ -108,21 +108,17 @@ RANGED = replace(
 )
 
 
-def test_the_ranges_stand_behind_the_figures() -> None:
-    sentences = [plain(s) for s in report_of(replace(make_pair(), shared=RANGED)).sentences]
+def test_the_ranges_stand_behind_the_figures_under_those_of_the_table_and_in_the_document() -> None:
+    pair = replace(make_pair(), shared=RANGED)
+    report = report_of(pair)
+    sentences, rows = [plain(s) for s in report.sentences], report.sections[0].tables[0].rows
 
     assert "above 60° for 4.0 % (2.5–6.0 %) and the right arm for 10.0 % of" in sentences[0]
     assert "(right to left 2.50, range 1.20–4.12)" in sentences[0]
     assert sentences[1] == "Both arms were above 60° at the same time for 2.5 % (1.0–4.5 %) of that time."
-
-
-def test_the_ranges_stand_under_the_figures_of_the_table_and_in_the_document() -> None:
-    rows = report_of(replace(make_pair(), shared=RANGED)).sections[0].tables[0].rows
-
     assert [plain(cell) for cell in rows[2]] == ["95 % range", "2.5–6.0 %", "", "1.20–4.12"]
     assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
-    document = describe_pair(replace(make_pair(), shared=RANGED))
-    assert document["intervals"]["left_time_above_60_percent"] == [2.5, 6.0]
+    assert describe_pair(pair)["intervals"]["left_time_above_60_percent"] == [2.5, 6.0]
 
 
 def test_an_arm_whose_pose_nobody_confirmed_is_as_uncertain_as_in_its_own_report() -> None:

@@ -16,7 +16,7 @@ from tests.factories import START
 
 
 def inspect(folder: Path, content: bytes | str, language: str = "en", *options: str) -> dict[str, str]:
-    """Give the lines by their names."""
+    """Return the lines by their names."""
     path = folder / "shift.csv"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     ended = CliRunner().invoke(app, ["inspect", str(path), "--lang", language, *options])

@@ -13,9 +13,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from app.cli import app
-from app.report.agreement.tables import tell_drift
+from app.report.agreement.tables import tabulate_lags, tell_drift
+from app.report.model import Table
+from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
 from app.roads.validate import make_validation
+from fusion.agreement.pairs import WindowLag
 from fusion.task_windows import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 
@@ -184,3 +187,28 @@ def test_a_motion_capture_is_a_recording_of_its_own(
     assert (results["recording"]["device"], results["recording"]["rate_hz"]) == ("mvn", 60.0)
     # 112 frames at 60 a second.
     assert results["time"]["analysed_s"] == pytest.approx(112 / 60, abs=1e-5)
+
+
+# The lags of the clocks in the report: all of a few, an even choice of many.
+
+
+def tabulate(count: int) -> Table:
+    windows = [WindowLag(10.0 * k, 0.001 * k, 0.99) for k in range(count)]
+    return tabulate_lags(windows, load_wording("en", "agreement"), "en")
+
+
+@pytest.mark.parametrize("count", [0, 1, 12])
+def test_a_few_stretches_are_all_shown(count: int) -> None:
+    table = tabulate(count)
+
+    assert len(table.rows) == count
+    assert "Shown are" not in table.note
+
+
+def test_of_many_twelve_are_shown_from_the_first_to_the_last() -> None:
+    table = tabulate(60)
+
+    # 59 / 11 = 5.36 stretches from one to the next
+    places = [0, 5, 11, 16, 21, 27, 32, 38, 43, 48, 54, 59]
+    assert [row[0] for row in table.rows] == [str(10 * place) for place in places]
+    assert table.note.endswith("Shown are 12 of 60 stretches, evenly spread; validation.json holds them all.")

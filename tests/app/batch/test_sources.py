@@ -1,12 +1,24 @@
-"""Where the recordings of a run are named."""
+"""Where the recordings of a run are named, who does which, and where results go."""
 
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
 
-from app.batch.folder import find_recordings, read_list
-from app.batch.run import NEED_BYTES, Capacity, choose_workers
+from app.batch.folder import MARKER, find_recordings, identify_place, place_folders, plan_tasks, read_list
+from app.batch.run import (
+    NEED_BYTES,
+    Capacity,
+    Outcome,
+    Shard,
+    ShardRecord,
+    choose_workers,
+    collect_outcomes,
+    parse_shard,
+)
 from app.errors import UnusableList
+from app.request import ReportRequest
 
 
 @pytest.fixture
@@ -97,3 +109,137 @@ def test_workers_are_as_many_as_recordings_spare_cores_and_memory_allow(
     recordings: int, cores: int, analyses_in_memory: int, expected: int
 ) -> None:
     assert choose_workers(recordings, Capacity(cores, analyses_in_memory * NEED_BYTES)) == expected
+
+
+# Slices of a run: which recordings each does, and what the tables are made of.
+
+
+ASKED = ReportRequest("", languages=("en",))
+
+
+def plan(tmp_path: Path, *names: str) -> list:  # type: ignore[type-arg]
+    logs = [tmp_path / name for name in names]
+    return plan_tasks(logs, tmp_path / "out", ASKED, lambda log: log.name, force=False)
+
+
+def test_the_slices_hold_every_recording_once_and_differ_by_one_at_most(tmp_path: Path) -> None:
+    tasks = plan(tmp_path, "d.csv", "a.csv", "e.csv", "c.csv", "b.csv")
+
+    slices = [[task.name for task in Shard(k, 2).select(tasks)] for k in (1, 2)]
+
+    assert slices == [["a.csv", "c.csv", "e.csv"], ["b.csv", "d.csv"]]
+    assert Shard(3, 3).select(tasks[:2]) == []
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/2/3", "-1/2"])
+def test_what_names_no_slice_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r".*"):
+        parse_shard(text)
+
+
+def test_a_recording_without_report_or_failure_is_not_done(tmp_path: Path) -> None:
+    ShardRecord(tmp_path / "out", Shard(1, 2), plan(tmp_path, "a.csv", "b.csv"), ASKED).begin()
+
+    collected = collect_outcomes(tmp_path / "out")
+
+    assert [(o.task.name, o.code) for o in collected.outcomes] == [
+        ("a.csv", "E-INTERRUPTED"),
+        ("b.csv", "E-INTERRUPTED"),
+    ]
+    assert collected.request == ASKED
+
+
+def report_failure(tmp_path: Path, shard: Shard, tasks: list) -> None:  # type: ignore[type-arg]
+    """Leave what a slice writes whose first recording failed."""
+    record = ShardRecord(tmp_path / "out", shard, tasks, ASKED)
+    record.begin()
+    record.write([Outcome(tasks[0], code="E-SHORT", facts={"seconds": 4})])
+
+
+def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
+    report_failure(tmp_path, Shard(1, 1), plan(tmp_path, "a.csv"))
+
+    (outcome,) = collect_outcomes(tmp_path / "out").outcomes
+
+    assert (outcome.code, outcome.facts) == ("E-SHORT", {"seconds": 4})
+
+
+def test_a_slice_of_another_plan_is_named_even_if_nothing_is_left_to_do(tmp_path: Path) -> None:
+    ShardRecord(tmp_path / "out", Shard(2, 2), plan(tmp_path, "a.csv"), ASKED).begin()
+    report_failure(tmp_path, Shard(1, 2), plan(tmp_path, "b.csv"))
+
+    collected = collect_outcomes(tmp_path / "out")
+
+    assert (collected.undone, collected.differing) == ((), ("2/2",))
+
+
+@pytest.mark.parametrize(("before", "planned"), [(Shard(1, 1), 2), (Shard(1, 2), 1)], ids=["number", "plan"])
+def test_reports_of_slices_of_another_number_or_plan_do_not_count(
+    tmp_path: Path, before: Shard, planned: int
+) -> None:
+    tasks = plan(tmp_path, "a.csv", "b.csv")
+    report_failure(tmp_path, before, tasks[:planned])
+
+    ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
+
+    assert [o.code for o in collect_outcomes(tmp_path / "out").outcomes] == ["E-INTERRUPTED"] * 2
+
+
+# Which folder is whose: told by the marker in it, not by the order in which recordings are found.
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> tuple[Path, Path]:
+    """Two recordings of one name and different bytes."""
+    for place in ("p1", "p2"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "arm.gt3x").write_text(place)
+    return tmp_path / "p1" / "arm.gt3x", tmp_path / "p2" / "arm.gt3x"
+
+
+def leave_marker(folder: Path, log: Path, **others: str) -> None:
+    """Leave the marker of a finished recording."""
+    folder.mkdir(parents=True)
+    digest = hashlib.sha256(log.read_bytes()).hexdigest()
+    (folder / MARKER).write_text(json.dumps({"place": identify_place(log), "input": digest} | others))
+
+
+def list_names(logs: tuple[Path, ...], out: Path) -> list[str]:
+    return [folder.name for folder in place_folders(logs, out)]
+
+
+def test_a_recording_that_changed_in_its_place_keeps_its_folder(
+    logs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    leave_marker(tmp_path / "out" / "arm", logs[0])
+    logs[0].write_text("read from the device again")
+
+    assert list_names(logs[:1], tmp_path / "out") == ["arm"]
+
+
+@pytest.mark.parametrize(
+    ("done", "others", "named", "folders"),
+    [
+        ("", {}, 2, ["arm", "arm-2"]),
+        ("arm", {}, 2, ["arm-2", "arm"]),
+        ("arm", {"place": "where it lay before"}, 2, ["arm-2", "arm"]),
+        ("arm-2", {}, 2, ["arm", "arm-2"]),
+        ("arm", {}, 1, ["arm-2"]),
+    ],
+    ids=["numbered", "kept", "moved", "the one before has none", "of another run"],
+)
+def test_recordings_of_one_stem_are_numbered_and_the_second_keeps_the_folder_it_has(
+    logs: tuple[Path, Path], tmp_path: Path, done: str, others: dict[str, str], named: int, folders: list[str]
+) -> None:
+    if done:
+        leave_marker(tmp_path / "out" / done, logs[1], **others)
+
+    assert list_names(logs[:named], tmp_path / "out") == folders
+
+
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [("Summary.csv", "Summary.csv-2"), ("shards", "shards_"), ("profiles", "profiles_")],
+)
+def test_no_recording_is_named_as_a_table_or_a_folder_of_ours(tmp_path: Path, name: str, folder: str) -> None:
+    assert list_names((tmp_path / f"{name}.gt3x",), tmp_path / "out") == [folder]

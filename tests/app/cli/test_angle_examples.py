@@ -28,7 +28,7 @@ def angle_folder(tmp_path: Path) -> Path:
 
 
 def run_example(of: str, folder: Path) -> dict[str, Any]:
-    """Run the example that imports a package, in the folder; gives its variables."""
+    """Run the example that imports a package, in the folder; return its variables."""
     (example,) = (body for body in EXAMPLES if f"import {of}" in body)
     names: dict[str, Any] = {}
     with contextlib.chdir(folder):

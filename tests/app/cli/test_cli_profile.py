@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.batch.folder import format_folder_name
 from app.cli import app
 from tests.badfiles.table_files import values
 
@@ -71,10 +70,6 @@ def test_inspect_takes_the_same_profile(log: Path, tmp_path: Path) -> None:
 
     seen = json.loads(ended.stdout)
     assert (seen["recorded_s"], seen["sanity"]["rest_g"]) == (60.0, pytest.approx(1.0, abs=0.01))
-
-
-def test_a_recording_never_takes_the_folder_of_the_profiles(tmp_path: Path) -> None:
-    assert format_folder_name(tmp_path / "profiles.csv") == "profiles_"
 
 
 SENSORS = "sensor," + ",".join(["left"] * 6 + ["right"] * 6)

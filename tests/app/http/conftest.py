@@ -15,8 +15,7 @@ from tests.app import stand_ins
 def shared_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     """Return the settings of the shared server, which are those of the other tests."""
     data = tmp_path_factory.mktemp("shared") / "data"
-    url = f"sqlite:///{data / 'acromion.sqlite3'}"
-    return Settings(data_dir=data, database_url=url, min_free_bytes=0, max_upload_bytes=1_000_000)
+    return Settings(data_dir=data, min_free_bytes=0, max_upload_bytes=1_000_000)
 
 
 @pytest.fixture(scope="module")

@@ -6,20 +6,15 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from openapi_spec_validator import validate
-from starlette.requests import Request
 
 from app.api.housekeeping import grow_older
 from app.errors import list_refusals
 from app.formats import FORMATS
 from app.report.words.messages import find_flag_codes
-from app.services import Services, find_services
 from fusion.readers import READERS
+from tests.app.conftest import services_of
 
 TUS = {"tus-resumable": "1.0.0", "upload-length": "3"}
-
-
-def services_of(client: TestClient) -> Services:
-    return find_services(Request({"type": "http", "app": client.app}))
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,11 @@ from hypothesis import strategies as st
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.main import create_app
 from app.request import clean_file_name
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenBench, serving
 
 URL = "/api/v1/analyze"
 
@@ -150,11 +149,15 @@ def test_a_body_of_a_size_that_cannot_be_is_refused_and_leaves_nothing(
     assert files_in(shared_settings.data_dir) == []
 
 
-def test_a_disk_that_is_nearly_full_is_a_507(settings: Settings) -> None:
-    application = create_app(settings.model_copy(update={"min_free_bytes": 1 << 60}))
-
-    with TestClient(application, base_url="http://localhost") as client:
-        problem = client.post(URL, content=b"x")
+@pytest.mark.parametrize(
+    ("address", "headers"),
+    [(URL, {}), ("/api/v1/uploads", {"tus-resumable": "1.0.0", "upload-length": "3"})],
+)
+def test_a_disk_that_is_nearly_full_is_a_507(
+    settings: Settings, address: str, headers: dict[str, str]
+) -> None:
+    with serving(settings, min_free_bytes=1 << 60) as client:
+        problem = client.post(address, content=b"" if headers else b"x", headers=headers)
 
     assert (problem.status_code, problem.json()["code"]) == (507, "E-DISK")
     assert problem.headers["retry-after"] == "5"

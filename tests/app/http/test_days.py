@@ -86,11 +86,20 @@ def test_one_analysis_is_no_profile_and_no_place_of_the_server_is_told(
     assert unknown.status_code == 404
 
 
-def test_the_page_shows_the_answer_and_leads_to_the_report(shared: TestClient, days: Finished) -> None:
-    page = shared.get("/days", params={"analysis": list(days)})
+@pytest.mark.parametrize(
+    ("language", "told"),
+    [
+        ("en", "Right arm, 2 days: time above 60° was 6.0 %"),
+        ("fr", "Bras droit, 2 jours : temps au-dessus de 60° de 6,0 %"),
+    ],
+)
+def test_the_page_shows_the_answer_and_leads_to_the_report(
+    shared: TestClient, days: Finished, language: str, told: str
+) -> None:
+    page = shared.get("/days", params={"analysis": list(days), "lang": language})
 
     assert page.status_code == 200
-    assert "Right arm, 2 days: time above 60° was 6.0 %" in plain(page.text)
+    assert told in plain(page.text)
     (pdf,) = re.findall(r'href="([^"]*report\.pdf[^"]*)"', page.text)
     assert shared.get(pdf.replace("&amp;", "&")).content.startswith(b"%PDF-")
 
@@ -102,12 +111,6 @@ def test_days_after_a_change_are_compared_with_those_before(shared: TestClient, 
 
     above = change["figures"]["time_above_60_percent"]  # least detectable: 1.96 x 2.0 x sqrt(2)
     assert (above["change"], above["detectable"], above["verdict"]) == (4.0, 5.543717, "not larger")
-
-
-def test_the_page_speaks_french(shared: TestClient, days: Finished) -> None:
-    page = shared.get("/days", params={"analysis": list(days), "lang": "fr"})
-
-    assert "Bras droit, 2 jours : temps au-dessus de 60° de 6,0 %" in plain(page.text)
 
 
 def test_an_analysis_leads_to_the_days_of_its_person(shared: TestClient, days: Finished) -> None:

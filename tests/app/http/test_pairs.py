@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 from pypdf import PdfReader
-from starlette.requests import Request
 from starlette.testclient import TestClient
 
 from app.api.pairs import ChangeView, PairView
@@ -18,10 +17,9 @@ from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.request import PairRequest
 from app.roads.pair import make_report_of_two
-from app.services import Services, find_services
 from app.settings import Settings
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenBench, services_of
 
 Finished = tuple[str, str]
 
@@ -70,10 +68,6 @@ def two(client: TestClient, bench: OpenBench, monkeypatch: pytest.MonkeyPatch) -
 
 def ask_pair(arms: Finished, **more: str) -> dict[str, str]:
     return {"left": arms[0], "right": arms[1], **more}
-
-
-def services_of(client: TestClient) -> Services:
-    return find_services(Request({"type": "http", "app": client.app}))
 
 
 def take_folder(client: TestClient, analysis_id: str, out: Path) -> Path:
@@ -132,8 +126,7 @@ def test_the_figures_are_as_the_openapi_document_says(shared: TestClient, arms: 
 
 
 @pytest.mark.parametrize(
-    ("stated", "told"),
-    [("false", ["E-PAIR", "E-COMPARE", "E-DAYS"]), ("true", ["person"] * 3)],
+    ("stated", "told"), [("false", ["E-PAIR", "E-COMPARE", "E-DAYS"]), ("true", ["person"] * 3)]
 )
 def test_a_missing_code_is_refused_until_somebody_says_that_it_is_one_person(
     shared: TestClient, arms_of_whom: Finished, stated: str, told: list[str]

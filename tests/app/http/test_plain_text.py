@@ -1,4 +1,6 @@
-"""Text that cannot be kept is refused at the door, on every route that takes any."""
+"""Values of a request: text that cannot be kept, secrets, and what would have been right."""
+
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -76,3 +78,116 @@ def test_a_body_of_json_that_is_too_large_is_refused(
     answer = shared.post("/api/v1/batches", content=b" " * length, headers=JSON)
 
     assert (answer.status_code, answer.json()["code"]) == (413, "E-BIG")
+
+
+# What a request holds in a field of a secret's name is never in the answer.
+
+
+CANARY = "canary-7f3a91"
+
+
+NAMES = ("password", "token", "client_secret", "code", "api-key", "proof", "accessToken")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_secret_in_a_query_is_not_said_back(shared: TestClient, name: str) -> None:
+    answer = shared.get(f"/api/v1/analyses?{name}={CANARY}")
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+    assert CANARY not in answer.text
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"url": "https://example.org/", "secret": CANARY},
+        {"url": {"token": CANARY}},
+        {"url": ["x", CANARY]},
+        {"password": CANARY},
+        {"url": 3, "key": {"password": CANARY}},
+        [CANARY],
+        CANARY,
+    ],
+)
+def test_a_secret_in_a_body_is_not_said_back(shared: TestClient, body: Any) -> None:
+    answer = shared.post("/api/v1/webhooks", json=body)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+    assert CANARY not in answer.text
+
+
+@pytest.mark.parametrize("kind", ["application/x-www-form-urlencoded", "application/json", "text/plain"])
+@pytest.mark.parametrize("path", ["/api/v1/webhooks", "/api/v1/batches", "/api/v1/tokens"])
+def test_a_body_of_another_kind_is_not_said_back(shared: TestClient, path: str, kind: str) -> None:
+    answer = shared.post(path, content=f"password={CANARY}", headers={"content-type": kind})
+
+    assert answer.status_code >= 400
+    assert CANARY not in answer.text
+
+
+def test_what_is_no_secret_is_said_back(shared: TestClient) -> None:
+    assert "sideways" in shared.post("/api/v1/analyze?side=sideways", content=b"x").json()["detail"]
+
+
+@pytest.mark.parametrize("path", ["/", "/trash", "/nowhere", "/help"])
+def test_no_page_links_to_itself_with_a_secret(shared: TestClient, path: str) -> None:
+    page = shared.get(f"{path}?token={CANARY}&page=1", headers={"accept": "text/html"}).text
+
+    assert "page=1&amp;lang=fr" in page
+    assert CANARY not in page
+
+
+# A value that cannot be is refused with what would have been right.
+
+
+API = "/api/v1"
+ANALYZE = (
+    "side, subject, method, pose, lang, paper, calibration, pose_held, axis, slip_at, no_slip_at, rate_hz, "
+    "sensor, study, file_name, external_id, again"
+)
+
+
+@pytest.mark.parametrize(
+    ("address", "allowed"),
+    [
+        ("/analyses/an_1?wait=abc", "0 … 60"),
+        ("/analyses/an_1?wait=61", "0 … 60"),
+        ("/analyses/an_1?wait=nan", "0 … 60"),
+        ("/analyses?limit=0", "1 … 500"),
+        ("/analyses?state=done", "queued, running, succeeded, failed, cancelled"),
+        ("/analyses?sate=queued", "state, batch_id, recording_id, limit, cursor"),
+        ("/analyses/an_1/report.pdf?lang=it", "en, fr"),
+        ("/recordings/rec_1/inspection?rate_hz=abc", "1 … 10000"),
+        ("/recordings?trashed=perhaps", "true, false"),
+    ],
+)
+def test_a_question_with_a_value_that_cannot_be(shared: TestClient, address: str, allowed: str) -> None:
+    problem = shared.get(API + address).json()
+
+    assert (problem["code"], problem["status"]) == ("E-PARAMETER", 422)
+    assert f"allowed: {allowed}" in problem["detail"]
+
+
+@pytest.mark.parametrize(
+    ("route", "body", "allowed"),
+    [
+        ("/analyze?rate_hz=abc", "x", "1 … 10000"),
+        ("/analyze?rate_hz=0", "x", "1 … 10000"),
+        ("/analyze?rate_hz=1e9", "x", "1 … 10000"),
+        ("/analyze?again=x", "x", "true, false"),
+        ("/analyze?side=up", "x", "left, right"),
+        ("/analyze?sied=left", "x", ANALYZE),
+        ("/analyses", '{"recording_ids": "rec_1"}', '["…"]'),
+        ("/analyses", '{"recording_ids": ["rec_1"], "agian": true}', "recording_ids, settings, again"),
+        ("/analyses", '{"recording_ids": ["r"], "settings": {"rate_hz": "abc"}}', "1 … 10000"),
+        ("/batches", '{"items": [{"recording_id": 3}]}', '"…"'),
+        ("/batches", '{"items": 3}', "[recording_id, settings]"),
+        ("/recordings", '{"upload_id": "u", "sied": "left"}', "file_name, subject, side, external_id"),
+        ("/batches", "{", "JSON"),
+    ],
+)
+def test_a_wish_with_a_value_that_cannot_be(shared: TestClient, route: str, body: str, allowed: str) -> None:
+    problem = shared.post(API + route, content=body, headers={"content-type": "application/json"}).json()
+
+    assert problem["code"] == "E-PARAMETER"
+    assert f"allowed: {allowed}" in problem["detail"]

@@ -1,22 +1,25 @@
 """``/api/v1/recordings``: stored, listed, described, divided into periods, thrown away."""
 
+import base64
 import hashlib
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from hypothesis import HealthCheck, given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
 from sqlalchemy import update
 
 from app.jobs.database.tables import purged_uploads, recordings
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.main import create_app
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench
+from tests.app.conftest import OpenBench, serving
 
 URL = "/api/v1/recordings"
 
@@ -267,8 +270,7 @@ def test_a_delete_of_the_reference_of_a_comparison_changes_nothing(
 @pytest.mark.parametrize("way", ["purge", "no term"])
 def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, way: str) -> None:
     term_s = 0.0 if way == "no term" else 1e6
-    application = create_app(settings.model_copy(update={"trash_term_s": term_s}))
-    with TestClient(application, base_url="http://localhost") as client:
+    with serving(settings, trash_term_s=term_s) as client:
         job = client.post("/api/v1/analyze", content=b"PATIENT-BYTES", params={"subject": "CANARY"}).json()
         run_next(bench(stand_ins.write_report))
         address = f"{URL}/{job['recording_id']}"
@@ -386,3 +388,193 @@ def test_what_is_not_a_persons_to_say_cannot_be_set(client: TestClient) -> None:
         answer = client.patch(address, json={"subject": "S1", field: "y"})
         assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER"), field
     assert client.get(address).json()["subject"] == ""
+
+
+# A recording in a form, as browsers and ``curl -F`` send it, and the digest a client may tell.
+
+
+FORM = {"content-type": "multipart/form-data; boundary=cut"}
+DIGESTS = ("content-digest", "repr-digest")
+
+
+def tell_digest(content: bytes) -> str:
+    return f"sha-256=:{base64.b64encode(hashlib.sha256(content).digest()).decode()}:"
+
+
+def test_a_form_brings_the_file_and_what_is_said_about_it(client: TestClient) -> None:
+    words = {"subject": "S7", "side": "left", "note": "", "external_id": "visit 2"}
+
+    kept = client.post(URL, files={"file": ("arm.gt3x", b"recording")}, data=words).json()
+
+    assert kept["sha256"] == hashlib.sha256(b"recording").hexdigest()
+    told = [kept[name] for name in ("file_name", "subject", "side", "external_id")]
+    assert told == ["arm.gt3x", "S7", "left", "visit 2"]
+
+
+@hypothesis_settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25, deadline=None
+)
+@given(
+    content=st.binary(min_size=1, max_size=300)
+    .map(lambda octets: octets + b"\r\n--cu" + octets)
+    .filter(lambda octets: b"\r\n--cut" not in octets)  # that is the mark itself, as the sender must see to
+)
+def test_every_byte_of_the_file_arrives_whatever_it_is(client: TestClient, content: bytes) -> None:
+    kept = client.post(URL, files={"file": ("a", content)}, headers=FORM).json()
+
+    assert (kept["size_bytes"], kept["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+
+
+def part(name: str, content: bytes = b"") -> bytes:
+    return f"--cut\r\nContent-Disposition: form-data; name={name}\r\n\r\n".encode() + content
+
+
+WHOLE_FORM = part('"f"; filename="a"', b"recording\r\n--cut--\r\n")
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "told"),
+    [
+        (b"", "E-CUT-UPLOAD", ""),
+        (b"no form at all", "E-PARAMETER", ""),
+        (part('"f"; filename="a"', b"half"), "E-CUT-UPLOAD", ""),
+        (part('"f"; filename="a"', b"\r\n--cut--\r\n"), "E-EMPTY", ""),
+        (part('"subject"', b"S1\r\n--cut--\r\n"), "E-PARAMETER", "allowed: file."),
+        (part('"sied"', b"left\r\n") + WHOLE_FORM, "E-PARAMETER", "allowed: file_name, subject, side"),
+        (part('"note"', b"x" * 5000), "E-PARAMETER", ""),
+        (b"".join(part(f'"n{k}"', b"x\r\n") for k in range(30)), "E-PARAMETER", ""),
+        (
+            b"".join(part(f'"f"; filename="{name}"', b"x\r\n") for name in "ab") + b"--cut--\r\n",
+            "E-PARAMETER",
+            "",
+        ),
+    ],
+)
+def test_a_form_that_cannot_be_is_refused_and_leaves_nothing(
+    shared: TestClient, shared_settings: Settings, body: bytes, code: str, told: str
+) -> None:
+    answer = shared.post(URL, content=body, headers=FORM)
+
+    assert answer.json()["code"] == code
+    assert told in answer.json()["detail"]
+    assert files_of(shared_settings) == []
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+@pytest.mark.parametrize(
+    ("address", "body", "headers"),
+    [(URL, b"damaged", {}), ("/api/v1/analyze", b"damaged", {}), (URL, WHOLE_FORM, FORM)],
+    ids=["raw", "analyze", "form"],
+)
+@pytest.mark.parametrize(
+    ("digest", "code"), [(tell_digest(b"as it was"), "E-DIGEST"), ("sha-256=:xyz:", "E-CHECKSUM")]
+)
+def test_what_is_not_what_was_sent_is_refused(
+    shared: TestClient, shared_settings: Settings, address: str, body: bytes, headers: dict[str, str],
+    name: str, digest: str, code: str,
+) -> None:  # fmt: skip
+    answer = shared.post(address, content=body, headers=headers | {name: digest})
+
+    assert answer.json()["code"] == code
+    assert files_of(shared_settings) == []
+
+
+@pytest.mark.parametrize(("body", "headers"), [(b"recording", {}), (WHOLE_FORM, FORM)], ids=["raw", "form"])
+@pytest.mark.parametrize("name", DIGESTS)
+def test_what_is_as_it_was_sent_is_taken(
+    client: TestClient, name: str, body: bytes, headers: dict[str, str]
+) -> None:
+    digest = f"md5=:1B2M2Y8AsgTpgAmY7PhCfg==:, {tell_digest(body)}"
+
+    answer = client.post(URL, content=body, headers=headers | {name: digest})
+
+    assert answer.json()["sha256"] == hashlib.sha256(b"recording").hexdigest()
+
+
+# ``PUT /recordings/{id}/periods``: what cannot be on the day of the recording is refused by its row.
+
+
+OUTSIDE = {"start_s": 100_000, "end_s": 100_060, "kind": "task"}
+REVERSED = {"start_s": 60, "end_s": 30, "kind": "task"}
+INSIDE = {"start_s": 0, "end_s": 45, "kind": "task"}
+
+
+@pytest.fixture
+def address(shared: TestClient, shift_gt3x: Path) -> str:
+    """The periods of a recording of six minutes, empty."""
+    kept = shared.post(URL, content=shift_gt3x.read_bytes()).json()
+    shared.put(f"{URL}/{kept['id']}/periods", json=[])
+    return f"{URL}/{kept['id']}/periods"
+
+
+@pytest.mark.parametrize(
+    ("periods", "line", "why"),
+    [
+        ([INSIDE, REVERSED], 3, "before it begins"),
+        ([OUTSIDE], 2, "outside of"),
+        ([INSIDE, OUTSIDE], 3, "outside of"),
+        ([INSIDE, INSIDE | {"start_s": 10}], 3, "overlap"),
+    ],
+)
+def test_periods_that_cannot_be_are_refused_with_their_row(
+    shared: TestClient, address: str, periods: list[dict[str, Any]], line: int, why: str
+) -> None:
+    answer = shared.put(address, json=periods)
+
+    problem = answer.json()
+    assert (answer.status_code, problem["code"], problem["where"]) == (422, "E-DIARY", {"line": line})
+    assert why in problem["detail"]
+
+
+@pytest.mark.parametrize(
+    ("row", "value"),
+    [({"start": 600}, "600"), ({"start": "07:00", "end": 10.2}, "10.2")],
+    ids=["start", "end"],
+)
+def test_a_number_that_does_not_say_seconds_is_refused(
+    shared: TestClient, address: str, row: dict[str, Any], value: str
+) -> None:
+    problem = shared.put(address, json=[INSIDE, row | {"kind": "break"}]).json()
+
+    assert (problem["code"], problem["where"]) == ("E-DIARY", {"line": 3})
+    assert f'"{value}"' in problem["detail"]
+    assert "start_s" in problem["fix"]
+
+
+@pytest.mark.parametrize("start", ["07:02", "07.02", "07,02", "0702", "7h02", "7 h 02"])
+def test_a_clock_time_is_stored_alike_in_every_spelling(shared: TestClient, address: str, start: str) -> None:
+    answer = shared.put(address, json=[{"start": start, "end": "0704", "kind": "break"}])
+
+    assert [(row["start"], row["end"]) for row in answer.json()] == [("07:02:00", "07:04:00")]
+
+
+def test_a_time_without_its_row_s_start_is_refused(shared: TestClient, address: str) -> None:
+    assert shared.put(address, json=[{"end_s": 30, "kind": "task"}]).json()["code"] == "E-DIARY"
+
+
+def test_what_is_refused_changes_nothing(shared: TestClient, address: str) -> None:
+    shared.put(address, json=[INSIDE])
+
+    shared.put(address, json=[REVERSED])
+
+    assert [row["end_s"] for row in shared.get(address).json()] == [45.0]
+
+
+def test_what_reaches_past_the_recording_is_taken_and_cut_later(shared: TestClient, address: str) -> None:
+    assert shared.put(address, json=[INSIDE | {"end_s": 4000}]).status_code == 200
+
+
+def test_rows_of_a_recording_that_cannot_be_read_yet_are_compared_with_one_another(
+    shared: TestClient,
+) -> None:
+    address = f"{URL}/{shared.post(URL, content=b'no recording').json()['id']}/periods"
+
+    assert shared.put(address, json=[REVERSED]).status_code == 422
+    assert shared.put(address, json=[INSIDE]).status_code == 200
+
+
+def test_periods_of_one_analysis_are_checked_when_it_is_asked_for(shared: TestClient, address: str) -> None:
+    recording_id = address.split("/")[4]
+    wish = {"recording_ids": [recording_id], "settings": {"periods": [REVERSED]}}
+
+    assert shared.post("/api/v1/analyses", json=wish).json()["code"] == "E-DIARY"

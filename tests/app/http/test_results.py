@@ -1,5 +1,7 @@
 """What an analysis gives: its state, its files, and refusals where there are none."""
 
+import csv
+import gzip
 import hashlib
 import io
 import zipfile
@@ -10,9 +12,11 @@ from fastapi.testclient import TestClient
 from frictionless import validate
 from rocrate.rocrate import ROCrate
 
-from app.jobs.children.attempt import MakeReport
-from app.jobs.worker import run_next
+from app.batch.settings_file import read_settings
+from app.jobs.children.attempt import MakeReport, load_and_make_report
+from app.jobs.worker import open_bench, run_next
 from app.report.export.crate import CRATE
+from app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 
@@ -23,7 +27,7 @@ NAMES = (
 
 
 def analyse(client: TestClient, bench: OpenBench, make: MakeReport, **wishes: str) -> str:
-    """Send a recording and let a worker take it; gives the address of the analysis."""
+    """Send a recording and let a worker take it; return the address of the analysis."""
     sent = client.post("/api/v1/analyze", content=b"<b>recording", params=wishes)
     run_next(bench(make))
     return sent.headers["location"]
@@ -171,3 +175,37 @@ def test_a_range_behind_the_end_is_refused(shared: TestClient, finished: str, as
 
     assert (answer.status_code, answer.json()["code"]) == (416, "E-RANGE")
     assert answer.headers["content-range"] == f"bytes */{len(stand_ins.RESULTS)}"
+
+
+# What is made of a finished analysis when somebody asks: angles as text, its settings, its hours.
+
+
+@pytest.fixture(scope="module")
+def analysed(shared_server: TestClient, shared_settings: Settings, shift_gt3x: Path) -> str:
+    """Return the address of the analysis of a left arm."""
+    asked = {"side": "left", "file_name": "a.gt3x"}
+    made = shared_server.post("/api/v1/analyze", params=asked, content=shift_gt3x.read_bytes())
+    bench = open_bench(shared_settings, load_and_make_report)
+    assert run_next(bench)
+    bench.store.close()
+    return str(made.headers["location"])
+
+
+def test_the_angles_are_given_as_text(shared: TestClient, analysed: str) -> None:
+    body = shared.get(f"{analysed}/elevation.csv.gz").content
+
+    rows = list(csv.DictReader(io.StringIO(gzip.decompress(body).decode())))
+    assert list(rows[0]) == ["time_s", "elevation_deg", "valid"]
+    assert float(rows[-1]["time_s"]) == pytest.approx(360, abs=0.1)
+
+
+def test_the_settings_are_given_as_the_command_takes_them(shared: TestClient, analysed: str) -> None:
+    body = shared.get(f"{analysed}/settings.yaml").content
+
+    assert read_settings(body)["side"] == "left"
+
+
+def test_the_hours_are_a_table(shared: TestClient, analysed: str) -> None:
+    body = shared.get(f"{analysed}/periods.csv").text
+
+    assert [row["label"] for row in csv.DictReader(io.StringIO(body))] == ["2026-03-02T07:00"]

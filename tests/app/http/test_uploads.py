@@ -9,13 +9,11 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from starlette.requests import Request
 
 from app.jobs.store import JobStore
-from app.main import create_app
-from app.services import find_services
 from app.settings import Settings
 from app.storage.store import Storage, borrow_recording
+from tests.app.conftest import services_of, serving
 
 URL = "/api/v1/uploads"
 TUS = {"tus-resumable": "1.0.0"}
@@ -86,15 +84,6 @@ def test_the_first_bytes_may_come_with_the_announcement(client: TestClient) -> N
     assert (answer.status_code, answer.headers["upload-offset"]) == (201, "4")
 
 
-def test_bytes_beyond_what_is_taken_at_once_are_told_to_come_again(settings: Settings) -> None:
-    application = create_app(settings.model_copy(update={"max_uploads_at_once": 0}))
-    with TestClient(application, base_url="http://localhost") as client:
-        address = announce(client, 3)
-
-        assert append(client, address, 0, b"abc") == 429
-        assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
-
-
 @pytest.mark.parametrize(
     ("version", "content", "headers", "status"),
     [
@@ -139,13 +128,6 @@ def test_a_length_that_cannot_be_is_refused_before_the_first_byte(
 
     assert client.post(URL, headers=headers).status_code == status
     assert files_of(settings) == []
-
-
-def test_no_upload_is_begun_on_a_disk_that_is_nearly_full(settings: Settings) -> None:
-    application = create_app(settings.model_copy(update={"min_free_bytes": 1 << 60}))
-
-    with TestClient(application, base_url="http://localhost") as client:
-        assert client.post(URL, headers=TUS | {"upload-length": "3"}).status_code == 507
 
 
 @pytest.mark.parametrize("algorithm", ["sha1", "sha256", "sha512", "md5"])
@@ -195,11 +177,11 @@ def test_metadata_that_cannot_be_is_refused(shared: TestClient, metadata: str) -
 
 
 def test_a_server_started_anew_goes_on_where_the_bytes_ended(settings: Settings) -> None:
-    with TestClient(create_app(settings), base_url="http://localhost") as before:
+    with serving(settings) as before:
         address = announce(before, 10)
         append(before, address, 0, b"01234")
 
-    with TestClient(create_app(settings), base_url="http://localhost") as after:
+    with serving(settings) as after:
         assert after.head(address, headers=TUS).headers["upload-offset"] == "5"
         assert append(after, address, 5, b"56789") == 204
         recording = after.get(after.get(address).json()["links"]["recording"]).json()
@@ -226,7 +208,7 @@ def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
     address = announce(client, 4)
     append(client, address, 0, b"01")
     upload_id = address.rpartition("/")[2]
-    file = find_services(Request({"type": "http", "app": client.app})).incoming.open(upload_id, 2)
+    file = services_of(client).incoming.open(upload_id, 2)
     file.write(b"23")
     file.flush()
     file.close()
@@ -262,7 +244,7 @@ def test_the_upload_of_what_was_deleted_for_good_says_so(client: TestClient) -> 
 
 def test_two_writers_at_once_are_not_let_in(shared: TestClient) -> None:
     address = announce(shared, 10)
-    find_services(Request({"type": "http", "app": shared.app})).incoming.acquire(address.rpartition("/")[2])
+    services_of(shared).incoming.acquire(address.rpartition("/")[2])
 
     assert append(shared, address, 0, b"x") == 423
     assert shared.delete(address, headers=TUS).status_code == 423
@@ -357,7 +339,7 @@ def test_an_upload_is_taken_on_postgresql_too(client: TestClient) -> None:
 
 
 def send_declared(client: TestClient, content: bytes) -> str:
-    """Send a whole file that declares its analysis; gives the id of its recording."""
+    """Send a whole file that declares its analysis; return the id of its recording."""
     address = announce(client, len(content), filename="shift.csv", side="left", settings="{}")
     assert append(client, address, 0, content) == 204
     recording: str = client.get(address).json()["recording_id"]
@@ -416,6 +398,5 @@ def test_bytes_are_analysed_again_unasked_only_if_their_analysis_was_given_up(cl
 
 
 def test_where_no_more_may_wait_the_upload_is_kept_and_nothing_begins(settings: Settings) -> None:
-    full = settings.model_copy(update={"max_queued": 0})
-    with TestClient(create_app(full), base_url="http://localhost") as client:
+    with serving(settings, max_queued=0) as client:
         assert list_analyses(client, send_declared(client, b"0123456789")) == []

@@ -14,12 +14,11 @@ from app.jobs.batches import identify_study
 from app.jobs.children.attempt import load_and_make_report
 from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
-from app.main import create_app
 from app.settings import Settings
 from app.storage.store import Storage
 from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench
+from tests.app.conftest import AddJob, OpenBench, serving
 
 TIMES = [k / 20 for k in range(600)]
 ANGLES = "time_s,elevation_deg\n" + "".join(
@@ -67,10 +66,9 @@ def test_a_comparison_gives_every_file(shared: TestClient, compared: str) -> Non
 
 @pytest.mark.parametrize("address", ["/api/v1/validations", "/validations"])
 def test_a_file_above_the_size_of_words_is_taken(settings: Settings, address: str) -> None:
-    application = create_app(settings.model_copy(update={"max_upload_bytes": 32 << 20}))
     large = {**FILES, "recording": ("ours.csv", ANGLES + "\n" * (9 << 20))}
 
-    with TestClient(application, base_url="http://localhost", follow_redirects=False) as client:
+    with serving(settings, max_upload_bytes=32 << 20) as client:
         sent = client.post(address, files=large)
 
     assert sent.status_code in (202, 303), sent.text

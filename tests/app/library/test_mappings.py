@@ -6,12 +6,15 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from app.api.library.models import AnalysisSettings
 from app.jobs.job import Job, JobState
 from app.jobs.mappings import MappingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
+from app.report.words.columns import format_columns
 from app.request import write_profile
-from app.web.recording.columns import name_columns
+from app.web.recording.columns import name_columns, read_profile
+from fusion.readers import propose_profile
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
@@ -50,7 +53,7 @@ def run_all(bench: OpenBench) -> None:
 
 
 def find_states(store: JobStore) -> list[str]:
-    """Give the state of the last analysis of each recording, the oldest recording first."""
+    """Return the state of the last analysis of each recording, the oldest recording first."""
     last: dict[str, str] = {}
     for job in reversed(store.find_newest()):
         last[job.recording_id] = job.state.value
@@ -221,3 +224,30 @@ def test_the_page_lists_renames_and_forgets_them(client: TestClient, mappings: M
     assert "our logger" in shown
     assert "Acceleration: p, q, r" in shown
     assert not mappings.find_all()
+
+
+# Which of several sensors is on the arm: on the page and by REST.
+
+
+TABLE = (
+    b"sensor,left,left,left,left,left,left,right,right,right,right,right,right\n"
+    b"time_ms,ax,ay,az,gx,gy,gz,ax,ay,az,gx,gy,gz\n"
+) + b"".join(b"%d,0,0,1,0,0,0,0,1,0,0,0,0\n" % (10 * k) for k in range(50))
+
+
+def test_the_page_offers_the_sensors_of_the_table() -> None:
+    assert propose_profile(TABLE).sensors == ("left", "right")
+
+
+def test_the_form_gives_the_sensor_with_its_units_and_rate() -> None:
+    form = {"sensor": ["right"], "acceleration_unit": ["g"], "rate_hz": ["204,8"]}
+
+    assert read_profile(form) == {"sensor": "right", "acceleration_unit": "g", "rate_hz": 204.8}
+
+
+def test_the_report_names_the_sensor() -> None:
+    assert format_columns('{"sensor": "right"}', "en") == "Sensor on the upper arm: right"
+
+
+def test_a_request_may_name_the_sensor() -> None:
+    assert AnalysisSettings(sensor="right").sensor == "right"

@@ -2,6 +2,7 @@
 
 import base64
 import logging
+import sqlite3
 import subprocess
 import sys
 import time
@@ -12,21 +13,26 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
-from starlette.requests import Request
+from typer.testing import CliRunner
 
 from app.api.housekeeping import grow_older
+from app.cli import app
 from app.jobs.database.tables import metadata
+from app.jobs.job import JobState
 from app.jobs.recordings import RecordingStore
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore
-from app.services import Services, find_services
+from app.main import create_app
+from app.services import Services
 from app.settings import Settings
 from app.storage.decoded import DecodedCache, hash_entry_key
+from app.storage.open import open_storage
 from app.storage.server_secret import ServerSecret
 from app.storage.store import Storage
+from app.upkeep.backup import back_up, drill, restore
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups
+from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups, services_of
 from tests.factories import hold
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
@@ -36,7 +42,7 @@ PERIODS = [{"start_s": 0, "end_s": 60, "kind": "task", "label": CANARY}]
 
 @pytest.fixture
 def services(client: TestClient) -> Services:
-    return find_services(Request({"type": "http", "app": client.app}))
+    return services_of(client)
 
 
 @pytest.fixture
@@ -47,19 +53,19 @@ def purged(
     small_gt3x: bytes,
     caplog: pytest.LogCaptureFixture,
     tmp_path: Path,
-) -> None:
-    """Make every kind of row and file of which a person's words can become part, then purge them all."""
+) -> set[str]:
+    """Make every kind of row and file that hold a person's words and purge all; give the recordings' ids."""
     caplog.set_level(logging.INFO)
     assert len(CANARY) == 32
     WebhookStore(store.engine, store.reader).add("https://nobody.invalid/", EVENTS, ServerSecret(tmp_path))
     post(client, "recordings", json={"subject": CANARY})
     send_by_tus(client, b"PATIENT " + CANARY.encode())
     analyse_in_every_way(client, bench, small_gt3x)
-    for trashed in (False, True):
-        found = client.get("/api/v1/recordings", params={"trashed": trashed}).json()["items"]
-        assert trashed or len(found) == 3
-        for kept in found:
-            client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+    ids = {kept["id"] for kept in client.get("/api/v1/recordings").json()["items"]}
+    assert len(ids) == 3
+    for recording_id in ids:
+        client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+    return ids
 
 
 def post(client: TestClient, place: str, **more: Any) -> dict[str, Any]:
@@ -105,37 +111,28 @@ def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes
 
 
 @on_both_set_ups
-@pytest.mark.usefixtures("purged")
-def test_no_table_holds_a_word_of_what_was_purged(store: JobStore) -> None:
+def test_no_table_no_file_no_object_and_no_line_of_the_log_holds_a_word_of_what_was_purged(
+    purged: set[str], store: JobStore, settings: Settings, storage: Storage, caplog: pytest.LogCaptureFixture
+) -> None:
     with store.reader.connect() as connection:
         rows = {table.name: connection.execute(select(table)).all() for table in metadata.sorted_tables}
+    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
+    ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
+    written = "\n".join(logging.Formatter().format(record) for record in ours)
 
     assert {name for name, found in rows.items() if CANARY in str(found)} == set()
     assert rows["recordings"] == rows["analyses"] == rows["batches"] == []
     assert [row.recording_id for row in rows["uploads"]] == ["purged"]
     assert rows["deliveries"] != []
-
-
-@on_both_set_ups
-@pytest.mark.usefixtures("purged")
-def test_no_byte_of_the_data_folder_and_of_the_bucket_holds_one(settings: Settings, storage: Storage) -> None:
     assert list(storage.find_names()) == []
-    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
-
+    assert purged <= storage.find_erased()
     assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
-
-
-@pytest.mark.usefixtures("purged")
-def test_no_line_of_the_log_holds_one(caplog: pytest.LogCaptureFixture) -> None:
-    ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
-    written = "\n".join(logging.Formatter().format(record) for record in ours)
-
     assert "attempt 1: finished" in written
     assert CANARY not in written
 
 
 def keep_samples(settings: Settings, recording_id: str) -> Path:
-    """Keep the samples of a recording as a worker does; gives the folder."""
+    """Keep the samples of a recording as a worker does; return the folder."""
     cache = DecodedCache(settings.data_dir / "cache", 1 << 20, recording_id)
     cache.keep(hash_entry_key("", "", ""), hold((0, 1)).recording)
     return cache.folder
@@ -259,3 +256,118 @@ def test_the_log_of_the_database_is_emptied_even_if_another_process_is_just_writ
         rows.end_purge(job.recording_id)
 
     assert CANARY.encode() not in database.with_name(f"{database.name}-wal").read_bytes()
+
+
+# Backups: what they keep of an erased recording, and whom an encrypted one is closed to.
+
+
+def write_canary_report(log: Path, request: Any, out: Path, on_stage: Any) -> None:
+    """Stand in for the science: every file of the report holds the canary."""
+    stand_ins.write_report(log, request, out, on_stage)
+    (out / "canary.txt").write_text(CANARY)
+
+
+def fill_every_place(settings: Settings, client: TestClient, bench: OpenBench) -> str:
+    """Store the canary as bytes, words, periods and a report, also in a kept response; return its id."""
+    content = b"recording " + CANARY.encode()
+    kept = client.post("/api/v1/recordings", content=content, params=WORDS).json()
+    own = f"/api/v1/recordings/{kept['id']}"
+    assert client.put(f"{own}/periods", json=PERIODS).status_code == 200
+    wish = {"recording_ids": [kept["id"]], "settings": {"subject": CANARY, "reason": CANARY}}
+    asked = client.post("/api/v1/analyses", json=wish).json()
+    assert do_next(bench(write_canary_report))
+    shown = client.get(f"/api/v1/analyses/{asked['items'][0]['id']}").json()
+    assert shown["state"] == JobState.SUCCEEDED
+    assert client.get(own).json()["subject"] == CANARY
+    return str(kept["id"])
+
+
+def find_hits(folder: Path) -> list[str]:
+    """Return every file of a folder that holds the canary in clear, the database and its log too."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return sorted(path.name for path in files if CANARY.encode() in path.read_bytes())
+
+
+def test_a_restored_older_backup_holds_nothing_of_what_was_erased_before_the_last_one(
+    settings: Settings, client: TestClient, bench: OpenBench, tmp_path: Path
+) -> None:
+    other = client.post("/api/v1/recordings", content=b"another", params={"subject": "S2"}).json()["id"]
+    recording_id = fill_every_place(settings, client, bench)
+    back_up(settings, tmp_path / "older.zip")
+    client.delete(f"/api/v1/recordings/{recording_id}", params={"purge": True})
+    back_up(settings, tmp_path / "newer.zip")
+
+    new = Settings(data_dir=tmp_path / "new", database_url=f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}")
+    restored = restore(new, tmp_path / "older.zip")
+
+    assert (restored.faults, restored.erased) == ((), 1)
+    assert find_hits(new.data_dir) == []
+    rows = sqlite3.connect(new.data_dir / "a.sqlite3")  # which never held a row of it
+    assert rows.execute("SELECT id FROM recordings").fetchall() == [(other,)]
+    assert rows.execute("SELECT count(*) FROM analyses").fetchone() == (0,)
+    rows.close()
+    with TestClient(create_app(new), base_url="http://localhost:8080") as again:
+        assert again.get(f"/api/v1/recordings/{recording_id}").status_code == 404
+        assert again.get(f"/api/v1/recordings/{other}").json()["subject"] == "S2"
+        assert find_hits(new.data_dir) == []
+    assert open_storage(new).read_part(f"recordings/{other}", 0, 10) == b"another"
+
+
+# --- encrypted backups -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def age(tmp_path: Path) -> tuple[tuple[str], Path]:
+    """A recipient, and the file of its identity."""
+    x25519 = pytest.importorskip("pyrage").x25519
+    identity = x25519.Identity.generate()
+    (tmp_path / "identity.txt").write_text(f"# created by a test\n{identity}\n")
+    return (str(identity.to_public()),), tmp_path / "identity.txt"
+
+
+def test_an_encrypted_backup_is_closed_to_everybody_else(
+    settings: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[tuple[str], Path]
+) -> None:
+    fill_every_place(settings, client, bench)
+
+    back_up(settings, tmp_path / "b.age", age[0])
+
+    assert CANARY.encode() not in (tmp_path / "b.age").read_bytes()
+    for arguments in (["verify", "b.age"], ["restore", "b.age"], ["drill", "b.age"]):
+        named = [arguments[0], *(str(tmp_path / name) for name in arguments[1:])]
+        refused = CliRunner().invoke(app, named)
+        assert (refused.exit_code, refused.output.split()[0]) == (3, "E-BACKUP")
+        assert "--identity" in refused.output
+
+
+def test_a_drill_restores_an_encrypted_backup_and_reads_every_byte(
+    settings: Settings, client: TestClient, bench: OpenBench, tmp_path: Path, age: tuple[tuple[str], Path]
+) -> None:
+    fill_every_place(settings, client, bench)
+    copied = back_up(settings, tmp_path / "b.age", age[0])
+
+    done = drill(tmp_path / "b.age", age[1])
+
+    assert (done.files, done.faults) == (copied.promised, ())
+    assert done.minutes < 10
+    assert sorted(path.name for path in tmp_path.iterdir() if "drill" in path.name) == []
+
+
+@pytest.mark.parametrize("recipient", ["age1nobody", "somebody@example.org", ""])
+def test_what_is_no_recipient_is_refused_before_anything_is_written(
+    settings: Settings, client: TestClient, tmp_path: Path, recipient: str
+) -> None:
+    done = CliRunner().invoke(
+        app, ["backup", str(tmp_path / "b.age"), "--recipient", recipient, "--data", str(settings.data_dir)]
+    )
+
+    assert (done.exit_code, done.output.split()[0]) == (3, "E-BACKUP")
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith("b.")) == []
+
+
+def test_a_backup_that_is_not_encrypted_says_so(
+    settings: Settings, client: TestClient, tmp_path: Path
+) -> None:
+    done = CliRunner().invoke(app, ["backup", str(tmp_path / "b.zip"), "--data", str(settings.data_dir)])
+
+    assert "Not encrypted" in done.output

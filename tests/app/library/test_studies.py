@@ -3,13 +3,14 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.batches import BatchStore
+from app.jobs.batches import BatchStore, identify_study
 from app.jobs.store import JobStore
 from app.request import ReportRequest
-from tests.app.conftest import AddJob, find_study
+from tests.app.conftest import AddJob
 
 on_both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 NAME = "Packing line"
+STUDY_ID = identify_study(NAME)
 
 
 @pytest.fixture
@@ -17,28 +18,23 @@ def batches(store: JobStore) -> BatchStore:
     return BatchStore(store.engine, store.reader)
 
 
-@pytest.fixture
-def study_id(store: JobStore) -> str:
-    return find_study(store, NAME)
-
-
-def hold(batches: BatchStore, study_id: str) -> list[str]:
-    return [job.id for job in batches.find_jobs(study_id)]
+def hold(batches: BatchStore) -> list[str]:
+    return [job.id for job in batches.find_jobs(STUDY_ID)]
 
 
 def test_recordings_added_under_one_name_are_one_study(
-    store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
+    store: JobStore, batches: BatchStore, add_job: AddJob
 ) -> None:
     first, second = add_job(b"1"), add_job(b"2")
 
-    assert {store.join_study(NAME, first.id), store.join_study(NAME, second.id)} == {study_id}
-    assert hold(batches, study_id) == [first.id, second.id]
-    assert (batches.get(study_id).name, batches.get(study_id).item_count) == (NAME, 2)
+    assert {store.join_study(NAME, first.id), store.join_study(NAME, second.id)} == {STUDY_ID}
+    assert hold(batches) == [first.id, second.id]
+    assert (batches.get(STUDY_ID).name, batches.get(STUDY_ID).item_count) == (NAME, 2)
 
 
 @on_both
 def test_a_recording_added_again_is_there_once_by_its_latest_analysis(
-    store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
+    store: JobStore, batches: BatchStore, add_job: AddJob
 ) -> None:
     first = add_job(b"1")
     store.join_study(NAME, first.id)
@@ -46,19 +42,19 @@ def test_a_recording_added_again_is_there_once_by_its_latest_analysis(
 
     store.join_study(NAME, again.id)
 
-    assert hold(batches, study_id) == [again.id]
-    assert batches.get(study_id).item_count == 1
+    assert hold(batches) == [again.id]
+    assert batches.get(STUDY_ID).item_count == 1
 
 
 def test_a_study_goes_on_with_what_a_person_corrected(
-    store: JobStore, batches: BatchStore, add_job: AddJob, study_id: str
+    store: JobStore, batches: BatchStore, add_job: AddJob
 ) -> None:
     first = add_job(b"1")
     store.join_study(NAME, first.id)
 
     corrected = store.add_correction(first, ReportRequest("a.csv", side="left"))
 
-    assert hold(batches, study_id) == [corrected.id]
+    assert hold(batches) == [corrected.id]
 
 
 def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient, store: JobStore) -> None:
@@ -72,12 +68,12 @@ def test_a_batch_of_a_script_keeps_the_analyses_it_asked_for(client: TestClient,
     assert [item["id"] for item in kept] == [asked.id]
 
 
-def test_what_is_analysed_already_joins_too(client: TestClient, study_id: str) -> None:
+def test_what_is_analysed_already_joins_too(client: TestClient) -> None:
     sent = client.put("/api/v1/analyze", params={"file_name": "a.csv"}, content=b"1").json()
 
     client.post("/api/v1/analyses", json={"recording_ids": [sent["recording_id"]], "study": NAME})
 
-    held = client.get("/api/v1/analyses", params={"batch_id": study_id}).json()["items"]
+    held = client.get("/api/v1/analyses", params={"batch_id": STUDY_ID}).json()["items"]
     assert [item["recording_id"] for item in held] == [sent["recording_id"]]
 
 
@@ -85,11 +81,11 @@ def test_what_is_analysed_already_joins_too(client: TestClient, study_id: str) -
 
 
 @pytest.fixture
-def study(client: TestClient, study_id: str) -> str:
-    """A study of two recordings; gives the address of its list of participants."""
+def study(client: TestClient) -> str:
+    """A study of two recordings; return the address of its list of participants."""
     for k in range(2):
         client.put("/api/v1/analyze", params={"file_name": f"{k}.csv", "study": NAME}, content=bytes([k]))
-    return f"/batches/{study_id}/participants"
+    return f"/batches/{STUDY_ID}/participants"
 
 
 def read_whose(client: TestClient, study: str) -> dict[str, tuple[str, str | None]]:
@@ -136,10 +132,8 @@ def test_a_row_for_a_name_that_was_uploaded_twice_is_refused_until_it_names_the_
     assert told == {"changed": 1, "unknown": []}
 
 
-def test_the_pages_of_studies_show_no_address_of_the_api(
-    client: TestClient, study: str, study_id: str
-) -> None:
-    for page in (client.get("/batches").text, client.get(f"/batches/{study_id}").text):
+def test_the_pages_of_studies_show_no_address_of_the_api(client: TestClient, study: str) -> None:
+    for page in (client.get("/batches").text, client.get(f"/batches/{STUDY_ID}").text):
         assert "POST /api" not in page
 
 

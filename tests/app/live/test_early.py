@@ -1,9 +1,5 @@
 """What a port brings while the science is loaded: on the disk within a second, a recording after a kill."""
 
-import os
-import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -25,10 +21,10 @@ from app.live.ports import (
     read_pieces,
 )
 from app.live.raw_file import write_early_rows
-from app.main import create_app
 from app.settings import Settings
 from fusion.readers import read_recording
 from fusion.recording import Recording
+from tests.app.conftest import serving
 from tests.app.live.made import count_stored_rows
 from tests.app.live.test_socket import connect, read_until
 from tests.fusion.live.test_lines import HEADER, PREAMBLE, write_rows
@@ -187,44 +183,12 @@ def test_before_the_science_is_loaded_samples_are_on_the_disk_and_afterwards_in_
     assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
 
 
-def test_a_session_that_cannot_start_leaves_no_file(
-    client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.2)
-    with connect(client, type="start", source="lines", name="phone", keeps=True) as socket:
-        socket.send_bytes(b"1,2,3,4,5,6,7\n")
-        read_until(socket, "problem")
+def test_what_a_kill_left_before_the_science_was_loaded_becomes_a_recording(settings: Settings) -> None:
+    write_early(begin_files(settings.data_dir / LIVE_FOLDER, keeps=True), BOARD + write_rows(0, 1000))
 
-    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
-
-
-PROGRAM = """
-import os, signal, sys
-from pathlib import Path
-from app.live.ports import EarlyFile, EarlyPort
-from app.live.ports import PushedPort
-from app.live.ports import begin_files
-from app.settings import Settings
-from tests.app.live.test_early import ASKED, BOARD, read_early, wait_for, write_rows
-
-settings = Settings(data_dir=Path(sys.argv[1]))
-files = begin_files(settings.data_dir / "live", keeps=True)
-pushed = PushedPort()
-port = EarlyPort(pushed, EarlyFile(files.early, ASKED))
-pushed.push((BOARD + write_rows(0, 1000)).encode())
-wait_for(lambda: read_early(files).endswith(write_rows(999, 1000).encode()))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_kill_before_the_science_is_loaded_leaves_a_recording(settings: Settings) -> None:
-    command = [sys.executable, "-c", PROGRAM, str(settings.data_dir)]
-
-    ended = subprocess.run(command, env={**os.environ}, check=False)
-
-    assert ended.returncode == -signal.SIGKILL
-    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
+    with serving(settings) as caller:
         (recording,) = caller.get("/api/v1/recordings").json()["items"]
+
     assert (recording["subject"], recording["side"]) == ("S007", "left")
     assert count_stored_rows(settings, recording["id"]) == 1000
     assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.cli.live import _run, _Screen
-from app.live.raw_file import RawFile, Wearer
+from app.live.ports import EarlyFile
+from app.live.raw_file import RawFile, Wearer, describe_asked
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
 from fusion.errors import UnusableTime
@@ -216,12 +218,6 @@ def udp_port() -> int:
         return int(free.getsockname()[1])
 
 
-def start_on(udp_port: int, out: Path) -> subprocess.Popen[bytes]:
-    """Start the command for a board that sends over UDP."""
-    words = ["live", f"udp://127.0.0.1:{udp_port}", "-o", str(out), "--subject", "S007", "--axis", "z"]
-    return subprocess.Popen([sys.executable, "-m", "app", *words], stdout=subprocess.PIPE)
-
-
 def send_rows(udp_port: int, out: Path, *texts: str) -> None:
     """Send the lines of a board, a datagram each, once somebody listens."""
     wait_for(lambda: any(out.glob("live-*.early")))
@@ -231,26 +227,37 @@ def send_rows(udp_port: int, out: Path, *texts: str) -> None:
 
 
 def test_rows_that_a_kill_found_before_their_rate_was_known_are_a_raw_file_at_the_next_start(
-    log: Path, tmp_path: Path, udp_port: int
+    tmp_path: Path,
 ) -> None:
-    out = tmp_path / "out"
-    with start_on(udp_port, out) as running:
-        send_rows(udp_port, out, BOARD, write_rows(0, 150))
-        wait_for(lambda: write_rows(149, 150).encode() in next(out.glob("live-*.early")).read_bytes())
-        running.kill()
+    early = EarlyFile(
+        tmp_path / "live-20260302-070000.early", describe_asked("board", Wearer(arm_axis="+z"), ())
+    )
+    early.write((BOARD + write_rows(0, 150)).encode(), 1_770_000_000.0)
+    early.close()
 
-    _, output = run(str(log), "-o", str(out), "--speed", "20")
+    _, output = run(str(tmp_path / "none.csv"), "-o", str(tmp_path))
 
-    (raw,) = out.glob("live-*-early.csv")
+    (raw,) = tmp_path.glob("live-*-early.csv")
     found = read_recording(raw)
     assert f"{raw.name} was cut off" in output
     assert (sum(map(len, found.segments)), found.arm_axis) == (150, "+z")
-    assert list(out.glob("*.early")) == []
+    assert list(tmp_path.glob("*.early")) == []
 
 
 def test_once_the_raw_file_has_the_rows_they_are_kept_no_second_time(tmp_path: Path, udp_port: int) -> None:
     out = tmp_path / "out"
-    with start_on(udp_port, out) as running:
+    command = [
+        sys.executable,
+        "-m",
+        "app",
+        "live",
+        f"udp://127.0.0.1:{udp_port}",
+        "-o",
+        str(out),
+        "--axis",
+        "z",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as running:
         send_rows(udp_port, out, BOARD, *(write_rows(k, k + 100) for k in range(0, 1500, 100)))
         wait_for(lambda: not any(out.glob("*.early")))
         running.send_signal(signal.SIGTERM)
@@ -260,9 +267,12 @@ def test_once_the_raw_file_has_the_rows_they_are_kept_no_second_time(tmp_path: P
 
 
 def test_a_port_whose_lines_nobody_can_read_leaves_nothing(tmp_path: Path, udp_port: int) -> None:
-    out = tmp_path / "out"
-    with start_on(udp_port, out) as running:
-        send_rows(udp_port, out, "a,b,c,d,e,f,g\n" + "1,2,3,4,5,6,7\n" * 300)
+    out, unreadable = tmp_path / "out", "a,b,c,d,e,f,g\n" + "1,2,3,4,5,6,7\n" * 300
+    board = threading.Thread(target=send_rows, args=(udp_port, out, unreadable))
+    board.start()
 
-    assert running.returncode == 3
+    code, _ = run(f"udp://127.0.0.1:{udp_port}", "-o", str(out))
+
+    board.join()
+    assert code == 3
     assert list(out.iterdir()) == []

@@ -1,9 +1,5 @@
 """The raw file of a live session: lossless, read as an ordinary recording, whole up to a kill."""
 
-import os
-import signal
-import subprocess
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,12 +7,12 @@ import numpy as np
 import pytest
 
 from app.live.raw_file import RawFile, Wearer, find_cut, was_stopped
-from app.live.sources import SourceFacts
-from fusion.live import Frames
+from app.live.sources import ReplaySource, SourceFacts, find_axis
+from fusion.live import Frames, LiveElevation, LiveSession
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
 from fusion.recording import Recording
-from tests.app.live.made import FIRST_POSE, make_frames
+from tests.app.live.made import FIRST_POSE, make_frames, make_worn
 
 START = datetime(2026, 3, 2, 7, 0, tzinfo=UTC)
 HEADER = SourceFacts("lsm9ds1", "replay", 100.0, START, acc_range_g=16.0, gyr_range_dps=2000.0)
@@ -107,41 +103,17 @@ def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "live-a.csv").arm_axis is None
 
 
-def test_what_was_written_survives_a_kill_before_any_sync(tmp_path: Path) -> None:
-    raw = RawFile(tmp_path / "live-a.raw", HEADER)
-    raw.write(make_frames(FIRST_POSE))
+def test_a_session_that_was_cut_is_named_and_keeps_every_row_that_was_written(tmp_path: Path) -> None:
+    raw = RawFile(tmp_path / "live-a.csv", HEADER)
+    for first, end in ((0, 2000), (2000, 2010)):  # many at once, and few, as they come
+        raw.write(FRAMES.cut(first, end))
 
-    rows = raw.path.read_bytes().splitlines()
+    (cut,) = find_cut(tmp_path)  # neither synced nor closed, as after a kill
+    rows = sum(map(len, read_recording(raw.path).segments))
 
-    assert sum(row[:1].isdigit() for row in rows) == 1200
     raw.close()
-
-
-PROGRAM = """
-import os, signal, sys
-from pathlib import Path
-from app.live.raw_file import RawFile
-from tests.app.live.made import FIRST_POSE, make_frames
-from tests.app.live.test_raw_file import HEADER
-
-frames = make_frames(FIRST_POSE, (95.0, 10.0))
-raw = RawFile(Path(sys.argv[1]), HEADER)
-raw.write(frames.cut(0, 2000))
-raw.sync()
-raw.write(frames.cut(2000, 2100))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_kill_loses_what_came_after_the_last_sync_and_no_more(tmp_path: Path) -> None:
-    path = tmp_path / "live-a.csv"
-
-    ended = subprocess.run([sys.executable, "-c", PROGRAM, str(path)], env={**os.environ}, check=False)
-
-    assert ended.returncode == -signal.SIGKILL
-    (cut,) = find_cut(tmp_path)
-    assert 19.99 <= cut.elapsed_s <= 20.99
-    assert sum(map(len, read_recording(path).segments)) >= 2000
+    assert (cut.path, rows) == (raw.path, 2010)
+    assert cut.elapsed_s == pytest.approx(20.09)
 
 
 def test_a_torn_last_row_is_left_out(tmp_path: Path) -> None:
@@ -153,3 +125,55 @@ def test_a_torn_last_row_is_left_out(tmp_path: Path) -> None:
 
     assert len(recording.segments[0]) == 1199
     assert [flag.code for flag in recording.flags if flag.code == "W-TRUNC-TAIL"] == ["W-TRUNC-TAIL"]
+
+
+# A recording that is played: at its pace, with its own axis, to the bit.
+
+
+class Clock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self) -> None:
+        self.time_s = 0.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    def wait(self, seconds: float) -> None:
+        self.time_s += seconds
+
+
+def play(source: ReplaySource) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float32]]]:
+    session = LiveSession(source.facts.rate_hz, source.facts.arm_axis)
+    shown = []
+    while (frames := source.read()) is not None:
+        shown.append(session.take(frames).elevation_deg)
+    return shown
+
+
+@pytest.mark.parametrize(("speed", "lasts_s"), [(1.0, 22.0), (20.0, 1.1)])
+def test_it_lasts_as_long_as_the_recording_or_a_part_of_it(speed: float, lasts_s: float) -> None:
+    clock = Clock()
+
+    play(
+        ReplaySource(make_worn(FIRST_POSE, (95.0, 10.0)), "a.csv", speed, now_s=clock.now_s, wait=clock.wait)
+    )
+
+    assert clock.time_s == pytest.approx(lasts_s, abs=0.02)
+
+
+def test_the_angle_is_that_of_live_elevation_on_the_file_to_the_bit() -> None:
+    recording = make_worn(FIRST_POSE, (95.0, 10.0), (20.0, 10.0))
+    segment, axis, clock = recording.segments[0], find_axis(recording), Clock()
+    assert axis is not None
+
+    shown = play(ReplaySource(recording, "a.csv", 5.0, now_s=clock.now_s, wait=clock.wait))
+
+    expected = LiveElevation(recording.rate_hz, axis).update(segment.acc_g, segment.gyr_dps)
+    assert np.array_equal(np.concatenate(shown), expected)
+
+
+def test_a_recording_without_a_usable_pose_has_no_axis() -> None:
+    restless = make_worn(*((0.0, 0.6), (95.0, 0.6)) * 10)
+
+    assert find_axis(restless) is None

@@ -474,14 +474,16 @@ def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: Tes
     assert (message["status"]["lost"], message["status"]["holes"]) == (100, 1)
 
 
-def test_lines_without_a_header_are_refused_in_words(
-    client: TestClient, monkeypatch: pytest.MonkeyPatch
+def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
+    client: TestClient, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.2)
-    with connect(client, type="start", source="lines", name="phone") as socket:
+    with connect(client, type="start", source="lines", name="phone", keeps=True) as socket:
         socket.send_bytes(b"1,2,3,4,5,6,7\n")
 
         assert read_until(socket, "problem")["code"] == "E-LIVE-SOURCE"
+
+    assert list((settings.data_dir / LIVE_FOLDER).glob("*.early")) == []
 
 
 def test_boards_that_are_silent_hold_up_no_other_request(

@@ -5,13 +5,14 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import text
 
+from app.access.accounts import AccountStore
 from app.api.housekeeping import grow_older
 from app.jobs.recordings import RecordingFilter, RecordingStore
 from app.jobs.store import JobStore
@@ -77,16 +78,16 @@ def test_a_clock_that_was_set_back_drops_no_newer_copy_and_one_that_a_crash_cut_
     assert names == ["rows-000001.sqlite3", "rows-000002.sqlite3"]
 
 
-def test_a_copy_holds_no_session(settings: Settings, store: JobStore, copy: Copy) -> None:
-    with store.engine.begin() as connection:
-        connection.execute(text("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY)"))
-        is_ours = "person_id" in str(connection.exec_driver_sql("PRAGMA table_info(sessions)").all())
-        if not is_ours:
-            connection.execute(text("INSERT INTO sessions VALUES ('of somebody')"))
+def test_a_copy_holds_no_session(settings: Settings, copy: Copy) -> None:
+    accounts = AccountStore(settings)
+    accounts.begin_session(accounts.add_person("clara", "Clara", ["clinician"]).id)
+    accounts.database.close()
 
     copy()
 
-    assert b"of somebody" not in find_copies(settings)[0].read_bytes()
+    with closing(sqlite3.connect(find_copies(settings)[0])) as rows:
+        kept = [rows.execute(f"SELECT count(*) FROM {table}").fetchone() for table in ("people", "sessions")]
+    assert kept == [(1,), (0,)]
 
 
 def damage(path: Path) -> None:

@@ -15,6 +15,7 @@ from app.cli import app
 from app.errors import ExamplePassword, ForeignAddress
 from app.settings import Settings
 from app.start_checks import check_exposure, check_passwords
+from benchmarks.third_party import Package, add_licences, read_lock
 from tests import ROOT
 
 DOCKER = ROOT / "docker"
@@ -27,6 +28,12 @@ def read(path: Path) -> dict[str, Any]:
     return content
 
 
+@pytest.fixture(params=COMPOSE, ids=lambda path: path.name)
+def compose(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Return the content of a compose file."""
+    return read(request.param)
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_every_variable_of_ours_is_a_setting(path: Path) -> None:
     named = {name.lower() for name in re.findall(r"\bACROMION_(\w+)", path.read_text())}
@@ -34,9 +41,8 @@ def test_every_variable_of_ours_is_a_setting(path: Path) -> None:
     assert named <= set(Settings.model_fields)
 
 
-@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
-def test_every_command_of_a_service_is_one_of_ours(path: Path) -> None:
-    ours = [service for service in read(path)["services"].values() if service["image"] == "acromion"]
+def test_every_command_of_a_service_is_one_of_ours(compose: dict[str, Any]) -> None:
+    ours = [service for service in compose["services"].values() if service["image"] == "acromion"]
 
     group = typer.main.get_command(app)
     for service in ours:
@@ -46,11 +52,10 @@ def test_every_command_of_a_service_is_one_of_ours(path: Path) -> None:
             command.make_context(name, arguments, resilient_parsing=False)
 
 
-@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
 def test_every_service_is_locked_down_with_limits_a_log_that_does_not_grow_and_a_pinned_image(
-    path: Path,
+    compose: dict[str, Any],
 ) -> None:
-    services = read(path)["services"].values()
+    services = compose["services"].values()
     ours = [service for service in services if service["image"] == "acromion"]
 
     assert ours
@@ -64,10 +69,7 @@ def test_every_service_is_locked_down_with_limits_a_log_that_does_not_grow_and_a
         assert service in ours or re.search(r":[\w.]*\d+[.-]\d+[\w.-]*$", service["image"])
 
 
-@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
-def test_every_volume_of_a_service_is_declared(path: Path) -> None:
-    compose = read(path)
-
+def test_every_volume_of_a_service_is_declared(compose: dict[str, Any]) -> None:
     places = (place for service in compose["services"].values() for place in service.get("volumes", ()))
     assert {place.partition(":")[0] for place in places if not place.startswith("./")} == set(
         compose["volumes"]
@@ -77,7 +79,6 @@ def test_every_volume_of_a_service_is_declared(path: Path) -> None:
 @pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
 def test_every_file_that_a_service_is_given_is_there_or_said_to_be_made(path: Path) -> None:
     compose, text = read(path), path.read_text()
-
     given = [name for service in compose["services"].values() for name in list_files(service)]
 
     assert [name for name in given if not (DOCKER / name).exists() and f"docker/{name}" not in text] == []
@@ -98,8 +99,9 @@ def test_the_base_of_the_image_is_pinned_by_its_digest() -> None:
     assert re.fullmatch(r"python:3\.\d+\.\d+-\S+@sha256:[0-9a-f]{64}", bases[0])
 
 
-def read_names(path: Path) -> set[str]:
-    return set(re.findall(r"^(\w+)=", path.read_text(), re.MULTILINE))
+def read_values(name: str) -> dict[str, str]:
+    """Return what a file of variables sets."""
+    return dict(re.findall(r"^(\w+)=(\S*)$", (DOCKER / name).read_text(), re.MULTILINE))
 
 
 def test_acromion_is_given_no_key_of_the_stores_owners() -> None:
@@ -112,7 +114,7 @@ def test_acromion_is_given_no_key_of_the_stores_owners() -> None:
     }
 
     assert ours == {".env"}
-    assert not {name for name in read_names(DOCKER / "env.example") if "ROOT" in name or "POSTGRES" in name}
+    assert not [name for name in read_values("env.example") if "ROOT" in name or "POSTGRES" in name]
 
 
 def test_the_key_of_acromion_opens_its_bucket_and_no_other() -> None:
@@ -125,16 +127,11 @@ def test_the_key_of_acromion_opens_its_bucket_and_no_other() -> None:
 
 
 def test_the_passwords_of_the_examples_fit_together() -> None:
-    ours, theirs = (
-        dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / name).read_text(), re.MULTILINE))
-        for name in ("env.example", "stores.env.example")
-    )
+    ours, theirs = read_values("env.example"), read_values("stores.env.example")
 
     assert f"acromion:{theirs['DATABASE_PASSWORD']}@" in ours["ACROMION_DATABASE_URL"]
-    assert (ours["AWS_ACCESS_KEY_ID"], ours["AWS_SECRET_ACCESS_KEY"]) == (
-        theirs["BUCKET_USER"],
-        theirs["BUCKET_PASSWORD"],
-    )
+    assert ours["AWS_ACCESS_KEY_ID"] == theirs["BUCKET_USER"]
+    assert ours["AWS_SECRET_ACCESS_KEY"] == theirs["BUCKET_PASSWORD"]
 
 
 def read_serve(arguments: list[str]) -> Settings:
@@ -155,7 +152,7 @@ def test_the_clinics_container_may_be_reached_by_others_once_there_are_accounts(
     check_exposure(settings, has_accounts=True)
     with pytest.raises(ForeignAddress):
         check_exposure(settings, has_accounts=False)
-    assert "ACROMION_HOSTS" in read_names(DOCKER / "clinic.env.example")
+    assert "ACROMION_HOSTS" in read_values("clinic.env.example")
 
 
 def read_unit() -> configparser.RawConfigParser:
@@ -211,7 +208,7 @@ def test_without_tls_the_proxy_leads_pages_on_and_refuses_scripts() -> None:
 
 @pytest.mark.parametrize("name", ["ACROMION_DATABASE_URL", "AWS_SECRET_ACCESS_KEY"])
 def test_no_server_starts_with_a_password_of_the_examples(name: str) -> None:
-    example = dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / "env.example").read_text(), re.MULTILINE))
+    example = read_values("env.example")
     own = {"ACROMION_DATABASE_URL": "sqlite://", "AWS_SECRET_ACCESS_KEY": "x"} | {name: example[name]}
 
     with pytest.raises(ExamplePassword) as refused:
@@ -232,7 +229,7 @@ def test_the_image_installs_the_versions_that_are_tested() -> None:
 
 def test_a_worker_s_memory_folder_holds_the_largest_recording_and_what_it_keeps_besides() -> None:
     worker = read(DOCKER / "compose.many.yaml")["services"]["worker"]
-    example = dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / "env.example").read_text(), re.MULTILINE))
+    example = read_values("env.example")
     (room,) = (re.search(r"^/work:size=(\d+)g", place) for place in worker["tmpfs"] if "/work" in place)
 
     largest = int(example["ACROMION_MAX_UPLOAD_BYTES"])
@@ -240,3 +237,34 @@ def test_a_worker_s_memory_folder_holds_the_largest_recording_and_what_it_keeps_
 
     assert room is not None
     assert int(room[1]) << 30 >= largest + kept + (1 << 30)
+
+
+# What the image brings along may be shipped with it.
+
+
+def test_every_locked_package_has_a_licence_that_may_be_shipped() -> None:
+    assert [package for package in read_lock() if not package.may_be_shipped] == []
+
+
+@pytest.mark.parametrize(
+    ("licence", "may_be_shipped"),
+    [
+        ("MIT", True),
+        ("Apache-2.0 OR GPL-2.0-only", True),
+        ("BSD-3-Clause AND GPL-2.0-only", False),
+        ("BSD-2-Clause AND Apache-2.0 WITH LLVM-exception", True),
+        ("AGPL-3.0-only", False),
+        ("unknown", False),
+    ],
+)
+def test_a_licence_is_accepted_by_each_of_its_parts(licence: str, may_be_shipped: bool) -> None:
+    assert Package("any", "1", licence).may_be_shipped is may_be_shipped
+
+
+def test_the_list_names_each_licence() -> None:
+    document: dict[str, object] = {"components": [{"name": "h11", "version": "0.16.0"}]}
+
+    add_licences(document, {"h11": Package("h11", "0.16.0", "MIT")})
+
+    named = [{"expression": "MIT", "acknowledgement": "declared"}]
+    assert document == {"components": [{"name": "h11", "version": "0.16.0", "licenses": named}]}

@@ -48,7 +48,7 @@ def overwrite_page(content: bytes) -> bytes:
 
 
 def call(command: str, data: Path, *more: str) -> tuple[int, str]:
-    """Call a command in this process; gives its exit code and all that it says."""
+    """Call a command in this process; return its exit code and all that it says."""
     port = ["--port", "0"] if command == "serve" else []
     file = [str(data.with_name("b.zip"))] if command == "backup" else []
     result = CliRunner().invoke(app, [command, *file, "--data", str(data), *port, *more])

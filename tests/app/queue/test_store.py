@@ -1,23 +1,32 @@
 """The job rows: who may change what, and when."""
 
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from functools import partial
-from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, delete, text, update
+from fastapi.testclient import TestClient
+from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
+from app.jobs.audit_log import acting
 from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import TRANSITIONS, Job, JobState
-from app.jobs.store import JobStore
+from app.jobs.listing import Library, Took
+from app.jobs.queue import WayIn
+from app.jobs.store import JobFilter, JobStore
+from app.jobs.worker import run_next
+from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import ResultFile
-from tests.app.conftest import AddJob
-
-both = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+from app.storage.store import ResultFile, Storage
+from app.web.views import estimate_left_s
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench, on_both_databases
+from tests.app.stand_ins import write_report
 
 FILES = (ResultFile("results.json", "0" * 64, 2),)
 
@@ -30,7 +39,7 @@ def claim(store: JobStore) -> tuple[Job, str]:
 
 
 def bring_to(store: JobStore, job_id: str, state: JobState) -> str:
-    """Bring a queued job into a state; gives the token of the attempt, if there was one."""
+    """Bring a queued job into a state; return the token of the attempt, if there was one."""
     if state in (JobState.QUEUED, JobState.CANCELLED):
         if state is JobState.CANCELLED:
             store.cancel(job_id)
@@ -41,13 +50,6 @@ def bring_to(store: JobStore, job_id: str, state: JobState) -> str:
     elif state is JobState.FAILED:
         store.fail(job_id, token, "E-SHORT", {"s": 4.0})
     return token
-
-
-def test_a_new_job_waits_and_knows_its_recording(add_job: AddJob) -> None:
-    job = add_job(b"four", file_name="Équipe 1.gt3x")
-
-    assert job.state is JobState.QUEUED
-    assert (job.file_name, job.size_bytes, job.attempts) == ("Équipe 1.gt3x", 4, 0)
 
 
 def test_the_oldest_job_is_claimed_first_and_its_attempt_and_progress_are_seen(
@@ -66,7 +68,7 @@ def test_the_oldest_job_is_claimed_first_and_its_attempt_and_progress_are_seen(
         store.get("an_none")
 
 
-@both
+@on_both_databases
 def test_twenty_claims_at_once_give_every_job_to_one_claimer(store: JobStore, add_job: AddJob) -> None:
     jobs = [add_job() for _ in range(10)]
 
@@ -76,7 +78,7 @@ def test_twenty_claims_at_once_give_every_job_to_one_claimer(store: JobStore, ad
     assert sorted(job.id for job in claimed if job) == sorted(job.id for job in jobs)
 
 
-@both
+@on_both_databases
 def test_a_finished_job_has_its_files_and_is_published_once(store: JobStore, add_job: AddJob) -> None:
     job = add_job()
     _, token = claim(store)
@@ -103,7 +105,7 @@ def lose(store: JobStore, job_id: str, token: str, way: str) -> None:
         claim(store)
 
 
-@both
+@on_both_databases
 @pytest.mark.parametrize("way", ["cancelled", "released", "lease ran out"])
 def test_a_worker_that_lost_its_job_changes_nothing_any_more(
     store: JobStore, add_job: AddJob, way: str
@@ -122,17 +124,7 @@ def test_a_worker_that_lost_its_job_changes_nothing_any_more(
     assert store.get(job.id).state is state
 
 
-def test_a_failed_job_says_why(store: JobStore, add_job: AddJob) -> None:
-    job = add_job()
-    _, token = claim(store)
-
-    store.fail(job.id, token, "E-SHORT", {"s": 4.0})
-
-    assert store.get(job.id).problem_code == "E-SHORT"
-    assert store.get(job.id).problem_facts == {"s": 4.0}
-
-
-@both
+@on_both_databases
 def test_an_orderly_release_does_not_count_as_a_death(store: JobStore, add_job: AddJob) -> None:
     job = add_job()
     _, token = claim(store)
@@ -147,7 +139,7 @@ def move_lease(store: JobStore, by_s: float) -> None:
     store.run(update(analyses).values(lease_until_s=analyses.c.lease_until_s + by_s))
 
 
-@both
+@on_both_databases
 @pytest.mark.parametrize(
     "first_s", [-60.0, 3600.0, -3600.0], ids=["dead", "clock put back", "clock put forward"]
 )
@@ -169,7 +161,7 @@ def test_a_job_whose_lease_ran_out_twice_waits_again_and_counts_an_interruption(
     assert (back.stage, back.progress) == (None, 0.0)
 
 
-@both
+@on_both_databases
 def test_a_living_worker_keeps_its_job_when_the_time_jumps(store: JobStore, add_job: AddJob) -> None:
     job = add_job()
     _, token = claim(store)
@@ -183,7 +175,7 @@ def test_a_living_worker_keeps_its_job_when_the_time_jumps(store: JobStore, add_
     assert store.get(job.id).interruptions == 0
 
 
-@both
+@on_both_databases
 @pytest.mark.parametrize("source", tuple(JobState))
 def test_a_state_follows_another_only_where_the_table_says_so(
     store: JobStore, add_job: AddJob, source: JobState
@@ -206,7 +198,7 @@ def test_a_state_follows_another_only_where_the_table_says_so(
         store.cancel(job.id)  # nothing waits when the next job is claimed
 
 
-@both
+@on_both_databases
 def test_a_commit_is_durable_through_a_power_cut(store: JobStore) -> None:
     asked = {
         "sqlite": ("PRAGMA journal_mode", "PRAGMA synchronous"),
@@ -220,7 +212,7 @@ def test_a_commit_is_durable_through_a_power_cut(store: JobStore) -> None:
     assert modes == durable[store._engine.dialect.name]
 
 
-@both
+@on_both_databases
 def test_rows_cannot_lose_their_recording(store: JobStore, add_job: AddJob) -> None:
     add_job()
 
@@ -228,7 +220,7 @@ def test_rows_cannot_lose_their_recording(store: JobStore, add_job: AddJob) -> N
         connection.execute(delete(recordings))
 
 
-@both
+@on_both_databases
 def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
     settings.data_dir.mkdir(exist_ok=True)
 
@@ -240,16 +232,6 @@ def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
         one.close()
 
 
-@both
-def test_the_rows_outlive_the_store(settings: Settings, add_job: AddJob, tmp_path: Path) -> None:
-    job = add_job()
-
-    engine = create_engine(settings.database_url)
-    with engine.connect() as connection:
-        assert connection.execute(text("SELECT id FROM analyses")).scalar() == job.id
-    engine.dispose()
-
-
 def test_a_database_keeps_to_the_store_it_was_first_used_with(store: JobStore) -> None:
     store.check_belongs("folder-1")
     store.check_belongs("folder-1")
@@ -258,3 +240,108 @@ def test_a_database_keeps_to_the_store_it_was_first_used_with(store: JobStore) -
         store.check_belongs("folder-2")
 
     assert refusal.value.facts == {"found": "folder-2", "needed": "folder-1"}
+
+
+# What tokens ask for takes turns by token; what a person drops on the page goes first.
+
+
+def ask(store: JobStore, storage: Storage, who: str, number: int, way_in: WayIn = "api") -> None:
+    upload = storage.open_upload(1_000_000)
+    upload.write(f"{who} {number}".encode())
+    with acting(who):
+        store.add(upload.keep(), ReportRequest(f"{who}-{number}.gt3x"), way_in)
+
+
+def read_order(store: JobStore, bench: OpenBench, count: int) -> list[str]:
+    """Do the jobs one by one; return whose each was."""
+    worker = bench(write_report)
+    for _ in range(count):
+        assert run_next(worker)
+    jobs = sorted(store.find_page(JobFilter(), count), key=lambda job: str(job.ended_at))
+    return [job.file_name.partition("-")[0] for job in jobs]
+
+
+@on_both_databases
+def test_a_token_that_sends_much_does_not_hold_up_another(
+    store: JobStore, storage: Storage, bench: OpenBench
+) -> None:
+    for number in range(4):
+        ask(store, storage, "tok_many", number)
+    for number in range(2):
+        ask(store, storage, "tok_few", number)
+
+    order = read_order(store, bench, 6)
+
+    assert order == ["tok_many", "tok_few", "tok_many", "tok_few", "tok_many", "tok_many"]
+
+
+def test_a_drop_on_the_page_goes_before_every_token(
+    store: JobStore, storage: Storage, bench: OpenBench
+) -> None:
+    for number in range(3):
+        ask(store, storage, "tok_many", number)
+    ask(store, storage, "per_clara", 0, "web")
+
+    assert read_order(store, bench, 4)[0] == "per_clara"
+
+
+# The time left of an analysis, by those before it: what is judged, what is not, where it is told.
+
+
+NOW = datetime(2026, 3, 2, 8, 0, 10, tzinfo=UTC)
+BEGAN = NOW - timedelta(seconds=4)
+
+
+@pytest.fixture
+def running(add_job: AddJob) -> Job:
+    """An analysis of a file of 100 bytes, begun 4 s ago."""
+    return replace(add_job(), file_name="day.GT3X", size_bytes=100, state=JobState.RUNNING, started_at=BEGAN)
+
+
+def test_a_file_twice_as_large_takes_twice_as_long(running: Job) -> None:
+    took = [Took("a.gt3x", 50, 3.0), Took("b.gt3x", 100, 10.0), Took("c.gt3x", 200, 14.0)]
+
+    assert estimate_left_s(running, took, NOW) == 3.0  # 6, 10 and 7 s: the middle one, less 4
+
+
+@pytest.mark.parametrize(
+    "took",
+    [
+        [],
+        [Took("a.csv", 100, 10.0)],  # another kind
+        [Took("a.gt3x", 49, 10.0)],  # less than half as large
+        [Took("a.gt3x", 201, 10.0)],  # more than twice
+        [Took("a.gt3x", 100, 4.0)],  # should be over
+    ],
+)
+def test_without_a_file_like_it_no_time_is_told(running: Job, took: list[Took]) -> None:
+    assert estimate_left_s(running, took, NOW) is None
+
+
+def test_only_what_runs_has_time_left(running: Job) -> None:
+    waiting = replace(running, state=JobState.QUEUED, started_at=None)
+
+    assert estimate_left_s(waiting, [Took("a.gt3x", 100, 10.0)], NOW) is None
+
+
+def test_finished_analyses_are_what_time_is_judged_by(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    add_job(b"1")
+    run_next(bench(stand_ins.write_report))
+    add_job(b"2")
+
+    (took,) = Library(store.reader).find_took()
+
+    assert took.size_bytes == 1
+    assert took.took_s >= 0
+
+
+def test_the_list_tells_about_how_long_it_still_takes(
+    client: TestClient, store: JobStore, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_job(b"123")
+    store.claim()
+    monkeypatch.setattr(Library, "find_took", lambda _: (Took("a.gt3x", 3, 3600.0),))
+
+    assert re.search(r"about (1\s+h|59\s+min.{0,8}) left", client.get("/").text)

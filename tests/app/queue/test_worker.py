@@ -101,7 +101,6 @@ def test_an_attempt_that_cannot_become_a_report_ends_with_its_code(
     assert facts is None or failed.problem_facts == facts
 
 
-@on_both_set_ups
 def test_a_bug_ends_the_job_with_a_reference_and_leaves_no_file(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -138,7 +137,6 @@ def test_three_deaths_fail_the_job_and_the_queue_goes_on(
     assert store.get(next_job.id).state is JobState.SUCCEEDED
 
 
-@on_both_set_ups
 def test_five_ends_of_the_worker_set_the_job_aside_without_blame_and_the_queue_goes_on(
     store: JobStore, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -299,7 +297,6 @@ def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, be
     assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.QUEUED, 0)
 
 
-@on_both_set_ups
 def test_a_damaged_recording_gives_no_report(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
@@ -331,7 +328,6 @@ def wait_for_stage(store: JobStore, job_id: str) -> None:
         time.sleep(0.05)
 
 
-@on_both_set_ups
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_renews_its_lease_while_the_store_is_slow(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
@@ -368,7 +364,6 @@ def test_a_large_file_is_given_more_time(settings: Settings) -> None:
     assert choose_limits(settings, 2_000_000_000).wall_s == 2400.0
 
 
-@on_both_set_ups
 def test_a_job_that_finds_the_disk_full_goes_back_until_it_does_too_often(
     store: JobStore, settings: Settings, add_job: AddJob, bench: OpenBench
 ) -> None:

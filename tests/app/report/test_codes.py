@@ -67,14 +67,14 @@ def test_a_caveat_is_given_with_facts_declared() -> None:
 
 
 def name_caveat(call: ast.Call) -> Caveat | None:
-    """Give the caveat of a call such as ``QualityFlag(Caveat.GAP, ...)``."""
+    """Return the caveat of a call such as ``QualityFlag(Caveat.GAP, ...)``."""
     first = call.args[0] if call.args else None
     is_named = isinstance(first, ast.Attribute) and ast.unparse(first.value) == "Caveat"
     return Caveat[first.attr] if is_named and isinstance(first, ast.Attribute) else None
 
 
 def list_fact_names(call: ast.Call) -> Iterator[str]:
-    """Give the facts written out in the call: the keys of a mapping, or the keywords of ``flag_spans``."""
+    """Return the facts written out in the call: the keys of a mapping, or the keywords of ``flag_spans``."""
     for value in (*call.args, *(keyword.value for keyword in call.keywords)):
         if isinstance(value, ast.Dict):
             yield from (str(ast.literal_eval(key)) for key in value.keys if key is not None)

@@ -1,10 +1,12 @@
 """What other programs take from a report: typed, explained, the same bytes, the same figures."""
 
+import base64
 import csv
 import io
 import json
 import re
 import zipfile
+from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -13,11 +15,23 @@ from typing import Any
 import openpyxl
 import pyarrow.parquet as pq
 import pytest
+from fhir.resources.R4B.bundle import Bundle
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.report.analysis.report import build_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
-from app.report.export.columns import PERIOD_COLUMNS, encode_dictionary, find_paths
-from app.report.export.naming import pack_files
+from app.report.export.columns import (
+    PERIOD_COLUMNS,
+    encode_dictionary,
+    encode_summary,
+    find_paths,
+    summarise_failure,
+)
+from app.report.export.csv import FRENCH_EXCEL, encode_table
+from app.report.export.csv import Origin as FailedOrigin
+from app.report.export.fhir import encode_fhir
+from app.report.export.naming import Origin, format_file_name, format_report_name, pack_files
 from app.report.export.results import encode_results
 from app.report.figures import SUMMARY, find_unit
 from app.report.model import format_brief
@@ -26,7 +40,8 @@ from app.request import ReportRequest
 from app.roads.analyse import make_report
 from app.storage.store import KnownLogs
 from fusion.diary import DiaryEntry
-from tests.app.analysis_factory import make_analysis, make_quality, make_subject
+from fusion.exposure import Interval
+from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject
 
 
 def results_of(subject: str = "S012", file_name: str = "a.gt3x") -> dict[str, Any]:
@@ -213,3 +228,189 @@ def test_the_same_recording_gives_the_same_bytes_in_every_file(shift_gt3x: Path,
 
     assert [name for name in made[0] if made[0][name] != made[1][name]] == []
     assert pack_files(made[0]) == pack_files(made[1])
+
+
+# The name a report is taken away under.
+
+
+def results_named(subject: str = "S012", start: str | None = "2026-03-03T07:58:12-05:00") -> dict[str, Any]:
+    side = "right" if start else None
+    return {"recording": {"subject": subject, "start": start, "side": side, "file_name": "shift 3.gt3x"}}
+
+
+def test_it_tells_whose_when_which_arm_and_which_version() -> None:
+    assert format_report_name(results_named(), 2, "pdf") == "S012_2026-03-03_right_report_v2.pdf"
+
+
+def test_what_is_not_known_is_left_out() -> None:
+    assert format_report_name(results_named("", None), 1, "html") == "shift 3_report_v1.html"
+
+
+@pytest.mark.parametrize(
+    ("subject", "stem"),
+    [("../../etc/passwd", "etc-passwd"), ("É-012", "É-012"), ('a"b;c', "a-b-c"), ("...", "recording")],
+)
+def test_only_signs_that_every_file_system_takes_are_kept(subject: str, stem: str) -> None:
+    assert format_report_name(results_named(subject, None), 1, "pdf") == f"{stem}_report_v1.pdf"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("report.fr.pdf", "S012_2026-03-03_left_report_v3.fr.pdf"),
+        ("elevation.csv.gz", "S012_2026-03-03_left_elevation_v3.csv.gz"),
+        ("bundle.zip", "S012_2026-03-03_left_bundle_v3.zip"),
+    ],
+)
+def test_every_file_is_named_by_the_same_rule(kind: str, name: str) -> None:
+    origin = Origin("S012", "shift 3.gt3x", "2026-03-03T07:58:12-05:00", "left", 3)
+
+    assert format_file_name(origin, kind) == name
+
+
+# summary.csv: one row for each recording, safe to open in a spreadsheet.
+
+
+FAILED = FailedOrigin("left.gt3x", "S012", "left", "p1/left.gt3x", "left")
+NAMES = [column.name for column in SUMMARY]
+
+
+def read_rows(encoded: bytes) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(encoded.decode("utf-8"), newline="")))
+
+
+def test_a_failed_recording_keeps_its_row_with_its_code_and_empty_figures() -> None:
+    (row,) = read_rows(encode_summary([summarise_failure(FAILED, "E-EMPTY")]))
+
+    assert (row["error_code"], row["time_above_60_percent"]) == ("E-EMPTY", "")
+
+
+def test_each_column_stands_once_and_the_ends_of_a_range_beside_its_figure() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+    assert {"time_above_60_percent_low", "elevation_p90_deg_high"} <= set(NAMES)
+
+
+@given(st.sampled_from("=+-@\t\r"), st.text(max_size=20))
+def test_no_text_cell_can_become_a_formula(start: str, rest: str) -> None:
+    encoded = encode_table(["subject"], [{"subject": start + rest}])
+
+    assert encoded.decode("utf-8").splitlines()[1].lstrip('"')[0] == "'"
+
+
+def test_a_negative_number_stays_a_number() -> None:
+    row: dict[str, Any] = {"bias_deg": -1.5}
+
+    assert encode_table(["bias_deg"], [row]) == b"bias_deg\n-1.5\n"
+
+
+def test_a_french_excel_gets_semicolons_commas_and_a_mark() -> None:
+    encoded = encode_table(["subject", "angle_deg"], [{"subject": "S1", "angle_deg": 12.5}], FRENCH_EXCEL)
+
+    assert encoded == "\ufeffsubject;angle_deg\r\nS1;12,5\r\n".encode()
+
+
+def test_the_decimal_sign_of_text_is_left_alone() -> None:
+    assert b"1.5 m" in encode_table(["label"], [{"label": "1.5 m"}], FRENCH_EXCEL)
+
+
+@given(st.sampled_from(";,\t\n"), st.sampled_from("=+-@"), st.text(max_size=5))
+def test_no_part_of_a_text_becomes_a_formula_for_a_reader_of_another_dialect(
+    gap: str, start: str, rest: str
+) -> None:
+    text = encode_table(["label"], [{"label": f"a{gap}{start}{rest}"}]).decode("utf-8")
+
+    assert f"{gap}{start}" not in text
+
+
+# The FHIR R4 bundle: valid, with the PDF inside, with the same figures, and without a name.
+
+
+PDF = b"%PDF-1.7 a report"
+ANSWER = "The right arm was raised.\n"
+
+
+def bundle_of(start: datetime | None = START, subject: str = "S012") -> dict[str, Any]:
+    results = json.loads(encode_results(make_analysis(start=start), make_subject(subject)))
+    bundle: dict[str, Any] = json.loads(encode_fhir(results, {"en": PDF}, ANSWER))
+    return bundle
+
+
+def report_of(bundle: dict[str, Any]) -> dict[str, Any]:
+    report: dict[str, Any] = bundle["entry"][0]["resource"]
+    return report
+
+
+def figure_of(bundle: dict[str, Any], name: str) -> dict[str, Any]:
+    resources = (entry["resource"] for entry in bundle["entry"][1:])
+    return next(r for r in resources if r["code"]["coding"][0]["code"] == name)
+
+
+@pytest.mark.parametrize("start", [START, START.replace(tzinfo=None), None])
+def test_the_bundle_is_valid_with_any_clock(start: datetime | None) -> None:
+    bundle = Bundle.model_validate(bundle_of(start))
+
+    assert bundle.type == "collection"
+
+
+def test_the_report_holds_the_pdf_and_the_answer() -> None:
+    report = report_of(bundle_of())
+
+    assert base64.b64decode(report["presentedForm"][0]["data"]) == PDF
+    assert report["presentedForm"][0]["title"] == "S012_2026-03-03_right_report_v1.pdf"
+    assert report["conclusion"] == ANSWER
+
+
+def test_the_report_refers_to_every_figure_which_has_its_value_and_unit() -> None:
+    bundle = bundle_of()
+    referred = [item["reference"] for item in report_of(bundle)["result"]]
+    value = figure_of(bundle, "time_above_60_percent")["valueQuantity"]
+
+    assert referred == [entry["fullUrl"] for entry in bundle["entry"][1:]]
+    assert (value["value"], value["code"]) == (7.6, "%")
+    assert bundle == bundle_of()  # nothing in it is random or of this moment
+
+
+def test_every_figure_whose_range_is_known_has_it() -> None:
+    exposure = make_exposure(above_60_interval=Interval(6.0, 9.5))
+    first, *others = exposure.bins
+    bins = (replace(first, interval=Interval(40.0, 50.0)), *others)
+    known = {"entries_above_60_per_h": Interval(21.0, 44.0), "elevation_p50_deg": Interval(20.0, 24.0)}
+    analysis = make_analysis(exposure=replace(exposure, bins=bins, intervals=known))
+
+    bundle = json.loads(encode_fhir(json.loads(encode_results(analysis, make_subject())), {}, ""))
+
+    ranged = {
+        entry["resource"]["code"]["text"]: [
+            p["valueQuantity"]["value"] for p in entry["resource"]["component"]
+        ]
+        for entry in bundle["entry"][1:]
+        if "component" in entry["resource"]
+    }
+    assert sorted(ranged.values()) == [[6.0, 9.5], [20.0, 24.0], [21.0, 44.0], [40.0, 50.0]]
+
+
+def test_the_subject_is_a_code_and_never_a_name() -> None:
+    text = json.dumps(bundle_of())
+
+    assert report_of(bundle_of())["subject"] == {
+        "identifier": {"system": "urn:acromion:subject", "value": "S012"}
+    }
+    assert "subject" not in report_of(bundle_of(subject=""))
+    assert re.search(r'"(name|family|given|birthDate)"', text) is None
+
+
+def test_a_clock_without_a_zone_gives_the_date_only() -> None:
+    period = report_of(bundle_of(START.replace(tzinfo=None)))["effectivePeriod"]
+
+    assert period == {"start": "2026-03-03", "end": "2026-03-03"}
+
+
+def test_every_resource_names_its_profile() -> None:
+    bundle = bundle_of()
+    resources = [bundle, *(entry["resource"] for entry in bundle["entry"])]
+
+    assert {resource["resourceType"]: resource["meta"]["profile"] for resource in resources} == {
+        "Bundle": ["http://hl7.org/fhir/StructureDefinition/Bundle"],
+        "DiagnosticReport": ["http://hl7.org/fhir/StructureDefinition/DiagnosticReport"],
+        "Observation": ["http://hl7.org/fhir/StructureDefinition/Observation"],
+    }

@@ -16,8 +16,6 @@ from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Paper
 from fusion.exposure import PeakWindow
-from fusion.quality import Quality
-from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 
 PAPERS: tuple[Paper, ...] = ("a4", "letter")
@@ -73,7 +71,7 @@ def test_the_first_page_stands_alone_on_both_papers(paper: Paper, language: Lang
 
 
 def find_lowest_text(page: PageObject) -> float:
-    """Give how far up the page its last line above the footer stands, as a share of the height."""
+    """Return how far up the page its last line above the footer stands, as a share of the height."""
     places: list[float] = []
 
     def note(text: str, cm: list[float], tm: list[float], *_: object) -> None:
@@ -95,22 +93,6 @@ def test_a_day_fills_at_most_six_pages_of_the_paper_and_leaves_no_quarter_of_one
     assert [page.page_number for page in pages[:-1] if find_lowest_text(page) > 0.25] == []
     points = {"a4": (595, 842), "letter": (612, 792)}[paper]
     assert {(round(page.mediabox.width), round(page.mediabox.height)) for page in pages} == {points}
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_the_longest_first_page_still_fits(language: Language) -> None:
-    codes = ("W-NO-STILL", "W-LOWCOVER", "W-REMOUNT", "W-GAP", "W-NONWEAR", "W-UNTRUSTED", "W-BIAS", "W-CLIP")
-    quality = Quality("poor", codes, tuple(QualityFlag(code, 3, 1234.0) for code in codes))
-    exposure = replace(make_exposure(), peak_windows=(PeakWindow(900, None, None),))
-    analysis = replace(make_analysis(quality=quality, start=None), exposure=exposure)
-    corrected = replace(make_subject(), version=2, changes=("diary", "pose"), reason="A talk with the worker")
-    report = build_report(analysis, corrected, language)
-
-    document = render_pdf(report, {}, "letter")
-
-    assert report.profile is not None
-    assert flatten(report.profile.not_a_diagnosis) in text_of(document, 0)
-    assert flatten(report.verdict.reason) in text_of(document, 1)
 
 
 def test_every_figure_of_the_tables_stands_in_the_pdf() -> None:

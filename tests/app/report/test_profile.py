@@ -47,7 +47,7 @@ def profile_of(
 
 
 def with_percent(percent: float, interval: Interval | None = None) -> Exposure:
-    """Give the day with another time above 60 deg."""
+    """Return the day with another time above 60 deg."""
     exposure = make_exposure()
     above = (
         replace(item, percent=percent, interval=interval) if item.threshold_deg == 60 else item
@@ -280,15 +280,8 @@ def test_page_1_holds_at_most_two_hundred_words_of_three_letters(day: str, langu
     assert len(re.findall(r"[^\W\d_]{3,}", text)) <= MOST_WORDS
 
 
-def on_every_print(test: Callable[..., None]) -> Callable[..., None]:
-    """Run a test on each day in both languages on both papers."""
-    for name, values in (("paper", PAPERS), ("language", LANGUAGES), ("day", DAYS)):
-        test = pytest.mark.parametrize(name, values)(test)
-    return test
-
-
 def list_sizes_pt(document: bytes) -> set[float]:
-    """Give the sizes of all words of page 1, those of its drawings included."""
+    """Return the sizes of all words of page 1, those of its drawings included."""
     sizes: set[float] = set()
 
     def note(text: str, cm: list[float], tm: list[float], _: object, size: float) -> None:
@@ -300,18 +293,16 @@ def list_sizes_pt(document: bytes) -> set[float]:
     return sizes
 
 
-@on_every_print
-def test_no_word_of_page_1_is_smaller_than_9_pt(day: str, language: Language, paper: Paper) -> None:
-    _, document = print_of(day, language, paper)
-
-    assert min(list_sizes_pt(document)) >= LEAST_PT
-
-
-@on_every_print
-def test_the_profile_is_one_page(day: str, language: Language, paper: Paper) -> None:
+@pytest.mark.parametrize("paper", PAPERS)
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("day", DAYS)
+def test_the_profile_is_one_page_of_which_no_word_is_smaller_than_9_pt(
+    day: str, language: Language, paper: Paper
+) -> None:
     report, document = print_of(day, language, paper)
 
     first, second = (flatten(page.extract_text()) for page in PdfReader(io.BytesIO(document)).pages[:2])
     assert report.profile is not None
     assert flatten(report.profile.not_a_diagnosis) in first
     assert flatten(report.sentences[0]) in second
+    assert min(list_sizes_pt(document)) >= LEAST_PT

@@ -175,7 +175,6 @@ def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again_once(
     assert ask(client, again, "report.pdf?lang=fr").content == b"%PDF-fr"
 
 
-@on_both_set_ups
 @pytest.mark.parametrize("way", ["sent", "asked for"])
 def test_damaged_work_that_is_sent_or_asked_for_again_is_done_again(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, way: str
@@ -234,7 +233,6 @@ def test_the_inspection_of_a_damaged_recording_is_a_problem(
     assert (answer.status_code, answer.json()["code"]) == (410, "E-STORE-DAMAGED")
 
 
-@on_both_set_ups
 @HOWS
 def test_a_damaged_reference_gives_no_comparison(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, how: str
@@ -260,9 +258,8 @@ def test_a_damaged_reference_gives_no_comparison(
     ],
 )
 def test_the_page_of_a_damaged_analysis_says_so_and_offers_to_analyse_again(
-    client: TestClient, kept: Kept, finish: Finish,
-    words: tuple[str, str, str], name: str,
-) -> None:  # fmt: skip
+    client: TestClient, kept: Kept, finish: Finish, words: tuple[str, str, str], name: str
+) -> None:
     store, storage = kept
     language, title, button = words
     job = finish()
@@ -377,9 +374,8 @@ def test_a_damaged_analysis_beside_another_is_a_problem_answer(
 
 
 def test_a_damaged_report_of_two_is_made_again(
-    client: TestClient, settings: Settings, finish: Finish,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    client: TestClient, settings: Settings, finish: Finish, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("app.jobs.children.pairs.load_and_make_pair", stand_ins.write_pair)
     one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"

@@ -4,6 +4,7 @@ import csv
 import gzip
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from app.report.export.parquet import encode_elevation_csv, write_elevation
+from app.report.export.parquet import (
+    encode_elevation_csv,
+    lay_flags,
+    lay_numbers,
+    lay_some_numbers,
+    lay_some_texts,
+    write_elevation,
+)
 from app.request import ReportRequest
 from app.roads.analyse import make_report
 from fusion import read_elevation
@@ -45,28 +53,30 @@ def write_and_read(folder: Path, *segments: ElevationSegment) -> pa.Table:
 # ------------------------------------------------------------------ what is written
 
 
-def test_a_100_hz_sensor_keeps_every_sample(tmp_path: Path) -> None:
-    table = write_and_read(tmp_path, make_segment(0, 100.09, 500))
-
-    assert table.num_rows == 500
+# Of 500 Hz every fifth row is kept: 0, 5, 10 and 15, of which 4 to 10 were put in.
+BRIDGED = replace(make_segment(0, 500.0, 20), bridged=((4, 11),))
 
 
-def test_500_hz_is_thinned_to_every_fifth_sample(tmp_path: Path) -> None:
-    table = write_and_read(tmp_path, make_segment(0, 500.0, 20))
-
-    assert table["elevation_cdeg"].to_pylist() == [0, 500, 1000, 1500]
-
-
-def test_time_runs_from_the_first_sample_across_holes(tmp_path: Path) -> None:
-    table = write_and_read(tmp_path, make_segment(0, 100.0, 2), make_segment(5_000_000, 100.0, 2))
-
-    assert table["time_us"].to_pylist() == [0, 10_000, 5_000_000, 5_010_000]
-
-
-def test_times_between_microseconds_go_to_the_nearest(tmp_path: Path) -> None:
-    table = write_and_read(tmp_path, make_segment(0, 30.0, 3))
-
-    assert table["time_us"].to_pylist() == [0, 33_333, 66_667]
+@pytest.mark.parametrize(
+    ("segments", "column", "told"),
+    [
+        ([make_segment(0, 100.09, 5)], "elevation_cdeg", [0, 100, 200, 300, 400]),
+        ([make_segment(0, 500.0, 20)], "elevation_cdeg", [0, 500, 1000, 1500]),
+        ([BRIDGED], "elevation_cdeg", [0, None, None, 1500]),
+        ([lay([0.0, 12.344, 12.346, 180.0])], "elevation_cdeg", [0, 1234, 1235, 18000]),
+        ([make_segment(0, 30.0, 3)], "time_us", [0, 33_333, 66_667]),
+        (
+            [make_segment(0, 100.0, 2), make_segment(5_000_000, 100.0, 2)],
+            "time_us",
+            [0, 10_000, 5_000_000, 5_010_000],
+        ),
+    ],
+    ids=["100 Hz", "500 Hz", "500 Hz bridged", "hundredths", "between microseconds", "across a hole"],
+)
+def test_rows_are_thinned_to_100_hz_and_rounded_to_microseconds_and_hundredths(
+    tmp_path: Path, segments: list[ElevationSegment], column: str, told: list[int | None]
+) -> None:
+    assert write_and_read(tmp_path, *segments)[column].to_pylist() == told
 
 
 def test_the_columns_and_the_version_are_those_of_the_contract(tmp_path: Path) -> None:
@@ -81,12 +91,6 @@ def test_the_columns_and_the_version_are_those_of_the_contract(tmp_path: Path) -
     assert pq.read_metadata(path).metadata[b"schema"] == b"acromion.elevation/2"
 
 
-def test_angles_go_to_the_nearest_hundredth_of_a_degree(tmp_path: Path) -> None:
-    table = write_and_read(tmp_path, lay([0.0, 12.344, 12.346, 180.0]))
-
-    assert table["elevation_cdeg"].to_pylist() == [0, 1234, 1235, 18000]
-
-
 def test_a_bridge_and_a_row_without_an_angle_are_missing_and_an_untrusted_row_is_not(tmp_path: Path) -> None:
     angle = np.array([10.0, 11.0, np.nan, 12.0, 13.0], np.float32)
     valid = np.array([True, False, True, True, False])
@@ -94,14 +98,6 @@ def test_a_bridge_and_a_row_without_an_angle_are_missing_and_an_untrusted_row_is
 
     assert table["elevation_cdeg"].to_pylist() == [1000, None, None, 1200, 1300]
     assert table["valid"].to_pylist() == [True, False, False, True, False]
-
-
-def test_a_bridge_stays_missing_where_500_hz_are_thinned(tmp_path: Path) -> None:
-    # Rows 0, 5, 10 and 15 are kept; 4 to 10 were put in.
-    angle, valid = np.arange(20, dtype=np.float32), np.ones(20, np.bool_)
-    table = write_and_read(tmp_path, ElevationSegment(0, 500.0, angle, valid, bridged=((4, 11),)))
-
-    assert table["elevation_cdeg"].to_pylist() == [0, None, None, 1500]
 
 
 def test_many_short_segments_share_a_group_of_rows(tmp_path: Path) -> None:
@@ -216,3 +212,37 @@ def test_the_text_is_in_seconds_and_degrees(tmp_path: Path) -> None:
         ["0.01", "", "false"],
         ["0.02", "12.35", "true"],
     ]
+
+
+# Columns laid out by ourselves hold what they were given.
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_numbers_keep_their_type(kind: type) -> None:
+    column = lay_numbers(np.array([0.5, -1.25, 180.0], kind))
+
+    assert column.equals(pa.array([0.5, -1.25, 180.0], pa.from_numpy_dtype(kind)))
+
+
+def test_every_second_number_of_a_longer_array_is_laid_close() -> None:
+    column = lay_numbers(np.arange(6.0)[::2])
+
+    assert column.to_pylist() == [0.0, 2.0, 4.0]
+
+
+def test_more_flags_than_a_byte_holds_stay_in_order() -> None:
+    flags = [True, False, False, True, True, False, True, False, True]
+
+    assert lay_flags(np.array(flags)).to_pylist() == flags
+
+
+def test_a_number_that_is_not_there_is_null() -> None:
+    column = lay_some_numbers([1.5, None, 3])
+
+    assert column.equals(pa.array([1.5, None, 3.0], pa.float64()))
+
+
+def test_a_text_that_is_not_there_is_null_and_an_empty_one_is_empty() -> None:
+    column = lay_some_texts(["é", None, "", "S012"])
+
+    assert column.equals(pa.array(["é", None, "", "S012"], pa.string()))

@@ -24,15 +24,6 @@ def list_files(storage: Storage) -> list[Path]:
     return [path for path in storage.root.rglob("*") if path.is_file()]
 
 
-def test_a_disk_that_is_too_full_is_refused_before_the_first_byte(storage: Storage) -> None:
-    for space in (
-        {"expected_bytes": 1 << 60, "min_free_bytes": 0},
-        {"expected_bytes": 0, "min_free_bytes": 1 << 60},
-    ):
-        with pytest.raises(DiskFull):
-            storage.check_space(**space)
-
-
 def test_a_disk_that_fills_up_while_writing_is_named_as_that(tmp_path: Path) -> None:
     full = Path("/dev/full")
     if not full.exists():

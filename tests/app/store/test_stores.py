@@ -139,9 +139,11 @@ def test_a_store_has_one_name_for_ever(storage: Storage) -> None:
     assert storage.identify() == storage.identify()
 
 
-def test_a_full_disk_is_refused_before_the_first_byte(storage: Storage) -> None:
-    with pytest.raises(DiskFull):
-        storage.check_space(expected_bytes=0, min_free_bytes=1 << 60)
+def test_a_full_disk_is_refused_before_the_first_byte(storage: Storage, objects: str) -> None:
+    spaces = [(0, 1 << 60)] if objects else [(0, 1 << 60), (1 << 60, 0)]  # a bucket takes what is expected
+    for expected_bytes, min_free_bytes in spaces:
+        with pytest.raises(DiskFull):
+            storage.check_space(expected_bytes=expected_bytes, min_free_bytes=min_free_bytes)
 
 
 def test_a_bucket_that_does_not_answer_is_named_as_that(
