@@ -146,20 +146,12 @@ BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
 class ComparedDay:
     """One day, with what must be alike for two days to be compared.
 
-    Attributes
-    ----------
-    exposure
-        Its figures.
-    method, pose, side, verdict
-        Of its analysis; ``side`` is None where none was given.
-    sha256
-        Of the recording; empty where it is not known.
-    subject
-        Code of the person; empty where none was given.
-    start, duration_s
-        When it began by its clock, None where it has none, and how long it lasted.
-    is_confirmed
-        Whether a person confirmed the calibration pose, or none is needed.
+    ``exposure``: its figures.
+    ``method``, ``pose``, ``side``, ``verdict``: of its analysis; ``side`` is None where none was given.
+    ``sha256``: of the recording; empty where it is not known.
+    ``subject``: code of the person; empty where none was given.
+    ``start``, ``duration_s``: when it began by its clock, None where it has none, and how long it lasted.
+    ``is_confirmed``: whether a person confirmed the calibration pose, or none is needed.
     """
 
     exposure: Exposure

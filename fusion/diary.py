@@ -130,21 +130,13 @@ DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")
 class DiaryEntry:
     """A row of a diary before the recording is known.
 
-    Attributes
-    ----------
-    start, end
-        A number: seconds from the first sample. Text: the clock, ``"07:58:00"`` or
-        ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
-    kind
-        "work", "break" and so on: one of :data:`fusion.diary.Kind`.
-    label
-        The person's own word for it.
-    left_out
-        Whether its time leaves the denominator; None: as its kind says.
-    line
-        In the file, from 1; 0 where there is none.
-    file
-        Only for the recording of this name; empty: for any.
+    ``start``, ``end``: a number: seconds from the first sample. Text: the clock, ``"07:58:00"`` or
+    ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
+    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    ``label``: the person's own word for it.
+    ``left_out``: whether its time leaves the denominator; None: as its kind says.
+    ``line``: in the file, from 1; 0 where there is none.
+    ``file``: only for the recording of this name; empty: for any.
     """
 
     start: float | str

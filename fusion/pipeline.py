@@ -55,26 +55,15 @@ UNKNOWN_SIGMA_DEG = 0.0
 class Analysis:
     """Every step's result.
 
-    Attributes
-    ----------
-    recording
-        What was read.
-    settings
-        As given, or the defaults.
-    calibration
-        The pose; None for a ready angle series.
-    elevation
-        The angle, at most about 100 rows a second; valid in breaks too.
-    exclusions
-        All that left the analysed time, the diary's breaks among them.
-    time
-        Where the time of the recording went.
-    exposure
-        The figures.
-    quality
-        The verdict and all caveats.
-    axis_parts
-        The stretches that the first pose does not read.
+    ``recording``: what was read.
+    ``settings``: as given, or the defaults.
+    ``calibration``: the pose; None for a ready angle series.
+    ``elevation``: the angle, at most about 100 rows a second; valid in breaks too.
+    ``exclusions``: all that left the analysed time, the diary's breaks among them.
+    ``time``: where the time of the recording went.
+    ``exposure``: the figures.
+    ``quality``: the verdict and all caveats.
+    ``axis_parts``: the stretches that the first pose does not read.
     """
 
     recording: Recording

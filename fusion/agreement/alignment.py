@@ -69,12 +69,8 @@ MOST_SHIFT_S = 1.0
 class ClockSettings:
     """The alignment as far as a person sets it by hand.
 
-    Attributes
-    ----------
-    offset_s
-        The reference's clock at the recording's first sample; None: found from the motion.
-    drift_ppm
-        How much faster the reference's clock runs; None: found from the motion.
+    ``offset_s``: the reference's clock at the recording's first sample; None: found from the motion.
+    ``drift_ppm``: how much faster the reference's clock runs; None: found from the motion.
     """
 
     offset_s: float | None = None

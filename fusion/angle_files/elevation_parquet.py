@@ -56,16 +56,10 @@ LEAST_ANGLE_BYTES = 0.1
 class ElevationRows:
     """The rows of a file.
 
-    Attributes
-    ----------
-    time_s
-        Shape (n,), from the first sample.
-    elevation_deg
-        Shape (n,), float32: NaN where none was measured.
-    valid
-        Shape (n,). Fused and trusted.
-    column
-        What the file calls the angle.
+    ``time_s``: shape (n,), from the first sample.
+    ``elevation_deg``: shape (n,), float32: NaN where none was measured.
+    ``valid``: shape (n,). Fused and trusted.
+    ``column``: what the file calls the angle.
     """
 
     time_s: Float64Array

@@ -18,23 +18,16 @@ Up = NDArray[np.float32]
 class AngleFile:
     """Rows in the file's own clock, missing ones absent.
 
-    Attributes
-    ----------
-    device
-        "mvn", "dot", "other" (MT Manager) or "angles".
-    time_s
-        Shape (n,), rising. The file's own time column; where it has none, seconds from its first row.
-    first_s, last_s
-        The file's clock at its first and its last row, missing ones counted.
-    elevation_deg
-        Shape (n,), float32: 0 hanging, 90 level, 180 overhead; None as long as the arm's axis is not known.
-    up
-        Shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None where
-        the file holds ready angles.
-    axis
-        Shape (3,), unit: along the upper arm towards the shoulder in that frame; None where it is not known.
-    understood
-        What the reader took the file for, for people.
+    ``device``: "mvn", "dot", "other" (MT Manager) or "angles".
+    ``time_s``: shape (n,), rising. The file's own time column; where it has none, seconds from its first row.
+    ``first_s``, ``last_s``: the file's clock at its first and its last row, missing ones counted.
+    ``elevation_deg``: shape (n,), float32: 0 hanging, 90 level, 180 overhead; None as long as the arm's axis
+    is not known.
+    ``up``: shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None
+    where the file holds ready angles.
+    ``axis``: shape (3,), unit: along the upper arm towards the shoulder in that frame; None where it is not
+    known.
+    ``understood``: what the reader took the file for, for people.
     """
 
     device: str

@@ -31,14 +31,9 @@ _DAY_S = 86_400.0
 class ClockBand:
     """A quarter hour of the clock over all days.
 
-    Attributes
-    ----------
-    start_s
-        From midnight by the devices' clocks.
-    days
-        Days that are analysed for at least half of it.
-    percentiles_deg
-        Elevation by percent: 10, 25, 50, 75, 90; None where too few days are.
+    ``start_s``: from midnight by the devices' clocks.
+    ``days``: days that are analysed for at least half of it.
+    ``percentiles_deg``: elevation by percent: 10, 25, 50, 75, 90; None where too few days are.
     """
 
     start_s: float

@@ -41,14 +41,10 @@ class ShownAngles:
 class LiveDifference:
     """Live against the report, at the same moments.
 
-    Attributes
-    ----------
-    compared_s
-        Seconds at which both are known.
-    rmse_deg, bias_deg
-        Root mean square and mean of live less report.
-    live_percent, report_percent
-        Shares of that time below 30 deg, from 30, from 60 and from 90 deg on.
+    ``compared_s``: seconds at which both are known.
+    ``rmse_deg``, ``bias_deg``: root mean square and mean of live less report.
+    ``live_percent``, ``report_percent``: shares of that time below 30 deg, from 30, from 60 and from 90 deg
+    on.
     """
 
     compared_s: float

@@ -39,14 +39,9 @@ Samples = NDArray[np.float32]
 class Frames:
     """Samples as they came.
 
-    Attributes
-    ----------
-    time_us
-        Shape (n,): the stream's clock, microseconds; begins at 0 and never goes back.
-    counter
-        Shape (n,): goes up by one for each sample that was taken; what it skips was lost.
-    acc_g, gyr_dps
-        Shape (n, 3), float32, one right-handed frame, g and deg/s.
+    ``time_us``: shape (n,): the stream's clock, microseconds; begins at 0 and never goes back.
+    ``counter``: shape (n,): goes up by one for each sample that was taken; what it skips was lost.
+    ``acc_g``, ``gyr_dps``: shape (n, 3), float32, one right-handed frame, g and deg/s.
     """
 
     time_us: IntArray
@@ -76,29 +71,19 @@ class LiveRows:
 class LiveStatus:
     """Where a session stands.
 
-    Attributes
-    ----------
-    elapsed_s
-        From the first frame to the last, plus one period.
-    elevation_deg
-        Of the last frame; None where it is not known.
-    above_s
-        Seconds at or above each of :data:`THRESHOLDS_DEG`.
-    counted_s
-        Seconds whose angle is counted.
-    rises
-        Entries above 60 deg, hysteresis 5 deg on each side.
-    frames, lost, holes, missing_s
-        Frames taken; frames that the counter skipped; how often, and how long together.
-    has_rested
-        Whether a still moment has told the gyroscope's bias.
-    is_frame_doubtful
-        Whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is then wrong while
-        the arm moves.
-    pose, pose_left_s, pose_refused, still_g
-        Where the pose stands; seconds until it is asked for or has been held; why the last one was refused
-        (:func:`fusion.pose.rules.object_to_window`, "hole"); the largest standard deviation of an
-        accelerometer axis in the last second.
+    ``elapsed_s``: from the first frame to the last, plus one period.
+    ``elevation_deg``: of the last frame; None where it is not known.
+    ``above_s``: seconds at or above each of :data:`THRESHOLDS_DEG`.
+    ``counted_s``: seconds whose angle is counted.
+    ``rises``: entries above 60 deg, hysteresis 5 deg on each side.
+    ``frames``, ``lost``, ``holes``, ``missing_s``: frames taken; frames that the counter skipped; how often,
+    and how long together.
+    ``has_rested``: whether a still moment has told the gyroscope's bias.
+    ``is_frame_doubtful``: whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is
+    then wrong while the arm moves.
+    ``pose``, ``pose_left_s``, ``pose_refused``, ``still_g``: where the pose stands; seconds until it is asked
+    for or has been held; why the last one was refused (:func:`fusion.pose.rules.object_to_window`, "hole");
+    the largest standard deviation of an accelerometer axis in the last second.
     """
 
     elapsed_s: float

@@ -68,14 +68,9 @@ Vertical = FloatArray | VerticalOnDemand
 class AngleRows:
     """How the samples of a segment make rows; as long as the segment, to the microsecond.
 
-    Attributes
-    ----------
-    start_us, rate_hz
-        Time of the first row, which is that of the first sample; rows per second.
-    count, samples
-        How many rows, of how many samples.
-    per_row
-        Whole samples that are averaged for a row; 1: each sample is a row.
+    ``start_us``, ``rate_hz``: time of the first row, which is that of the first sample; rows per second.
+    ``count``, ``samples``: how many rows, of how many samples.
+    ``per_row``: whole samples that are averaged for a row; 1: each sample is a row.
     """
 
     start_us: int

@@ -28,21 +28,13 @@ upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on th
 class StillPeriod:
     """A stretch in which the arm did not move.
 
-    Attributes
-    ----------
-    start_s, duration_s
-        Seconds from the recording's first sample.
-    gravity_g
-        Shape (3,): mean acceleration, points to the zenith.
-    gyro_bias_dps
-        Shape (3,): mean angular rate.
-    score
-        0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
-    sway_dps
-        How far the angular rate, averaged over quarter seconds, typically lies from its median: a living arm
-        sways, a table does not.
-    is_moving
-        Whether it moves more than a pose does, as only a window that a person gave may.
+    ``start_s``, ``duration_s``: seconds from the recording's first sample.
+    ``gravity_g``: shape (3,): mean acceleration, points to the zenith.
+    ``gyro_bias_dps``: shape (3,): mean angular rate.
+    ``score``: 0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
+    ``sway_dps``: how far the angular rate, averaged over quarter seconds, typically lies from its median: a
+    living arm sways, a table does not.
+    ``is_moving``: whether it moves more than a pose does, as only a window that a person gave may.
     """
 
     start_s: float

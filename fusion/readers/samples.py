@@ -68,15 +68,10 @@ class SampleColumns:
 
     ``source``: what the rows come from, where too many of them are to be refused.
 
-    Attributes
-    ----------
-    acc, gyr
-        Shape (capacity, 3), float32, in the units of the file times the reader's scale.
-    stamps
-        Shape (capacity,), int64: microseconds, or row numbers where the layout has no time. Empty where the
-        reader keeps time in another way.
-    rows
-        How many of them are filled.
+    ``acc``, ``gyr``: shape (capacity, 3), float32, in the units of the file times the reader's scale.
+    ``stamps``: shape (capacity,), int64: microseconds, or row numbers where the layout has no time. Empty
+    where the reader keeps time in another way.
+    ``rows``: how many of them are filled.
     """
 
     def __init__(self, source: Source | None = None, *, has_stamps: bool = True) -> None:

@@ -215,22 +215,13 @@ def _measure_seconds(samples: NDArray[Any]) -> tuple[NDArray[np.float64], NDArra
 class DeviceLog:
     """What log.bin holds, gathered piece by piece.
 
-    Attributes
-    ----------
-    columns
-        The samples of all decoded records, in g and deg/s.
-    decoded
-        Where the samples of each batch of records lie.
-    decoder
-        The schema in force; None before the first, and where it has no usable channels.
-    labels
-        Of the columns of all schemas.
-    n_undecoded
-        SENSOR_DATA records that no schema fits.
-    held
-        Unix seconds and payloads of samples that came before the first schema.
-    primary_seconds
-        Those of the primary accelerometer that were looked at.
+    ``columns``: the samples of all decoded records, in g and deg/s.
+    ``decoded``: where the samples of each batch of records lie.
+    ``decoder``: the schema in force; None before the first, and where it has no usable channels.
+    ``labels``: of the columns of all schemas.
+    ``n_undecoded``: SENSOR_DATA records that no schema fits.
+    ``held``: Unix seconds and payloads of samples that came before the first schema.
+    ``primary_seconds``: those of the primary accelerometer that were looked at.
     """
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))

@@ -286,10 +286,7 @@ class OffsetChange:
 class StampWriter:
     """Rewrites the stamps of one table, from its first row on.
 
-    Attributes
-    ----------
-    changes
-        Where the offset from UTC changed.
+    ``changes``: where the offset from UTC changed.
     """
 
     def __init__(self, dialect: DateDialect) -> None:

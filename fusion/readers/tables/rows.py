@@ -54,19 +54,12 @@ WRAPPING_EXPONENTS = (0, 2, 3)
 class TimeColumn:
     """What the stamps of a table are: microseconds, or numbers of rows or packets.
 
-    Attributes
-    ----------
-    kind
-        "row number" if no column holds a time; "packet counter": the 16-bit number of a packet; "number": a
-        number in some unit; "calendar": a date with a time, or a time of day.
-    unit
-        That of a number, and whether the header states another.
-    offset_s
-        Seconds east of UTC that calendar stamps carry; None: a bare wall clock.
-    has_date
-        False for times of day.
-    is_doubtful
-        Day and month may be the other way round.
+    ``kind``: "row number" if no column holds a time; "packet counter": the 16-bit number of a packet;
+    "number": a number in some unit; "calendar": a date with a time, or a time of day.
+    ``unit``: that of a number, and whether the header states another.
+    ``offset_s``: seconds east of UTC that calendar stamps carry; None: a bare wall clock.
+    ``has_date``: False for times of day.
+    ``is_doubtful``: day and month may be the other way round.
     """
 
     kind: Literal["row number", "packet counter", "number", "calendar"] = "row number"
@@ -133,18 +126,11 @@ LONGEST_LIST = 400
 class TablePlan:
     """How a table is read: its layout, and which column goes where.
 
-    Attributes
-    ----------
-    layout
-        How the table is written.
-    targets
-        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
-    time
-        What the stamps are.
-    acc_scale, gyr_scale
-        Factors to g and deg/s.
-    gravity
-        Columns of the gravity that the acceleration may lack; None if it lacks none.
+    ``layout``: how the table is written.
+    ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    ``time``: what the stamps are.
+    ``acc_scale``, ``gyr_scale``: factors to g and deg/s.
+    ``gravity``: columns of the gravity that the acceleration may lack; None if it lacks none.
     """
 
     layout: TextLayout
