@@ -60,12 +60,7 @@ HELD: Mapping[str, PoseHeld] = {"start": "start", "debut": "start", "no": "no", 
 
 
 def parse_pose_held(text: str) -> PoseHeld:
-    """Read ``start`` or ``no``, or the French ``début`` or ``non``.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read ``start`` or ``no``, or the French ``début`` or ``non``; raises ValueError."""
     held = HELD.get(plain_word(text))
     if held is None:
         raise ValueError(", ".join(HELD))
@@ -298,9 +293,7 @@ def _read_yes_no(line: int, word: str) -> bool | None:
 def read_moment(line: int, clock: str, seconds: str) -> float | str | None:
     """Return the start or the end of a row from its two columns; None if both are empty.
 
-    Raises
-    ------
-    UnusableDiary
+    Raises UnusableDiary.
     """
     if clock and seconds:
         value = f"{clock}, {seconds}"[:LONGEST_LABEL]

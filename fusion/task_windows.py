@@ -30,12 +30,7 @@ class TaskWindow:
 
 
 def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
-    """Read the list; commas or semicolons.
-
-    Raises
-    ------
-    UnusableTasks
-    """
+    """Read the list; commas or semicolons; raises UnusableTasks."""
     lines = io.StringIO(content.decode("utf-8-sig", "replace"), newline=None)
     delimiter = ";" if ";" in lines.readline() else ","
     lines.seek(0)

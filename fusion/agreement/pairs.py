@@ -258,12 +258,7 @@ def join_pairs(parts: Sequence[Pairs]) -> Pairs:
 
 
 def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
-    """Bring both to the recording's clock and to the rate of the slower one.
-
-    Raises
-    ------
-    NothingInCommon
-    """
+    """Bring both to the recording's clock and to the rate of the slower one; raises NothingInCommon."""
     moved = tuple(move_run(run, alignment) for run in reference)
     if not ours or not moved:
         raise NothingInCommon(s=0.0)

@@ -350,12 +350,7 @@ def keep_angles(
 
 
 def check_times(time_s: Float64Array) -> Float64Array:
-    """Return times that rise.
-
-    Raises
-    ------
-    UnusableTime
-    """
+    """Return times that rise; raises UnusableTime."""
     if len(time_s) < 2:
         raise UnusableTime(why="rows")
     steps = np.diff(time_s)

@@ -340,12 +340,7 @@ AROUND_ROWS = 5
 
 
 def refuse_dead(recording: Recording) -> Recording:
-    """Return the recording unless a channel has one value throughout.
-
-    Raises
-    ------
-    DeadSensor
-    """
+    """Return the recording unless a channel has one value throughout; raises DeadSensor."""
     if sum(segment.duration_us for segment in recording.segments) < DEAD_US:
         return recording
     for sensor, name in enumerate(SENSORS):

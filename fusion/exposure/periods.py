@@ -179,9 +179,7 @@ def _format_times(entry: DiaryEntry) -> str:
 def place_moment(moment: float | str, line: int, start: datetime | None, duration_us: int) -> int:
     """Return a moment in microseconds from the first sample: a number is seconds, text is a clock time.
 
-    Raises
-    ------
-    UnusableDiary
+    Raises UnusableDiary.
     """
     if not isinstance(moment, str):
         return round(moment * MICROSECONDS)

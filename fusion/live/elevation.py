@@ -20,9 +20,7 @@ class LiveElevation:
     def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
         """Start afresh; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
+        Raises UnusableArrays.
         """
         self._rate_hz = rate_hz
         self._vertical = LiveVertical(rate_hz)
@@ -34,9 +32,7 @@ class LiveElevation:
         A chunk may be empty; one that is refused changes nothing. At the first still moment the acceleration
         must be about 1 g long, as in no other unit.
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
+        Raises UnusableArrays.
         """
         acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
         if self._arm_axis is not None:

@@ -224,9 +224,7 @@ class LineReader:
     def finish(self) -> Frames | None:
         """Give the rows that still wait for the rate, for no more come; None where there are none.
 
-        Raises
-        ------
-        fusion.errors.UnknownRate
+        Raises UnknownRate.
         """
         rows, columns = _drop_before_restart(self._waiting), self._columns
         self._waiting = []
@@ -390,9 +388,7 @@ def _measure_rate_hz(rows: Sequence[Row]) -> float:
 
     Rows come in bursts: those of the first are the ones that an earlier moment sent.
 
-    Raises
-    ------
-    fusion.errors.UnknownRate, fusion.errors.UnusableTime
+    Raises UnknownRate or UnusableTime.
     """
     stamps = [row.stamp_us for row in rows if row.stamp_us is not None]
     if not stamps:

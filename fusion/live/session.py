@@ -111,9 +111,7 @@ class LiveSession:
 
         Without one there is no angle until a pose has been held (:meth:`ask_pose`).
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
+        Raises UnusableArrays.
         """
         self.rate_hz = rate_hz
         self.pose_window_s: tuple[float, float] | None = None

@@ -31,12 +31,7 @@ def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatA
 
 
 def check_rate(rate_hz: float) -> None:
-    """Refuse a rate that is not positive.
-
-    Raises
-    ------
-    UnusableArrays
-    """
+    """Refuse a rate that is not positive; raises UnusableArrays."""
     if not (isfinite(rate_hz) and rate_hz > 0.0):
         raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
 
@@ -46,9 +41,7 @@ def check_direction(axis: object) -> Float64Array:
 
     A length more than 1 % from 1 means that it is not a direction but an acceleration, or a typing error.
 
-    Raises
-    ------
-    UnusableArrays
+    Raises UnusableArrays.
     """
     try:
         vector = np.array(axis, dtype=np.float64)
@@ -62,9 +55,7 @@ def check_direction(axis: object) -> Float64Array:
 def check_gravity(acc_g: FloatArray) -> None:
     """Refuse no sample at all, and an acceleration that is not in g: its median length is far from 1.
 
-    Raises
-    ------
-    UnusableArrays
+    Raises UnusableArrays.
     """
     if len(acc_g) == 0:
         raise UnusableArrays(why="empty")

@@ -90,12 +90,7 @@ def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Win
 
 
 def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
-    """Measure a window that a person chose.
-
-    Raises
-    ------
-    UnusableCalibration
-    """
+    """Measure a window that a person chose; raises UnusableCalibration."""
     start_s, end_s = window_s
     is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
     if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
@@ -104,12 +99,7 @@ def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
 
 
 def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[StillPeriod, StillPeriod]:
-    """Measure the two windows of the two-point pose, hanging and level.
-
-    Raises
-    ------
-    UnusableCalibration
-    """
+    """Measure the two windows of the two-point pose, hanging and level; raises UnusableCalibration."""
     if len(windows_s) != 2:
         raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
     hanging, level = (measure_asked(recording, window) for window in windows_s)

@@ -133,9 +133,7 @@ def _widen_to_rows(span: Span, runs: Sequence[AngleRows]) -> Span:
 def refuse_short(recording: Recording) -> None:
     """Refuse what cannot hold the 10 s that an analysis needs, before anything is looked for in it.
 
-    Raises
-    ------
-    TooShort
+    Raises TooShort.
     """
     present_us = sum(segment.duration_us for segment in recording.segments)
     if present_us < SHORTEST_RECORDING_US and recording.device not in WITHOUT_MINIMUM:

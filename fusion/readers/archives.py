@@ -81,9 +81,7 @@ def _check_member(member: zipfile.ZipInfo) -> None:
 def check_parts(archive: zipfile.ZipFile) -> None:
     """Refuse an archive that is no `.gt3x` of the generation with a gyroscope.
 
-    Raises
-    ------
-    OldDevice, MissingMember, UnknownFormat
+    Raises OldDevice, MissingMember or UnknownFormat.
     """
     names = set(archive.namelist())
     if "log.bin" in names and "info.txt" in names:

@@ -156,9 +156,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
     A unit that the header does not state is left to :mod:`fusion.checks.physics`: the factor is then 1.
 
-    Raises
-    ------
-    NoGyroscope, NoGravity, SeveralSensors, UnknownColumns
+    Raises NoGyroscope, NoGravity, SeveralSensors or UnknownColumns.
     """
     layout = choose_sensor(layout)
     acc, gravity = choose_acceleration(layout.columns)
