@@ -54,55 +54,30 @@ if TYPE_CHECKING:
     from fusion.recording import Span as Span
     from fusion.settings import AnalysisSettings as AnalysisSettings
 
-_MODULES = {
-    "Analysis": "fusion.pipeline",
-    "AnalysisSettings": "fusion.settings",
-    "Calibration": "fusion.pose.calibrate",
-    "ColumnProfile": "fusion.readers.tables.profile",
-    "Cycles": "fusion.exposure.types",
-    "DiaryEntry": "fusion.diary",
-    "Elevation": "fusion.elevation",
-    "ElevationBin": "fusion.exposure.types",
-    "ElevationSegment": "fusion.elevation",
-    "Entries": "fusion.exposure.types",
-    "Episodes": "fusion.exposure.types",
-    "Eva": "fusion.exposure.types",
-    "EvaSummary": "fusion.exposure.types",
-    "Exposure": "fusion.exposure.types",
-    "Frequency": "fusion.exposure.types",
-    "FusionError": "fusion.errors",
-    "HourVariation": "fusion.exposure.types",
-    "Interval": "fusion.exposure.types",
-    "LiveElevation": "fusion.live",
-    "Method": "fusion.elevation",
-    "MinuteProfile": "fusion.exposure.types",
-    "PartExposure": "fusion.exposure.types",
-    "PeakWindow": "fusion.exposure.types",
-    "Quality": "fusion.quality.types",
-    "QualityFlag": "fusion.recording",
-    "Recording": "fusion.recording",
-    "Recovery": "fusion.exposure.types",
-    "Segment": "fusion.recording",
-    "Span": "fusion.recording",
-    "StillPeriod": "fusion.pose.windows",
-    "TimeAbove": "fusion.exposure.types",
-    "TimeAccount": "fusion.quality.types",
-    "TimePart": "fusion.quality.types",
-    "UnreadableFile": "fusion.errors",
-    "UnusableArrays": "fusion.errors",
-    "UnusableDiary": "fusion.errors",
-    "UnusableRecording": "fusion.errors",
-    "Velocity": "fusion.exposure.types",
-    "analyse": "fusion.pipeline",
-    "estimate_vertical": "fusion.orientation",
-    "read_elevation": "fusion.angle_files.elevation_parquet",
-    "read_recording": "fusion.readers",
-    "read_recordings": "fusion.readers",
-    "tabulate_elevation": "fusion.frames",
-    "tabulate_exposure": "fusion.frames",
+_NAMES = {
+    "fusion.angle_files.elevation_parquet": "read_elevation",
+    "fusion.diary": "DiaryEntry",
+    "fusion.elevation": "Elevation ElevationSegment Method",
+    "fusion.errors": "FusionError UnreadableFile UnusableArrays UnusableDiary UnusableRecording",
+    "fusion.exposure.types": (
+        "Cycles ElevationBin Entries Episodes Eva EvaSummary Exposure Frequency HourVariation Interval "
+        "MinuteProfile PartExposure PeakWindow Recovery TimeAbove Velocity"
+    ),
+    "fusion.frames": "tabulate_elevation tabulate_exposure",
+    "fusion.live": "LiveElevation",
+    "fusion.orientation": "estimate_vertical",
+    "fusion.pipeline": "Analysis analyse",
+    "fusion.pose.calibrate": "Calibration",
+    "fusion.pose.windows": "StillPeriod",
+    "fusion.quality.types": "Quality TimeAccount TimePart",
+    "fusion.readers": "read_recording read_recordings",
+    "fusion.readers.tables.profile": "ColumnProfile",
+    "fusion.recording": "QualityFlag Recording Segment Span",
+    "fusion.settings": "AnalysisSettings",
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = list(_MODULES)
+__all__ = [*sorted(_MODULES)]
 
 
 def __getattr__(name: str) -> object:

@@ -15,7 +15,7 @@ from fusion.agreement.compare import (
 )
 from fusion.agreement.pairs import Alignment, PairedRun, Pairs, WindowLag
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
-from fusion.task_windows import TaskWindow, read_tasks
+from fusion.diary import TaskWindow, read_tasks
 
 __all__ = [
     "Agreement",

@@ -21,12 +21,12 @@ from fusion.agreement.pairs import (
 )
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
 from fusion.angle_files import AngleFile, calibrate_file, resample_file
+from fusion.diary import TaskWindow
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.numerics.intervals import join_overlapping
 from fusion.pipeline import FusedRecording
 from fusion.recording import Float64Array, FloatArray
-from fusion.task_windows import TaskWindow
 
 # The two sides of a comparison: a recording that we fused, or a file that holds its angle already.
 

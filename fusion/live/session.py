@@ -18,7 +18,7 @@ from fusion.elevation import measure_elevation
 from fusion.orientation.arrays import check_arrays, check_direction
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.pose.rules import RULES, object_to_window
-from fusion.readers.timebase.row_kernels import open_rows
+from fusion.readers.samples import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
 from fusion.sensor.model import RADIANS
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
+from fusion.numba_kernels import njit
 from fusion.numerics.runs import find_runs
 from fusion.readers.room import Room
 from fusion.readers.source import Source
-from fusion.readers.timebase.row_kernels import open_rows
 from fusion.recording import QualityFlag
 
 FIRST_CAPACITY = 65_536
@@ -156,6 +156,30 @@ class SampleColumns:
     def _resize(self, capacity_rows: int) -> None:
         for room in self._rooms:
             room.resize(capacity_rows)
+
+
+@njit(cache=True, nogil=True)
+def open_rows(values, n_rows, rows, added):  # type: ignore[no-untyped-def]
+    """Put rows in before each of ``rows`` by linear interpolation, in place, from the end backwards.
+
+    ``values`` has room for them after its ``n_rows``.
+    """
+    to = n_rows
+    for rows_added in added:
+        to += rows_added
+    source = n_rows
+    for hole in range(len(rows) - 1, -1, -1):
+        while source > rows[hole]:
+            source -= 1
+            to -= 1
+            for axis in range(3):
+                values[to, axis] = values[source, axis]
+        for k in range(added[hole], 0, -1):
+            weight = k / (added[hole] + 1)
+            to -= 1
+            for axis in range(3):
+                before, after = values[source - 1, axis], values[source, axis]
+                values[to, axis] = before * (1.0 - weight) + after * weight
 
 
 def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:

@@ -33,8 +33,14 @@ from fusion.readers.tables.rows import (
     read_table,
 )
 from fusion.readers.timebase.clock import flag_drift, hash_serial
-from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
-from fusion.readers.timebase.row_times import leave_out_repeats
+from fusion.readers.timebase.grid import (
+    FASTEST_HZ,
+    SLOWEST_HZ,
+    Grid,
+    cut_counted,
+    cut_stamped,
+    leave_out_repeats,
+)
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
 from fusion.units import name_unit_source
 

@@ -37,8 +37,7 @@ from fusion.readers.tables.layout import (
     read_text_pieces,
 )
 from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
-from fusion.readers.timebase.grid import Grid
-from fusion.readers.timebase.row_times import repair_row_times
+from fusion.readers.timebase.grid import Grid, repair_row_times
 from fusion.recording import QualityFlag, Recording, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
 

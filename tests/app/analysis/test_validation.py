@@ -16,7 +16,7 @@ from app.cli import app
 from app.report.agreement.tables import tell_drift
 from app.request import Reference, ReportRequest
 from app.roads.validate import make_validation
-from fusion.task_windows import TaskWindow
+from fusion.diary import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 
 STATISTICS = {"r", "rmse_deg", "mean_absolute_error_deg", "bias_deg", "loa_low_deg", "loa_high_deg"}

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.errors import DamagedFile, UnknownColumns
-from fusion.readers.cwa.read import DeviceHeader, build_recording, decode_log
+from fusion.readers.cwa import DeviceHeader, build_recording, decode_log
 from tests.fusion.readers.cwa.cwa_builder import START, START_US, block, blocks, header, log_of, still_rows
 from tests.fusion.readers.seen import codes, counts, read_file, spans_s
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fusion.errors import NoGyroscope, UnknownRate
 from fusion.pipeline import analyse
-from fusion.readers.cwa.read import decode_log
+from fusion.readers.cwa import decode_log
 from tests.badfiles import cwa_files
 from tests.badfiles.gt3x_files import LOG, pack
 from tests.fusion.readers.cwa.cwa_builder import (

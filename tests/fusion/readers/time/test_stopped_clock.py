@@ -5,7 +5,7 @@ import pytest
 
 from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
-from fusion.readers.timebase.row_times import leave_out_stopped
+from fusion.readers.timebase.grid import leave_out_stopped
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import read_text, table
 
