@@ -75,9 +75,9 @@ _NAMES = {
     "fusion.recording": "QualityFlag Recording Segment Span",
     "fusion.settings": "AnalysisSettings",
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
+_MODULES = dict(sorted((name, module) for module, names in _NAMES.items() for name in names.split()))
 
-__all__ = [*sorted(_MODULES)]
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> object:
