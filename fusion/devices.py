@@ -264,6 +264,6 @@ def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | N
 
 
 def find_device_name(device: str) -> str | None:
-    """Give the name of a kind of device; None for one that is not in the table."""
+    """Return the name of a kind of device; None for one that is not in the table."""
     names = (one.name.partition(",")[0] for one in KNOWN_DEVICES if one.device == device)
     return next(names, None)

@@ -52,7 +52,7 @@ def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def plain_word(word: str) -> str:
-    """Give a word without case, accents, underscores and hyphens."""
+    """Return a word without case, accents, underscores and hyphens."""
     letters = unicodedata.normalize("NFKD", word.casefold())
     return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
 
@@ -202,7 +202,7 @@ def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
 
 
 def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Give so many rows and no more: each is laid over the whole recording."""
+    """Return so many rows and no more: each is laid over the whole recording."""
     for count, (line, cells) in enumerate(read_rows(decode_text(content))):
         if count >= MOST_ROWS:
             raise UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
@@ -229,7 +229,7 @@ def _is_activity_log(header: list[str]) -> bool:
 
 
 def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: bool) -> Iterable[DiaryEntry]:
-    """Give the activities of one recording; several recordings are told apart by the ID."""
+    """Return the activities of one recording; several recordings are told apart by the ID."""
     days: list[tuple[date, list[tuple[str, str]]]] = []
     for name, cell in zip(header[1:], cells[1:], strict=False):
         if "date" in plain_word(name):
@@ -258,7 +258,7 @@ def _read_date(line: int, cell: str) -> date:
 
 
 def _read_row(line: int, row: Mapping[str, str]) -> Row:
-    """Give the entry of a row, or the line and the moment of a row that only ends the one before."""
+    """Return the entry of a row, or the line and the moment of a row that only ends the one before."""
     start = read_moment(line, row.get("start", ""), row.get("start_s", ""))
     if start is None:
         raise UnusableDiary(line=line, why="time", cure="time", value="")
@@ -345,7 +345,7 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
 
 
 def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
-    """Give each row the end that a row of its own states."""
+    """Return each row the end that a row of its own states."""
     entries: list[DiaryEntry] = []
     for row in rows:
         if isinstance(row, DiaryEntry):

@@ -45,7 +45,7 @@ class AgreementCell:
 
 
 def summarise_agreement_study(entries: Sequence[AgreementEntry]) -> tuple[AgreementCell, ...]:
-    """Give a cell for each task and device, tasks in the paper's order first, then as they come."""
+    """Return a cell for each task and device, tasks in the paper's order first, then as they come."""
     keys = dict.fromkeys((entry.task, entry.device) for entry in entries)
     cells = [_summarise([entry for entry in entries if (entry.task, entry.device) == key]) for key in keys]
     return tuple(sorted(cells, key=lambda cell: cell.paper_task or 99))
@@ -68,7 +68,7 @@ def _summarise(entries: Sequence[AgreementEntry]) -> AgreementCell:
 
 
 def _average(agreements: Sequence[Agreement], name: str) -> float:
-    """Give a person's own mean of a statistic, where several recordings hold the task."""
+    """Return a person's own mean of a statistic, where several recordings hold the task."""
     known = [value for agreement in agreements if isfinite(value := float(getattr(agreement, name)))]
     return sum(known) / len(known) if known else nan
 

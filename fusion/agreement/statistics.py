@@ -116,7 +116,7 @@ class Limits:
 
 
 def find_repeated_limits(groups: Sequence[Agreement]) -> Limits:
-    """Give limits of agreement for several people (or repetitions) with many rows each.
+    """Return limits of agreement for several people (or repetitions) with many rows each.
 
     One-way analysis of variance of the differences: within = MSW, between = (MSB - MSW) / m0 with
     m0 = (N^2 - sum m_i^2) / ((k - 1) N); limits = mean of all rows +- 1.96 sqrt(between + within). With one

@@ -33,7 +33,7 @@ class ShownAngles:
                 self._next_us = time_us - time_us % step_us + step_us
 
     def read(self) -> tuple[Float64Array, Float64Array]:
-        """Give the times, s, and the angles, deg, shapes (n,)."""
+        """Return the times, s, and the angles, deg, shapes (n,)."""
         return np.array(self._time_us) / MICROSECONDS, np.array(self._angle_deg, np.float64)
 
 
@@ -73,7 +73,7 @@ def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | 
 
 
 def _read_at(elevation: Elevation, time_s: Float64Array) -> Float64Array:
-    """Give the angle of the row nearest to each time; NaN in holes and where it is not valid."""
+    """Return the angle of the row nearest to each time; NaN in holes and where it is not valid."""
     found = np.full(len(time_s), np.nan)
     for segment in elevation.segments:
         rows = np.rint((time_s - segment.start_us / MICROSECONDS) * segment.rate_hz).astype(np.int64)

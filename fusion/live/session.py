@@ -357,7 +357,7 @@ class _Pose:
         self._is_broken |= self.is_open and self.start_us < from_us < self.end_us
 
     def judge(self) -> Float64Array | None:
-        """Give the axis; None where the window is refused, by the rules of a file's."""
+        """Return the axis; None where the window is refused, by the rules of a file's."""
         self.is_open = False
         acc, gyr = (np.concatenate([*rows, np.empty((0, 3), np.float32)]) for rows in (self._acc, self._gyr))
         self._acc, self._gyr = [], []
@@ -370,7 +370,7 @@ class _Pose:
         return None if self.refused else np.asarray(gravity_g / np.linalg.norm(gravity_g))
 
     def describe(self, now_us: int, *, is_known: bool) -> tuple[PoseState, float]:
-        """Give the state, and the microseconds until it changes."""
+        """Return the state, and the microseconds until it changes."""
         if not self.is_open:
             return ("held" if is_known else "none"), 0.0
         if now_us < self.start_us:

@@ -88,7 +88,7 @@ class AngleRows:
         return MICROSECONDS / self.rate_hz
 
     def hold(self, first: int, stop: int) -> slice:
-        """Give the rows with any of the samples [first, stop)."""
+        """Return the rows with any of the samples [first, stop)."""
         if self.per_row == 1:
             return slice(first, stop)
         return slice(first * self.count // self.samples, -(-stop * self.count // self.samples))

@@ -14,7 +14,7 @@ OTHER_UNIT = 3.0
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Give both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
+    """Return both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def check_rate(rate_hz: float) -> None:
 
 
 def check_direction(axis: object) -> Float64Array:
-    """Give a unit vector as an array of its own, shape (3,).
+    """Return a unit vector as a separate array, shape (3,).
 
     A length more than 1 % from 1 means that it is not a direction but an acceleration, or a typing error.
 

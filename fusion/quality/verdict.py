@@ -71,7 +71,7 @@ def _find_own_flags(
 
 
 def _find_diary_spans(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
-    """Give what the person left out, as opposed to what the signal or the device says."""
+    """Return what the person left out, as opposed to what the signal or the device says."""
     return tuple(span for span in exclusions if span.reason not in SIGNAL_REASONS)
 
 

@@ -691,7 +691,7 @@ def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[n
 
 
 def build_blocks(heads: NDArray[np.void]) -> Blocks:
-    """Give the numbers of decoded blocks, and the row at which each one's stamp holds.
+    """Return the numbers of decoded blocks, and the row at which each one's stamp holds.
 
     The stamp's fraction came later than its whole seconds: for older readers the row was moved to where the
     whole second would be at the nominal rate. That is undone.

@@ -22,7 +22,14 @@ from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
 from fusion.numba_kernels import njit
 from fusion.numerics.intervals import find_uncovered, join_overlapping
-from fusion.readers.archives import check_parts, is_archive, open_archive, read_member, read_text
+from fusion.readers.archives import (
+    EMPTY_ZIP_MAGIC,
+    ZIP_MAGIC,
+    check_parts,
+    open_archive,
+    read_member,
+    read_text,
+)
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, scan_pieces
 from fusion.readers.timebase.clock import (
@@ -611,7 +618,7 @@ MAX_HELD_RECORDS = 512
 
 def recognise(source: Source) -> bool:
     """Whether the bytes are a zip."""
-    return is_archive(source.file, source.head)
+    return source.file.seekable() and source.head.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC))
 
 
 def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the log tells its rate)
@@ -689,7 +696,7 @@ def parse_device_text(content: bytes) -> DeviceText:
 
 
 def find_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> datetime:
-    """Give the device's clock at the first sample.
+    """Return the device's clock at the first sample.
 
     ActiLife encodes local wall-clock time as if it were UTC; CentrePoint files (`UsedUtc`) count UTC.
     The wall-clock reading is never shifted; the offset is attached where the file gives one.

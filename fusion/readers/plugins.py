@@ -73,7 +73,7 @@ class PlugIn:
 
 
 def find_plugins() -> tuple[PlugIn, ...]:
-    """Give the readers that are installed, without loading them."""
+    """Return the readers that are installed, without loading them."""
     return tuple(PlugIn(entry) for entry in find_entry_points())
 
 

@@ -49,7 +49,7 @@ DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 
 def identify_content(head: bytes) -> str:
-    """Give a short name of the content, the same in every language."""
+    """Return a short name of the content, the same in every language."""
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name

@@ -85,6 +85,6 @@ class Room(Generic[Item]):
 
 
 def _find_folder() -> str | None:
-    """Give the folder of large temporary files; the one that ``TMPDIR`` names goes first."""
+    """Return the folder of large temporary files; the one that ``TMPDIR`` names goes first."""
     is_usable = not os.environ.get("TMPDIR") and os.access(LARGE_FILES, os.W_OK)
     return LARGE_FILES if is_usable else None

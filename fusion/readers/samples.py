@@ -125,7 +125,7 @@ class SampleColumns:
             self._resize(foreseen)
 
     def trim(self) -> None:
-        """Give back the room that was not used."""
+        """Return back the room that was not used."""
         self._resize(self.rows)
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:

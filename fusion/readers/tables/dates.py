@@ -331,7 +331,7 @@ class StampWriter:
         return moment.isoformat(timespec="microseconds")
 
     def _write_undated(self, found: re.Match[str]) -> str:
-        """Give a time of day the date that follows on: a step back of more than a few hours is midnight.
+        """Add the date that follows on to a time of day: a step back of more than a few hours is midnight.
 
         A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
         """

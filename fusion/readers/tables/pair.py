@@ -28,7 +28,15 @@ from fusion.errors import (
     UnsafeArchive,
     UnusableTime,
 )
-from fusion.readers.archives import ANGULAR_RATE, TOTAL, find_pair, open_archive, read_member, read_text
+from fusion.readers.archives import (
+    ANGULAR_RATE,
+    TOTAL,
+    ZIP_MAGIC,
+    find_pair,
+    open_archive,
+    read_member,
+    read_text,
+)
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
@@ -69,7 +77,7 @@ class ThreeAxes:
 
 def recognise(source: Source) -> bool:
     """Whether it is an archive with one table of each sensor."""
-    if not source.head.startswith(b"PK\x03\x04"):
+    if not source.head.startswith(ZIP_MAGIC):
         return False
     return find_pair(open_archive(source).namelist()) is not None
 

@@ -479,7 +479,7 @@ EVEN_RUNS, SAME_COUNT = 10, 0.02
 
 
 def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
-    """Give the rows that share a stamp (whole seconds, say) times of their own, in place.
+    """Spread the rows that share a stamp (whole seconds, say) over the time until the next, in place.
 
     The n rows of a second T lie at T + k/n, as those of a `.gt3x` do; where clearly fewer than usual share a
     stamp, they keep the usual distance and the rest is a hole.
@@ -498,7 +498,7 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 
 
 def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Give the rows that a stamp has where none is lost: those of its stretch, if it is one of an even rate.
+    """Return the rows that a stamp has where none is lost: those of its stretch if that is of an even rate.
 
     Others take those of the even stretch before, or of the first one; without any, the median holds for all.
     """
@@ -647,7 +647,7 @@ def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
 
 
 def leave_stretches(holes: Holes, stretches: Stretches, rows: int) -> tuple[Holes, Stretches]:
-    """Give the holes outside the stretches, and the stretches without a last row that leads on elsewhere."""
+    """Return the holes outside the stretches, and the stretches without a last row that leads elsewhere."""
     kept = np.ones(len(holes.row), np.bool_)
     for first, stop in stretches:
         kept[np.searchsorted(holes.row, first, "right") : np.searchsorted(holes.row, stop)] = False
@@ -657,7 +657,7 @@ def leave_stretches(holes: Holes, stretches: Stretches, rows: int) -> tuple[Hole
 
 
 def choose_period_us(stamps: NDArray[np.int64], stretches: Stretches, period_us: float) -> float:
-    """Give the period that most rows have: that of the longest stretch, where stretches hold most rows."""
+    """Return the period that most rows have: that of the longest stretch, where stretches hold most rows."""
     rows = stretches[:, 1] - stretches[:, 0]
     if 2 * rows.sum() <= len(stamps):
         return period_us

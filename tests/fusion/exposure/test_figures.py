@@ -316,7 +316,7 @@ HOUR_S = 3600
 def find_in(
     above: dict[int, float], *, length_s: int = 2 * HOUR_S
 ) -> list[tuple[float | None, float | None]]:
-    """Give start and share of the quarter hours where ``above[s]`` seconds from ``s`` lie above 60 deg."""
+    """Return start and share of the quarter hours where ``above[s]`` seconds from ``s`` lie above 60 deg."""
     seconds = np.zeros((length_s, 2))
     seconds[:, 0] = 1.0
     for start_s, duration_s in above.items():

@@ -139,7 +139,7 @@ def test_under_half_an_hour_no_range_and_no_rate_per_hour_is_left_in_day_or_part
 
 
 def find_all(value: object) -> Iterator[tuple[str, object]]:
-    """Give every name in nested values, with what stands under it."""
+    """Return every name in nested values, with what stands under it."""
     if isinstance(value, dict):
         yield from ((str(name), inner) for name, inner in value.items())
         value = tuple(value.values())
