@@ -19,15 +19,6 @@ from fusion.pose.axes import AxisPart
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.windows import reduce_recording
 from fusion.quality import Quality, TimeAccount
-from fusion.quality.flags import (
-    flag_accelerometer_drift,
-    flag_gyro_drift,
-    flag_pose,
-    flag_published,
-    flag_untrusted,
-    flag_untrusted_pose,
-    flag_upside_down,
-)
 from fusion.quality.time_account import (
     account_time,
     count_holes_us,
@@ -38,7 +29,16 @@ from fusion.quality.time_account import (
     propose_nonwear,
     refuse_short,
 )
-from fusion.quality.verdict import assess_quality
+from fusion.quality.verdict import (
+    assess_quality,
+    flag_accelerometer_drift,
+    flag_gyro_drift,
+    flag_pose,
+    flag_published,
+    flag_untrusted,
+    flag_untrusted_pose,
+    flag_upside_down,
+)
 from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 from fusion.settings import AnalysisSettings

@@ -8,8 +8,13 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import elevation_parquet, mvnx, tables
-from fusion.angle_files.types import AngleFile, AngleFileOptions
-from fusion.angle_files.vertical import calibrate_alone, calibrate_file, resample_file
+from fusion.angle_files.angle_file import (
+    AngleFile,
+    AngleFileOptions,
+    calibrate_alone,
+    calibrate_file,
+    resample_file,
+)
 from fusion.errors import EmptyFile
 from fusion.readers.recognise import explain_refusal
 from fusion.readers.source import Source, open_source

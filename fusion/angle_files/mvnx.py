@@ -21,8 +21,15 @@ from xml.sax.handler import ContentHandler, feature_external_ges, feature_extern
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Up, keep_orientation
-from fusion.angle_files.vertical import measure_from_up, take_up_of_quaternion, take_up_of_row
+from fusion.angle_files.angle_file import (
+    AngleFile,
+    AngleFileOptions,
+    Up,
+    keep_orientation,
+    measure_from_up,
+    take_up_of_quaternion,
+    take_up_of_row,
+)
 from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
 from fusion.readers.samples import check_rows

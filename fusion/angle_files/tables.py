@@ -10,8 +10,15 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Up, keep_orientation
-from fusion.angle_files.vertical import take_up_of_euler, take_up_of_quaternion, take_up_of_row
+from fusion.angle_files.angle_file import (
+    AngleFile,
+    AngleFileOptions,
+    Up,
+    keep_orientation,
+    take_up_of_euler,
+    take_up_of_quaternion,
+    take_up_of_row,
+)
 from fusion.errors import EmptyFile, MissingSegment, UnknownRate, UnreadableRows, UnusableTime, WrongAngle
 from fusion.readers.samples import check_rows
 from fusion.readers.source import Source, hash_source

@@ -14,8 +14,8 @@ from fusion.checks.summary import find_flat_range, flag_resolution, summarise_se
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.pipeline import analyse
-from fusion.quality.flags import flag_accelerometer_drift
 from fusion.quality.time_account import account_time, find_exclusions
+from fusion.quality.verdict import flag_accelerometer_drift
 from fusion.readers import read_recording
 from fusion.recording import QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import leave_accelerometer

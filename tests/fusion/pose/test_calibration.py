@@ -13,7 +13,7 @@ from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
 from fusion.pose.rules import score_still_period
 from fusion.pose.windows import share_between
-from fusion.quality.flags import flag_pose, flag_published, flag_untrusted_pose
+from fusion.quality.verdict import flag_pose, flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording, Segment
 from fusion.sensor.model import GyroBias
 from fusion.settings import AnalysisSettings

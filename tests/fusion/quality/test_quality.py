@@ -17,7 +17,6 @@ from fusion.orientation.angle_rows import lay_rows
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import Calibration
 from fusion.quality import Quality, TimeAccount
-from fusion.quality.flags import flag_gyro_drift, flag_untrusted, flag_upside_down
 from fusion.quality.time_account import (
     account_time,
     divide_time,
@@ -26,7 +25,7 @@ from fusion.quality.time_account import (
     make_disjoint,
     propose_nonwear,
 )
-from fusion.quality.verdict import assess_quality
+from fusion.quality.verdict import assess_quality, flag_gyro_drift, flag_untrusted, flag_upside_down
 from fusion.readers import read_recording
 from fusion.readers.preview import inspect_recording
 from fusion.recording import Float64Array, QualityFlag, Recording, Segment, Span, flag_spans
