@@ -56,14 +56,9 @@ NO_OPTIONS = AngleFileOptions()
 def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptions = NO_OPTIONS) -> AngleFile:
     """Read an angle or an orientation, whatever its format.
 
-    Parameters
-    ----------
-    file
-        Binary; can be rewound.
-    file_name
-        Used only to recognise an extension; by default the file object's own name.
-    options
-        What the person says about the file.
+    ``file``: binary; can be rewound.
+    ``file_name``: used only to recognise an extension; by default the file object's own name.
+    ``options``: what the person says about the file.
 
     Returns
     -------

@@ -44,12 +44,9 @@ class ClockBand:
 def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
     """Count the analysed time of a day by quarter hour of the clock and by angle.
 
-    Parameters
-    ----------
-    elevation
-        Before the metric filter; what is left out must not be valid.
-    start
-        Of the first sample; what the clock showed then counts on, whatever is done to clocks meanwhile.
+    ``elevation``: before the metric filter; what is left out must not be valid.
+    ``start``: of the first sample; what the clock showed then counts on, whatever is done to clocks
+    meanwhile.
 
     Returns
     -------

@@ -62,12 +62,8 @@ class StreamClock:
     def place(self, stamp_us: int | None, count: int | None, arrived_us: int) -> tuple[int, int]:
         """Return time (us) and counter of the next frame.
 
-        Parameters
-        ----------
-        stamp_us, count
-            As the board wrote them; None where it writes none.
-        arrived_us
-            Of a clock here that never goes back.
+        ``stamp_us``, ``count``: as the board wrote them; None where it writes none.
+        ``arrived_us``: of a clock here that never goes back.
         """
         if self._time_us < 0:
             time_us, counter = 0, 0

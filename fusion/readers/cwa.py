@@ -639,14 +639,9 @@ class BlockLog:
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> BlockLog:
     """Find and decode the blocks in one pass over what follows the header.
 
-    Parameters
-    ----------
-    pieces
-        The bytes after the header.
-    size_bytes
-        Of the file, from which the room for the samples is estimated.
-    source
-        What the pieces come from, where too many rows are to be refused.
+    ``pieces``: the bytes after the header.
+    ``size_bytes``: of the file, from which the room for the samples is estimated.
+    ``source``: what the pieces come from, where too many rows are to be refused.
     """
     log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes

@@ -817,14 +817,9 @@ class DeviceLog:
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> DeviceLog:
     """Scan and decode log.bin in one pass over its pieces.
 
-    Parameters
-    ----------
-    pieces
-        The bytes of log.bin.
-    size_bytes
-        Its size by the archive's directory, from which the room for the samples is estimated.
-    source
-        The file up to the end of log.bin, where too many rows are to be refused.
+    ``pieces``: the bytes of log.bin.
+    ``size_bytes``: its size by the archive's directory, from which the room for the samples is estimated.
+    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes

@@ -35,14 +35,10 @@ SECOND_ROW_BYTES = 24
 def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: float = LEAST_ROW_BYTES) -> None:
     """Refuse what cannot be a recording, or not one that fits in memory, before its rows fill the memory.
 
-    Parameters
-    ----------
-    rows
-        Those that the first ``read_bytes`` of the file hold; the number of all rows is estimated from them.
-    read_bytes, all_bytes
-        Of the file, packed as it may be.
-    least_row_bytes
-        The least that a row takes of the file.
+    ``rows``: those that the first ``read_bytes`` of the file hold; the number of all rows is estimated from
+    them.
+    ``read_bytes``, ``all_bytes``: of the file, packed as it may be.
+    ``least_row_bytes``: the least that a row takes of the file.
 
     Raises
     ------

@@ -694,14 +694,10 @@ def repair_row_times(
 
     A table whose stamps only advance is passed once and left as it is.
 
-    Parameters
-    ----------
-    columns
-        Rows with stamps in microseconds.
-    tick_us
-        Microseconds of one count, where the stamps are those of a counter that may start over; else 0.
-    is_wall_clock
-        The stamps are those of a clock that may follow daylight saving.
+    ``columns``: rows with stamps in microseconds.
+    ``tick_us``: microseconds of one count, where the stamps are those of a counter that may start over; else
+    0.
+    ``is_wall_clock``: the stamps are those of a clock that may follow daylight saving.
 
     Raises
     ------
