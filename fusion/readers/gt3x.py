@@ -401,7 +401,7 @@ ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2 = 0, 2, 3, 6,
 SLEEP_ENTER, SLEEP_LEAVE = 0x08, 0x09
 ZONE_NAME = re.compile(rb'"Name" ?: ?"(\(UTC[^"]{1,80})"')
 MAX_EVENTS = 200_000
-"""More than any shift can hold; further ones are counted only."""
+"""More than any shift can hold; further ones are ignored."""
 
 
 @dataclass(slots=True)
@@ -413,13 +413,12 @@ class DeviceEvents:
     counts_utc: bool = False
     zone_name: str = ""
     battery_mv: int = 0
-    ignored: int = 0
 
     def note(self, kind: int, unix_s: int, payload: bytes) -> None:
         """Take one record that is neither samples nor schema."""
         if len(self.sleep) + len(self.docked_s) >= MAX_EVENTS:
-            self.ignored += 1
-        elif kind == EVENT and payload[:1] in (bytes([SLEEP_ENTER]), bytes([SLEEP_LEAVE])):
+            return
+        if kind == EVENT and payload[:1] in (bytes([SLEEP_ENTER]), bytes([SLEEP_LEAVE])):
             self.sleep.append((unix_s, payload[0] == SLEEP_ENTER))
         elif kind in (ACTIVITY, ACTIVITY2) and len(payload) == 1:
             self.docked_s.append(unix_s)
