@@ -122,10 +122,7 @@ def pair_arms(
     ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle; None: no
     ranges. None are given for less than half an hour either.
 
-    Raises
-    ------
-    TooShort
-        When there is no time in which both are valid.
+    Raises TooShort: when there is no time in which both are valid.
     """
     time_s, a, b = _share_grid(left, right, offset_s)
     shared_s = len(a) / GRID_HZ
@@ -147,10 +144,7 @@ def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0
 
     ``trunk`` is an elevation too: 0 upright, as calibrated standing.
 
-    Raises
-    ------
-    TooShort
-        When there is no time in which both are valid.
+    Raises TooShort: when there is no time in which both are valid.
     """
     if trunk is None:
         return TrunkRelative("no trunk sensor")

@@ -155,10 +155,7 @@ Row = DiaryEntry | tuple[int, float | str]
 def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     """Read a diary.
 
-    Raises
-    ------
-    UnusableDiary
-        With the line, the reason and the cure.
+    Raises UnusableDiary: with the line, the reason and the cure.
     """
     rows = list(_read_few_rows(content))
     if len(rows) < 2:
@@ -192,10 +189,7 @@ def _read_each(
 def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
     """Refuse a diary for all its slips at once.
 
-    Raises
-    ------
-    UnusableDiary
-        Where there is any slip.
+    Raises UnusableDiary: where there is any slip.
     """
     if slips:
         raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
@@ -312,10 +306,7 @@ def parse_clock(text: str, line: int = 0) -> str:
     ``10:20``, ``10.20``, ``10,20``, ``1020``, ``10h20``, ``10 h 20`` and ``10h`` are read on the 24-hour
     clock, also with seconds (``10:20:30``, ``10h20m30``, ``102030``). A number is never read as seconds.
 
-    Raises
-    ------
-    UnusableDiary
-        With ``line`` and the spellings that are read.
+    Raises UnusableDiary: with ``line`` and the spellings that are read.
     """
     dated = DAY.fullmatch(text.strip())
     told = (dated[2] if dated else text).strip()

@@ -212,10 +212,7 @@ def fuse_recording(
 ) -> FusedRecording:
     """Calibrate and fuse a recording of any length.
 
-    Raises
-    ------
-    fusion.errors.UnusableRecording
-        No usable calibration.
+    Raises UnusableRecording: no usable calibration.
     """
     settings = adopt_stated(recording, settings)
     blocks = reduce_recording(recording)
@@ -280,10 +277,7 @@ def analyse_angle_file(
 ) -> Analysis:
     """Return the exposure of a motion capture; ``windows_s`` say when the arm hung, where only that tells.
 
-    Raises
-    ------
-    fusion.errors.UnknownAxis
-        The orientation of a sensor that never hung still.
+    Raises UnknownAxis: the orientation of a sensor that never hung still.
     """
     known = calibrate_alone(file, windows_s)
     if known.elevation_deg is None:

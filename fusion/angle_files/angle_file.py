@@ -138,10 +138,7 @@ def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Eleva
 def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
     """Take the direction of the vertical while the arm hung (file's clock) as the arm's axis.
 
-    Raises
-    ------
-    UnknownAxis
-        No row in that time, or the sensor turned.
+    Raises UnknownAxis: no row in that time, or the sensor turned.
     """
     if file.up is None:
         return file
@@ -157,10 +154,7 @@ def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
 def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...]) -> AngleFile:
     """Return an orientation with its arm axis: at the time asked for, else in its first still 2 s.
 
-    Raises
-    ------
-    UnknownAxis
-        The sensor did not hang still in the time asked for, or never.
+    Raises UnknownAxis: the sensor did not hang still in the time asked for, or never.
     """
     if file.elevation_deg is not None:
         return file

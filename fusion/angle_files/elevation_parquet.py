@@ -84,10 +84,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source, _options: AngleFileOptions) -> AngleFile:
     """Read the angle; what is not valid is missing.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`read_rows`; times that do not rise, an angle that cannot be.
+    Raises FusionError: as :func:`read_rows`; times that do not rise, an angle that cannot be.
     """
     rows = _read_source(source)
     elevation_deg = np.where(rows.valid, rows.elevation_deg, np.nan).astype(np.float64)

@@ -102,10 +102,7 @@ class GroupChange:
 def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
     """Describe the days of one person; no range exceeds ``most``, the largest value there can be.
 
-    Raises
-    ------
-    ValueError
-        Without any day.
+    Raises ValueError: without any day.
     """
     if not values:
         raise ValueError("no days")
@@ -209,10 +206,7 @@ def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> 
 
     No range exceeds ``most``, the largest value there can be.
 
-    Raises
-    ------
-    ValueError
-        Without any day.
+    Raises ValueError: without any day.
     """
     series = [values for values in people.values() if values]
     if not series:

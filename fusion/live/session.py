@@ -203,10 +203,7 @@ class LiveSession:
     def take(self, frames: Frames) -> LiveRows:
         """Take the next frames, in order.
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
-            Values that are not finite, or other shapes; then nothing has changed.
+        Raises UnusableArrays: values that are not finite, or other shapes; then nothing has changed.
         """
         check_arrays(frames.acc_g, frames.gyr_dps, 1.0)
         elevation_deg = np.full(len(frames), np.nan, np.float32)

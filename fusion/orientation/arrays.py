@@ -16,10 +16,8 @@ OTHER_UNIT = 3.0
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
     """Return both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
 
-    Raises
-    ------
-    UnusableArrays
-        Other shapes, unequal lengths, values that are not finite, or a rate that is not positive.
+    Raises UnusableArrays: other shapes, unequal lengths, values that are not finite, or a rate that is not
+    positive.
     """
     acc, gyr = _as_floats(acc_g), _as_floats(gyr_dps)
     if acc.ndim != 2 or acc.shape[1] != 3 or acc.shape != gyr.shape:

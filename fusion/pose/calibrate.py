@@ -123,11 +123,8 @@ def calibrate(
     the direction in the plane of both gravity directions that shares their departure from 90 deg equally
     between them.
 
-    Raises
-    ------
-    UnusableCalibration
-        Facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity", "angle", "none"),
-        ``start_s``, ``end_s``.
+    Raises UnusableCalibration: facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity",
+    "angle", "none"), ``start_s``, ``end_s``.
     """
     blocks = blocks or reduce_recording(recording)
     stills = find_still_moments(blocks)

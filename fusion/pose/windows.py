@@ -111,10 +111,8 @@ def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[Sti
 def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
     """Measure the stillest 2 s.
 
-    Raises
-    ------
-    UnusableCalibration
-        ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no rest.
+    Raises UnusableCalibration: ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no
+    rest.
     """
     table = summarise_windows(blocks, RULES.moment_s)
     if len(table) == 0:

@@ -193,10 +193,7 @@ def account_time(
     and each exclusion; such a difference goes to the excluded time, and is not called missing. ``flags``:
     further caveats, which may hold the cause if too little time is left.
 
-    Raises
-    ------
-    TooShort
-        When less than 10 s are analysed (ready angles: when nothing is).
+    Raises TooShort: when less than 10 s are analysed (ready angles: when nothing is).
     """
     analysed_us = sum(
         round(

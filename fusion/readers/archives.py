@@ -109,10 +109,7 @@ def read_member(
 ) -> Iterator[bytes]:
     """Unpack a member in pieces, counting what really comes out; never to disk.
 
-    Raises
-    ------
-    CorruptArchive
-        The member fails its CRC or its compressed stream is broken.
+    Raises CorruptArchive: the member fails its CRC or its compressed stream is broken.
     """
     left = limit_bytes
     try:
@@ -229,10 +226,7 @@ class UnpackedFile(io.RawIOBase):
 def unpack(source: Source) -> Source:
     """Return the one recording inside; the source itself where nothing is packed.
 
-    Raises
-    ------
-    fusion.errors.DamagedFile
-        The archive is cut, corrupt or unsafe, packed twice, or holds several files.
+    Raises DamagedFile: the archive is cut, corrupt or unsafe, packed twice, or holds several files.
     """
 
     def open_gzip() -> IO[bytes]:

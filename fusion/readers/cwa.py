@@ -344,10 +344,7 @@ def cut_blocks(blocks: Blocks, columns: SampleColumns) -> tuple[Grid, int | None
 
     Also gives the device's clock at the first row, microseconds since 1970; None where no block has a stamp.
 
-    Raises
-    ------
-    fusion.errors.UnusableTime, fusion.errors.UnknownRate
-        The stamps give no even sampling at a usable rate.
+    Raises UnusableTime or UnknownRate: the stamps give no even sampling at a usable rate.
     """
     period_us = measure_periods(blocks)
     lengths_us = blocks.n_rows * period_us
@@ -433,10 +430,8 @@ def find_limits(blocks: Blocks, starts_us: Floats, period_us: Floats) -> tuple[f
 def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int:
     """Put stamps that those around them contradict into line, in place; return how many.
 
-    Raises
-    ------
-    UnusableTime
-        One block in ten would have a wrong stamp or a hole before it: the stamps are of no use.
+    Raises UnusableTime: one block in ten would have a wrong stamp or a hole before it: the stamps are of no
+    use.
     """
     lags_us = find_lags(starts_us, lengths_us)
     places = np.flatnonzero(np.abs(lags_us) > limits_us)

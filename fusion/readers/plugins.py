@@ -33,10 +33,7 @@ class PlugIn:
     def recognise(self, source: Source) -> bool:
         """Whether the file is the plug-in's.
 
-        Raises
-        ------
-        FailedReader
-            It cannot be loaded, or fails.
+        Raises FailedReader: it cannot be loaded, or fails.
         """
         return self._ask(lambda: bool(self.entry.load().recognise(source)))
 

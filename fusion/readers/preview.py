@@ -152,10 +152,7 @@ class Preview:
 def preview_head(head: bytes, file_name: str = "", rate_hz: float | None = None) -> Preview:
     """Preview a recording by the first bytes of its file.
 
-    Raises
-    ------
-    UnknownFormat
-        The file is something else than a recording; that it is cut is no reason.
+    Raises UnknownFormat: the file is something else than a recording; that it is cut is no reason.
     """
     if head.startswith(ZIP_MAGIC):
         return _preview_zip(head, rate_hz)

@@ -98,10 +98,8 @@ class SampleColumns:
 
         Grows by a sixteenth at least, so that the work stays linear.
 
-        Raises
-        ------
-        fusion.errors.UnsafeArchive, fusion.errors.TooLong, MemoryError
-            As :func:`check_rows`, by what has been read of the source.
+        Raises UnsafeArchive, TooLong or MemoryError: as :func:`check_rows`, by what has been read of the
+        source.
         """
         if self._source is not None:
             check_rows(self.rows, self._source.read_bytes, self._source.size_bytes)

@@ -82,10 +82,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
 def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None = None) -> Recording:
     """Read a table whose columns a person has named; ``rate_hz`` goes before the profile's.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`read`.
+    Raises FusionError: as :func:`read`.
     """
     plan = plan_table(apply_profile(_read_layout(source, profile.date_order), profile))
     plan = replace(

@@ -168,10 +168,7 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
 def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[int]) -> Float64Array:
     """Read the columns at ``places``; lines that cannot be read become rows that are not numbers.
 
-    Raises
-    ------
-    UnreadableRows
-        They are more than 5 %.
+    Raises UnreadableRows: they are more than 5 %.
     """
 
     def read_points() -> Iterator[str]:

@@ -90,10 +90,7 @@ class ColumnProfile:
 def parse_profile(text: str) -> ColumnProfile:
     """Read a saved profile.
 
-    Raises
-    ------
-    UnusableProfile
-        It is not JSON, or a value in it cannot be.
+    Raises UnusableProfile: it is not JSON, or a value in it cannot be.
     """
     try:
         values = json.loads(text)

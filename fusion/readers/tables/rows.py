@@ -181,10 +181,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
     """Leave the columns of one sensor, where a table holds several.
 
-    Raises
-    ------
-    SeveralSensors
-        Nobody said which one is on the arm, or none has that name.
+    Raises SeveralSensors: nobody said which one is on the arm, or none has that name.
     """
     sensors = find_sensors(layout.columns)
     names = ", ".join(name for name in sensors if name)[:LONGEST_LIST]
@@ -400,10 +397,7 @@ def put_back_gravity(
     acceleration beside it is in the same unit. Rows without gravity are left out. Core Motion's readings, in
     g, are turned over: the sum is then what an accelerometer measures.
 
-    Raises
-    ------
-    NoGravity
-        The acceleration lacks gravity by its name, and the columns hold none.
+    Raises NoGravity: the acceleration lacks gravity by its name, and the columns hold none.
     """
     order = np.argsort(gravity.stamps, kind="stable")
     stamps = gravity.stamps[order]

@@ -345,10 +345,7 @@ class FittedRun:
 def cut_stamped(columns: SampleColumns) -> Grid:
     """Cut rows with stamps in microseconds that :func:`repair_row_times` has repaired.
 
-    Raises
-    ------
-    fusion.errors.UnusableTime, fusion.errors.UnknownRate
-        The stamps give no even sampling at a usable rate.
+    Raises UnusableTime or UnknownRate: the stamps give no even sampling at a usable rate.
     """
     stamps = columns.stamps
     mended = spread_coarse_stamps(stamps)
@@ -383,10 +380,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
     segment follows at once.
 
-    Raises
-    ------
-    UnknownRate
-        The rate is none that shows an arm's movement.
+    Raises UnknownRate: the rate is none that shows an arm's movement.
     """
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(m=rate_hz)
@@ -610,10 +604,7 @@ LEAST_EVEN_PART = 0.5
 def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
     """Mark the rows of windows in which at most one row in ten begins a hole, shape (rows,).
 
-    Raises
-    ------
-    UnusableTime
-        They are fewer than half.
+    Raises UnusableTime: they are fewer than half.
     """
     windows = np.bincount(holes.row // WINDOW_ROWS, minlength=-(-rows // WINDOW_ROWS))
     is_even = np.repeat(windows <= MOST_HOLES_PART * WINDOW_ROWS, WINDOW_ROWS)[:rows]
@@ -699,10 +690,7 @@ def repair_row_times(
     0.
     ``is_wall_clock``: the stamps are those of a clock that may follow daylight saving.
 
-    Raises
-    ------
-    UnusableTime
-        The newest row stands first, or the clock stands still for most rows.
+    Raises UnusableTime: the newest row stands first, or the clock stands still for most rows.
     """
     stamps = columns.stamps[: columns.rows]
     backward = count_backward(stamps)
@@ -829,10 +817,7 @@ FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
 def leave_out_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """Leave out rows of one and the same stamp: nobody can say when they were measured (W-ROWS-DROPPED).
 
-    Raises
-    ------
-    UnusableTime
-        Most rows would be left out.
+    Raises UnusableTime: most rows would be left out.
     """
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
