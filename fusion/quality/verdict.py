@@ -58,7 +58,8 @@ def assess_quality(
     told = {flag.code for flag in given}
     own = _find_own_flags(recording, calibration, time, exclusions)
     flags = [*given, *(flag for flag in own if flag.code not in told)]
-    flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -_find_lost_s(flag)))  # else as read
+    # then by the time that a caveat cost; else as read
+    flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -flag.seconds * (flag.code in TIME_LOST)))
     worst = max((_grade(flag, time) for flag in flags), default=Grade.NOTE)
     reasons = dict.fromkeys(flag.code for flag in flags if _grade(flag, time) > Grade.NOTE)
     return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
@@ -72,11 +73,6 @@ def _grade(flag: QualityFlag, time: TimeAccount) -> Grade:
         or flag.seconds < caveat.limit.below_s
     )
     return Grade(caveat.grade + is_graver)
-
-
-def _find_lost_s(flag: QualityFlag) -> float:
-    """Return the seconds that were not analysed because of a caveat; 0 where it cost none."""
-    return flag.seconds if flag.code in TIME_LOST else 0.0
 
 
 def _find_own_flags(
