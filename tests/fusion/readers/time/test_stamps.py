@@ -427,14 +427,14 @@ def test_rows_of_a_stopped_clock_are_missing_time(rows: int) -> None:
 
     assert sum(len(segment) for segment in recording.segments) == STOPPED_ROWS - rows
     assert recording.duration_us == 60 * SECOND_US
-    assert codes(recording) == ["W-STOPPED_ROWS-DROPPED", "W-GAP"]
+    assert codes(recording) == ["W-ROWS-DROPPED", "W-GAP"]
 
 
 def test_rows_of_a_stopped_clock_beside_a_hole_are_missing() -> None:
     recording = read_text(table(stopped(3000, 4000, hole_us=15 * SECOND_US)))
 
     assert [(s.start_us, len(s)) for s in recording.segments] == [(0, 3000), (55 * SECOND_US, 2000)]
-    assert codes(recording) == ["W-STOPPED_ROWS-DROPPED", "W-GAP"]
+    assert codes(recording) == ["W-ROWS-DROPPED", "W-GAP"]
 
 
 @pytest.mark.parametrize("stamp_us", [None, 0])
@@ -443,7 +443,7 @@ def test_a_clock_that_stops_before_the_end_leaves_the_rest_as_it_was(stamp_us: i
     recording = read_text(table(stopped(4000, STOPPED_ROWS, stamp_us)))
 
     assert [(len(s), round(s.rate_hz, 6)) for s in recording.segments] == [(4000, 100.0)]
-    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-STOPPED_ROWS-DROPPED", 2000)]
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-ROWS-DROPPED", 2000)]
 
 
 @pytest.mark.parametrize("offset_us", [0, 10**12])
@@ -454,7 +454,7 @@ def test_a_clock_that_starts_after_the_sensor_gives_no_time_before(rows: int, of
     recording = read_text(table(stamps))
 
     assert [(len(s), round(s.rate_hz, 6)) for s in recording.segments] == [(STOPPED_ROWS - rows, 100.0)]
-    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-STOPPED_ROWS-DROPPED", rows)]
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-ROWS-DROPPED", rows)]
 
 
 @pytest.mark.parametrize("rows_in_a_second", [4, 100, 130])
@@ -465,7 +465,7 @@ def test_a_clock_of_whole_seconds_has_not_stopped(rows_in_a_second: int) -> None
     recording = read_text(table(SECOND_US * s for s in seconds))
 
     assert "W-CLOCK-FWD" not in codes(recording)
-    assert "W-STOPPED_ROWS-DROPPED" not in codes(recording)
+    assert "W-ROWS-DROPPED" not in codes(recording)
 
 
 def test_rows_in_uneven_bunches_are_no_stopped_clock() -> None:
