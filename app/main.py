@@ -69,24 +69,13 @@ from app.storage.store import FolderLock, check_folder
 from app.upkeep.account_rows import warn_of_lost_secret
 from app.upkeep.recover import check_known
 from app.version import software_version
-from app.web.account import router as account_pages
-from app.web.batches import router as batch_pages
-from app.web.help import router as help_routes
-from app.web.library import router as library_routes
-from app.web.live import router as live_page
-from app.web.login import respond_with_confirmation, respond_with_login, respond_with_place
-from app.web.login import router as login_routes
-from app.web.pairs import router as pair_pages
-from app.web.recording.analysis import respond_with_page
-from app.web.recording.analysis import router as page_routes
-from app.web.recording.columns import router as column_routes
-from app.web.recording.conclusion import router as conclusion_routes
-from app.web.recording.day import router as day_routes
+from app.web import account, help, library, login, rendering  # noqa: A004
+from app.web import live as live_page
+from app.web import pairs as pair_pages
+from app.web import trust as trust_pages
+from app.web import validations as validation_pages
+from app.web.recording import analysis, columns, day
 from app.web.rendering import FOLDER, Assets, find_assets
-from app.web.rendering import router as asset_routes
-from app.web.reports import router as report_pages
-from app.web.trust import router as trust_pages
-from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
 ROUTES = (
@@ -94,21 +83,8 @@ ROUTES = (
     *(pairs.router, about.router, about.health_router, live.router, trust.router, trust.token_router),
 )
 PAGES = (
-    page_routes,
-    report_pages,
-    batch_pages,
-    day_routes,
-    conclusion_routes,
-    library_routes,
-    pair_pages,
-    column_routes,
-    help_routes,
-    asset_routes,
-    validation_pages,
-    live_page,
-    login_routes,
-    trust_pages,
-    account_pages,
+    *(module.router for module in (analysis, day, library, pair_pages, columns, help, rendering)),
+    *(module.router for module in (validation_pages, live_page, login, trust_pages, account)),
 )
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
@@ -241,50 +217,46 @@ def _prepare_database(settings: Settings) -> None:
 def respond_to_error(request: Request, error: Exception) -> Response:
     """Respond to any refusal or bug: with a problem document under ``/api``, a page elsewhere."""
     request = hide_address(request)
-    refusal = (
-        _translate_database_error(request, error)
-        if isinstance(error, DBAPIError)
-        else translate_error(request, error)
-    )
-    if isinstance(refusal, WrongVerb):
-        refusal = WrongVerb(method=request.method, allowed=", ".join(_find_methods(request)))
+    refusal = _find_refusal(request, error)
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
     accepts_page = "text/html" in request.headers.get("accept", "")
     # a link or a form asks for a page or a file by itself; a script of a page says that it does
     is_sent = accepts_page and request.headers.get("sec-fetch-mode", "navigate") == "navigate"
     is_opened = is_sent and request.method in ("GET", "HEAD") and not path.startswith("/login")
     if isinstance(refusal, NotSignedIn) and is_opened:
-        return respond_with_login(request)
+        return login.respond_with_login(request)
     if isinstance(refusal, NotConfirmed) and is_sent:
-        return respond_with_confirmation(request)
+        return login.respond_with_confirmation(request)
     if isinstance(refusal, NotPermitted) and is_opened and path == "/":
-        return respond_with_place(request)
+        return login.respond_with_place(request)
     is_page = not path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     if isinstance(refusal, ResultDamaged | NotHere):  # its page offers what helps
         is_page = is_page or accepts_page
-    response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
+    response = (
+        analysis.respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
+    )
     response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
     if isinstance(refusal, WrongVerb) and refusal.facts["allowed"]:
         response.headers["Allow"] = str(refusal.facts["allowed"])
     return response
 
 
-def _find_methods(request: Request) -> list[str]:
-    """Give every method of the address; the framework names only those of the first route it finds."""
+def _find_refusal(request: Request, error: Exception) -> Refusal:
+    """Tell apart a refusal, a full disk, a database that is damaged or does not answer, and a bug."""
+    if isinstance(error, DBAPIError):
+        trouble = classify_error(error, find_services(request).settings.database_url)
+        if trouble is None or isinstance(trouble, DiskFull):
+            return trouble or translate_error(request, error)
+        logger.error("the database does not answer: %s", error.orig)
+        return DatabaseDamaged() if isinstance(trouble, DatabaseDamaged) else DatabaseAway()
+    refusal = translate_error(request, error)
+    if not isinstance(refusal, WrongVerb):
+        return refusal
+    # every method of the address; the framework names only those of the first route it finds
     known = (route for routes in (*ROUTES, *PAGES) for route in routes.routes)
     here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
-    return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
-
-
-def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
-    """Tell apart a full disk, a damaged database, one that does not answer, and a bug."""
-    refusal = classify_error(error, find_services(request).settings.database_url)
-    if refusal is None:
-        return translate_error(request, error)
-    if isinstance(refusal, DiskFull):
-        return refusal
-    logger.error("the database does not answer: %s", error.orig)
-    return DatabaseDamaged() if isinstance(refusal, DatabaseDamaged) else DatabaseAway()
+    methods = {method for route in here for method in getattr(route, "methods", None) or ()}
+    return WrongVerb(method=request.method, allowed=", ".join(sorted(methods)))
 
 
 @asynccontextmanager
@@ -293,7 +265,14 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     services: Services = application.state.services
     with ExitStack() as stack:
         stack.callback(services.store.close)
-        stack.callback(prepare_house(services).release)
+        stack.callback(FolderLock(services.storage.root).release)
+        reconcile(services)
+        services.inspector.sweep()
+        services.pairs.sweep()
+        if count := live.take_in_cut(services):
+            logger.warning(
+                "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
+            )
         house = asyncio.create_task(keep_house(services))
         try:
             yield
@@ -303,23 +282,6 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
             if services.live is not None:
                 await asyncio.to_thread(services.live.close)
             await asyncio.to_thread(write_side_files, services)
-
-
-def prepare_house(services: Services) -> FolderLock:
-    """Lock the data folder, and repair what a crash has left."""
-    lock = FolderLock(services.storage.root)
-    try:
-        reconcile(services)
-        services.inspector.sweep()
-        services.pairs.sweep()
-        if count := live.take_in_cut(services):
-            logger.warning(
-                "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
-            )
-    except BaseException:
-        lock.release()
-        raise
-    return lock
 
 
 def listen(settings: Settings) -> socket.socket:

@@ -32,7 +32,7 @@ SLIP_HINT = "SECONDS"
 
 
 def clean_file_name(name: str) -> str:
-    """Give the last part of a path as one printable line; it is only ever shown, never a path on our disk."""
+    """Return the last part of a path as one printable line; it is only shown, never a path on our disk."""
     last = re.split(r"[/\\]", name)[-1]
     kept = _UNPRINTABLE.sub("", last).strip()
     stem, dot, ending = kept.rpartition(".")
@@ -68,7 +68,7 @@ def parse_window(text: str) -> tuple[float, float]:
 
 
 def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:
-    """Say how many calibration windows may be given, where this many may not; else "".
+    """Return how many calibration windows may be given, if this many may not; else "".
 
     An axis takes the place of a pose; two points have both their windows; any other pose may be held again
     as often as one likes.
@@ -183,7 +183,7 @@ class ReportRequest:
     draft: ConclusionDraft | None = None
 
     def to_json(self) -> str:
-        """Give the request as text for a job row or a settings hash."""
+        """Return the request as text for a job row or a settings hash."""
         return json.dumps(asdict(self), sort_keys=True)
 
     @classmethod
@@ -207,13 +207,13 @@ class ReportRequest:
         return cls(calibration_windows_s=windows, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
-        """Give what the figures depend on; languages and forms of the report are left out."""
+        """Return what the figures depend on; languages and forms of the report are left out."""
         ignored = {"file_name", "languages", "kinds", "paper", "joined"}
         ignored |= {"version", "changes", "reason", "draft"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}
 
     def select_diary(self) -> tuple[DiaryEntry, ...]:
-        """Give the rows of the diary that are for this file, named in full, by its stem or by the subject."""
+        """Return the rows of the diary for this file, named in full, by its stem or by the subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
         return tuple(entry for entry in self.diary if entry.file in names)
 

@@ -64,16 +64,9 @@ class Readiness:
     _turn: anyio.Lock = field(default_factory=anyio.Lock)
 
     async def check(self) -> Mapping[str, str]:
-        """Give each check by its name, with ``ok`` or the code of what is wrong."""
-        async with self._turn:
-            if time.monotonic() - self._made_at_s >= KEPT_S:
-                self._found = await self._run_checks()
-                self._made_at_s = time.monotonic()
-            return self._found
-
-    async def _run_checks(self) -> Mapping[str, str]:
-        """Make each check; its error is for a failure without a code, and for a check that does not end."""
+        """Return each check by its name, with ``ok`` or the code of what is wrong."""
         settings = self.settings
+        # each with the trouble of a failure without a code, and of a check that does not end
         checks: Mapping[str, tuple[Callable[[], None], type[AppError]]] = {
             "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
             "disk": (lambda: self.storage.check_space(0, settings.min_free_bytes), DiskFull),
@@ -81,12 +74,15 @@ class Readiness:
             "store": (self.storage.prepare, StoreAway),
             "queue": (self._check_queue, DatabaseAway),
         }
-        found = {name: trouble.code for name, (_, trouble) in checks.items()}
-        async with anyio.create_task_group() as tasks:
-            for name, (check, trouble) in checks.items():
-                if name not in self._busy:
-                    tasks.start_soon(self._run_check, found, name, check, trouble)
-        return found
+        async with self._turn:
+            if time.monotonic() - self._made_at_s >= KEPT_S:
+                found = {name: trouble.code for name, (_, trouble) in checks.items()}
+                async with anyio.create_task_group() as tasks:
+                    for name, (check, trouble) in checks.items():
+                        if name not in self._busy:
+                            tasks.start_soon(self._run_check, found, name, check, trouble)
+                self._found, self._made_at_s = found, time.monotonic()
+            return self._found
 
     async def _run_check(
         self, found: dict[str, str], name: str, check: Callable[[], None], trouble: type[AppError]
@@ -115,13 +111,6 @@ class Readiness:
 LANGUAGE_COOKIE = "acromion_lang"
 
 
-@dataclass(slots=True)
-class Quarantine:
-    """Unknown entries among the recordings, as they were last looked up."""
-
-    names: tuple[str, ...] = ()
-
-
 class Services:
     """The database, the folders and the settings of this server, opened."""
 
@@ -148,7 +137,8 @@ class Services:
         self.webhooks, self.releases = WebhookStore(*rows), ReleaseStore(*rows)
         self.retention, self.aggregates = RetentionStore(*rows), AggregateStore(*rows)
         self.upload_slots = UploadSlots(settings.max_uploads_at_once)
-        self.quarantine = Quarantine()
+        self.quarantined: tuple[str, ...] = ()
+        """Unknown entries among the recordings, as they were last looked up."""
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
         self.live: LiveHub | None = None
@@ -202,7 +192,7 @@ UsedLanguage = Annotated[Language, Depends(choose_language)]
 
 
 def find_way_in(request: Request) -> WayIn:
-    """Tell a drop on the page, which goes first, from what a script sends.
+    """Return whether a drop on the page, which goes first, or a script sends a recording.
 
     A person's session is a page; a token is a script. At the machine nobody logs in: there the browser says
     which it is, and the guard has checked it.

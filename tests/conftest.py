@@ -100,12 +100,17 @@ def swift() -> Iterator[SwiftServer]:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all tests, or skip by name where it is not installed."""
+    """One Chromium for all tests, or skip by name where it is not installed.
+
+    Pages of one context share a process, which keeps its compiled scripts from test to test.
+    """
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("no Chromium found")
     with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        opened = playwright.chromium.launch(
+            executable_path=chromium, args=["--no-sandbox", "--process-per-site"]
+        )
         yield opened
         opened.close()
 

@@ -220,21 +220,21 @@ class AccountStore:
         return self._insert_person(about.login, about.name, about.roles, of_issuer)
 
     def get_person(self, person_id: str) -> Person:
-        """Give one person. Raises NotHere."""
+        """Return one person. Raises NotHere."""
         person = self._find_person(people.c.id == person_id)
         if person is None:
             raise NotHere(id=person_id)
         return person
 
     def find_name(self, who: str) -> str:
-        """Give the name of a person, or of a token with its person's; "" where the account is gone."""
+        """Return the name of a person, or of a token with its person's; "" where the account is gone."""
         person, token = self.find_person_name(who), ""
         if person and who.startswith("tok_"):
             token = str(self.database.read_value(select(tokens.c.name).where(tokens.c.id == who)))
         return f"{person} ({token})" if token else person
 
     def find_person_name(self, who: str) -> str:
-        """Give the name of a person or of a token's person; "" where the account is gone."""
+        """Return the name of a person or of a token's person; "" where the account is gone."""
         if not self.exist():
             return ""
         person_id: Any = who
@@ -257,7 +257,7 @@ class AccountStore:
         return [_read_person(row) for row in self.database.read_all(query)]
 
     def set_roles(self, person_id: str, roles: Collection[Role]) -> None:
-        """Give a person other roles; they hold from the next request on."""
+        """Set the roles of a person; they hold from the next request on."""
         given = json.dumps(sorted(roles))
         with self.database.write() as connection:
             others = update(people).where(people.c.id == person_id, people.c.roles != given)
@@ -265,7 +265,7 @@ class AccountStore:
                 note_act(connection, "person.changed", person_id, roles="+".join(sorted(roles)))
 
     def set_name(self, person_id: str, name: str) -> None:
-        """Give a person another name."""
+        """Set the name of a person."""
         if self.get_person(person_id).name == name:
             return
         with self.database.write() as connection:
@@ -313,7 +313,7 @@ class AccountStore:
         self._end_sessions(sessions.c.person_id == person_id, sessions.c.hash != but)
 
     def find_sessions(self, person_id: str) -> Sequence[Session]:
-        """Give the sessions of a person that go on, the newest first."""
+        """Return the sessions of a person that go on, the newest first."""
         about = select(sessions).where(sessions.c.person_id == person_id, *_go_on(self.clock()))
         rows = self.database.read_all(about.order_by(sessions.c.began_s.desc()))
         return [Session(row.hash, row.began_s, row.used_s) for row in rows]
@@ -336,7 +336,7 @@ class AccountStore:
         return confirmed_s is not None and self.clock() - confirmed_s < CONFIRMED_S
 
     def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
-        """Give who holds a session that goes on; note that it was used, if somebody did."""
+        """Return who holds a session that goes on; note that it was used, if somebody did."""
         digest, now_s = hash_secret(cookie), self.clock()
         row = self.database.read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
         if row is None:
@@ -370,14 +370,14 @@ class AccountStore:
         return bearer
 
     def find_tokens(self, person_id: str) -> Sequence[Token]:
-        """Give the tokens of a person that hold, the newest first."""
+        """Return the tokens of a person that hold, the newest first."""
         holds = (tokens.c.ended_at.is_(None), tokens.c.expires_s > self.clock())
         mine = select(tokens).where(tokens.c.person_id == person_id, *holds)
         rows = self.database.read_all(mine.order_by(tokens.c.created_at.desc(), tokens.c.id))
         return [_read_token(row) for row in rows]
 
     def get_token(self, bearer: str) -> Token:
-        """Give one token. Raises NotHere."""
+        """Return one token. Raises NotHere."""
         row = self.database.read_one(select(tokens).where(tokens.c.hash == hash_secret(bearer)))
         if row is None:
             raise NotHere
@@ -394,7 +394,7 @@ class AccountStore:
             raise NotHere(id=token_id)
 
     def find_by_token(self, bearer: str) -> Subject | None:
-        """Give the token, if it is neither revoked nor expired and its person may still log in."""
+        """Return the token, if it is neither revoked nor expired and its person may still log in."""
         digest = hash_secret(bearer)
         row = self.database.read_one(_select_tokens(self.clock()).where(tokens.c.hash == digest))
         if row is None:

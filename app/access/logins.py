@@ -202,7 +202,7 @@ class Budget:
     longest_s: float
 
     def find_delay_s(self, failures: int) -> float:
-        """Give how long the next try has to wait."""
+        """Return how long the next try has to wait."""
         return min(self.longest_s, 2.0 ** (failures - self.free)) if failures >= self.free else 0.0
 
 
@@ -266,7 +266,7 @@ def limit_address(address: str) -> Budget:
 
 
 def find_network(address: str) -> str:
-    """Give what an address is counted by: itself, or of IPv6 its network."""
+    """Return what an address is counted by: itself, or of IPv6 its network."""
     try:
         known = ip_address(address)
     except ValueError:
@@ -340,7 +340,7 @@ class TicketStore:
         return ticket
 
     def look(self, purpose: Purpose, ticket: str) -> Ticket:
-        """Give what a ticket says, and leave it. Raises TicketSpent."""
+        """Return what a ticket says, and leave it. Raises TicketSpent."""
         return _read_ticket(self._database.read_one(select(tickets).where(*self._find(purpose, ticket))))
 
     def take(self, purpose: Purpose, ticket: str) -> Ticket:
@@ -485,7 +485,7 @@ class Logins:
         return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
 
     def show_enrolment(self, ticket: str) -> tuple[str, str]:
-        """Give the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
+        """Return the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
         found = self.tickets.look("enrol", ticket)
         secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
         return secret, self._passwords.draw_secret(secret, person.login)

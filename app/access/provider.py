@@ -58,7 +58,7 @@ class Provider:
         self._issuer = settings.oidc_issuer
 
     def begin(self, back: str, wanted: str, confirms: str = "") -> tuple[str, str]:
-        """Give the provider's address to send a browser to, and the state that the browser is to bring back.
+        """Return the provider's address to send a browser to, and the state that it is to bring back.
 
         Raises ProviderRefused.
         """

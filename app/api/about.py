@@ -106,7 +106,6 @@ def get_version() -> VersionView:
 
 # Health, and ``/metrics`` for Prometheus: counted when asked for, from the rows themselves.
 
-
 health_router = APIRouter(include_in_schema=False)
 
 
@@ -126,7 +125,7 @@ async def readyz(services: UsedServices) -> JSONResponse:
     counts = await run_in_threadpool(services.store.count_states)
     analyses = {state.value: number for state, number in counts.items()}
     body = {"status": GOOD, "checks": checks, "analyses": analyses}
-    return JSONResponse(body | {"quarantine": len(services.quarantine.names)})
+    return JSONResponse(body | {"quarantine": len(services.quarantined)})
 
 
 @health_router.get("/metrics")

@@ -108,7 +108,7 @@ def reconcile(services: Services) -> None:
         swept += services.incoming.sweep(upload_id)
     swept += storage.drop_temporary(TEMPORARY_S)
     written = catch_up(store, storage)
-    services.quarantine.names = find_strange(storage)
+    services.quarantined = find_strange(storage)
     counts = {
         "recordings came back from quarantine: they have rows": back,
         "unknown entries moved into quarantine": moved,
@@ -117,7 +117,7 @@ def reconcile(services: Services) -> None:
         "old temporary files removed": swept,
         "reports are newer than the database: stop, and run acromion recover": newer,
         "side files written": written,
-        "entries in quarantine: acromion doctor": len(services.quarantine.names),
+        "entries in quarantine: acromion doctor": len(services.quarantined),
     }
     for what, number in counts.items():
         if number:
@@ -166,4 +166,4 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     forget_samples(services)  # a child may have written some while its recording was being purged
     services.recordings.forget_purged()
     services.storage.drop_temporary(TEMPORARY_S)
-    services.quarantine.names = find_strange(services.storage)
+    services.quarantined = find_strange(services.storage)

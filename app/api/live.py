@@ -76,8 +76,16 @@ class LiveLibrary:
         """Store the file and queue its analysis; give the id of the analysis."""
         wearer = ended.request.wearer
         analysis = _take_in(self._services, ended.files, wearer.subject, wearer.side)
-        if ended.request.rules:
-            self._note_cues(analysis.recording_id, ended)
+        if ended.request.rules:  # in the note of the recording, as many cues as it takes
+            from app.live.cue_log import format_rule  # noqa: PLC0415  the science
+
+            counts = Counter(format_rule(cue.rule) for cue in ended.cues)
+            rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
+            times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
+            row = self._services.recordings.get(analysis.recording_id)
+            note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+            self._services.recordings.describe(row, replace(row.about, note=note))
+            self._services.recordings.tag([row.id], [CUED])
         return analysis.id
 
     def announce(self, session_id: str, cue: "Cue") -> None:
@@ -85,18 +93,6 @@ class LiveLibrary:
         rule = cue.rule
         facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
         self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
-
-    def _note_cues(self, recording_id: str, ended: "Ended") -> None:
-        """Log the cues in the note of the recording, as many as it takes."""
-        from app.live.cue_log import format_rule  # noqa: PLC0415  the science
-
-        counts = Counter(format_rule(cue.rule) for cue in ended.cues)
-        rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
-        times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
-        row = self._services.recordings.get(recording_id)
-        note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
-        self._services.recordings.describe(row, replace(row.about, note=note))
-        self._services.recordings.tag([recording_id], [CUED])
 
 
 def take_in_cut(services: Services) -> int:
@@ -236,7 +232,12 @@ async def live(socket: WebSocket) -> None:
         first = _FIRST.validate_json(await asyncio.wait_for(socket.receive_text(), FIRST_LIMIT_S))
         language = first.lang
         async with _receiving(socket) as inbox:
-            session = await _open(socket, first, inbox)
+            services, port = find_services(socket), PushedPort()
+            if isinstance(first, Resume):
+                session = (await run_in_threadpool(find_hub, services)).get(first.session)
+            else:
+                inbox.push = port.push
+                session = await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
             inbox.push = session.push
             await _converse(socket, session, inbox)
     except WebSocketDisconnect:
@@ -257,16 +258,6 @@ async def live(socket: WebSocket) -> None:
 _STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
 
 
-async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
-    services = find_services(socket)
-    if isinstance(first, Resume):
-        hub = await run_in_threadpool(find_hub, services)
-        return hub.get(first.session)
-    port = PushedPort()
-    inbox.push = port.push
-    return await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
-
-
 def _find_limiter() -> CapacityLimiter:
     if (limiter := _STARTING.get(None)) is None:
         limiter = CapacityLimiter(MOST_STARTING)
@@ -276,7 +267,10 @@ def _find_limiter() -> CapacityLimiter:
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
-    subject = _read_subject(asked.subject)
+    try:
+        subject = check_subject(asked.subject)
+    except ValueError as error:
+        raise BadParameter(name="subject", value=clean_text(asked.subject)[:60]) from error
     port: Port | None = pushed if asked.source == "lines" else None
     if asked.source == "port":
         if asked.port not in find_serial_ports():  # no other file is opened for a page
@@ -288,7 +282,7 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
             whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
             about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
             port = EarlyPort(port, EarlyFile(files.early, about))
-        session = _start_with(services, asked, port, files)
+        session = _start_with(services, asked, subject, port, files)
     except BaseException:
         if port is not None:
             port.close()
@@ -304,13 +298,15 @@ def _name_source(asked: Start) -> str:
     return asked.port if asked.source == "port" else clean_text(asked.name) or "browser"
 
 
-def _start_with(services: Services, asked: Start, port: Port | None, files: SessionFiles) -> "RunningSession":
+def _start_with(
+    services: Services, asked: Start, subject: str, port: Port | None, files: SessionFiles
+) -> "RunningSession":
     from app.live.hub import SessionRequest  # noqa: PLC0415
     from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
     from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
 
     request = SessionRequest(
-        Wearer(_read_subject(asked.subject), asked.side, asked.axis),
+        Wearer(subject, asked.side, asked.axis),
         rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
@@ -326,13 +322,6 @@ def _start_with(services: Services, asked: Start, port: Port | None, files: Sess
         with borrow_recording(services.storage, row.id, row.sha256) as path:
             source = open_replay(path, asked.speed, row.about.file_name)
     return find_hub(services).start(source, request, files)
-
-
-def _read_subject(text: str) -> str:
-    try:
-        return check_subject(text)
-    except ValueError as error:
-        raise BadParameter(name="subject", value=clean_text(text)[:60]) from error
 
 
 class DifferenceView(BaseModel):
@@ -469,7 +458,7 @@ class Outbox:
 
 
 def find_hub(services: Services) -> "LiveHub":
-    """Give the sessions of this server; the first call loads the science."""
+    """Return the sessions of this server; the first call loads the science."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
     with services.live_turn:

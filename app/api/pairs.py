@@ -1,12 +1,13 @@
 """Reports of several finished analyses: both arms of a shift, one day beside another, days of people."""
 
-import hashlib
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.library.files import MEDIA_TYPES, build_file_headers, format_disposition, is_known
+from app.api.library.files import serve_bytes
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
 from app.jobs.children.pairs import AnyJobs, AskedJobs
@@ -18,6 +19,7 @@ router = APIRouter(
     prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["pairs"], default_response_class=Response
 )
 
+R = TypeVar("R", PairRequest, ProfileRequest)
 Side = Literal["left", "right"]
 Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
 SameSubject = Annotated[bool, Field(description="All are of one person, though a subject code is missing.")]
@@ -264,6 +266,15 @@ class ProfileView(_Exact):
     source: str
 
 
+def find_jobs(services: Services, ids: Iterable[str], request: R, paper: Paper | None = None) -> AskedJobs[R]:
+    """Find the analyses of a request; its report is on the paper of the first unless one is named.
+
+    Raises NotHere.
+    """
+    jobs = tuple(map(services.store.get, ids))
+    return AskedJobs(jobs, replace(request, paper=paper or jobs[0].request.paper))
+
+
 class ChangeQuery(_Exact):
     """The two analyses, the earlier first, and the paper of their report."""
 
@@ -275,12 +286,8 @@ class ChangeQuery(_Exact):
 
     def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
-        before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
-        paper = self.paper or before.request.paper
-        request = PairRequest(
-            "compare", paper=paper, same_subject=self.same_subject, mixed_methods=self.mixed_methods
-        )
-        return AskedJobs((before, after), request)
+        request = PairRequest("compare", same_subject=self.same_subject, mixed_methods=self.mixed_methods)
+        return find_jobs(services, self.analysis, request, self.paper)
 
 
 class PairQuery(_Exact):
@@ -307,16 +314,15 @@ class PairQuery(_Exact):
 
     def find(self, services: Services) -> AskedJobs[PairRequest]:
         """Find the analyses. Raises NotHere."""
-        jobs = tuple(map(services.store.get, filter(None, (self.left, self.right, self.trunk))))
         request = PairRequest(
             "pair",
             self.offset_s,
             self.trunk_offset_s,
-            paper=self.paper or jobs[0].request.paper,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
         )
-        return AskedJobs(jobs, request)
+        ids = (self.left, self.right, *filter(None, [self.trunk]))
+        return find_jobs(services, ids, request, self.paper)
 
 
 class ProfileQuery(_Exact):
@@ -335,15 +341,13 @@ class ProfileQuery(_Exact):
 
     def find(self, services: Services) -> AskedJobs[ProfileRequest]:
         """Find the analyses. Raises NotHere."""
-        jobs = tuple(services.store.get(each) for each in (*self.analysis, *self.after))
         request = ProfileRequest(
             len(self.analysis) if self.after else None,
-            paper=self.paper or jobs[0].request.paper,
             same_subject=self.same_subject,
             mixed_methods=self.mixed_methods,
             has_drawings=True,
         )
-        return AskedJobs(jobs, request)
+        return find_jobs(services, (*self.analysis, *self.after), request, self.paper)
 
 
 PairChoice = Annotated[PairQuery, Query()]
@@ -366,7 +370,7 @@ def get_change_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ChangeChoice
 ) -> Response:
     """The report on the change from one day to a later one, or its answer in five lines."""
-    return _serve_report(request, services, asked.find(services), (name, language))
+    return _serve_report(request, services, asked.find(services), name, language)
 
 
 @router.get("/pair/pair.json", responses={200: {"model": PairView}})
@@ -380,7 +384,7 @@ def get_pair_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: PairChoice
 ) -> Response:
     """The report of both arms of one shift, or its answer in five lines."""
-    return _serve_report(request, services, asked.find(services), (name, language))
+    return _serve_report(request, services, asked.find(services), name, language)
 
 
 @router.get("/profile/profile.json", responses={200: {"model": ProfileView}})
@@ -396,7 +400,7 @@ def get_profile_table(
     """A row for each day, or for each quarter hour of the clock."""
     found = asked.find(services)
     body = services.pairs.make(found).read(f"{name}.csv")
-    return _serve(request, body, build_pair_download_name(found, f"{name}.csv"))
+    return serve_bytes(request, body, build_pair_download_name(found, f"{name}.csv"))
 
 
 @router.get("/profile/{name}", responses=REPORT_RESPONSE)
@@ -404,7 +408,7 @@ def get_profile_report(
     name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ProfileChoice
 ) -> Response:
     """The report of several days of a person or of a group, or its answer in a few lines."""
-    return _serve_report(request, services, asked.find(services), (name, language))
+    return _serve_report(request, services, asked.find(services), name, language)
 
 
 def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
@@ -417,23 +421,13 @@ def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
 
 def _serve_figures(request: Request, services: Services, asked: AnyJobs) -> Response:
     body = services.pairs.make(asked).read(asked.request.figures_name)
-    return _serve(request, body, build_pair_download_name(asked, "json"))
+    return serve_bytes(request, body, build_pair_download_name(asked, "json"))
 
 
 def _serve_report(
-    request: Request, services: Services, asked: AnyJobs, wanted: tuple[str, Language]
+    request: Request, services: Services, asked: AnyJobs, name: str, language: Language
 ) -> Response:
-    name, language = wanted
     stem, _, kind = name.partition(".")
     report = services.pairs.make(asked)
     body = report.read(report.find(stem, kind, language))
-    return _serve(request, body, build_pair_download_name(asked, f"{language}.{kind}"))
-
-
-def _serve(request: Request, body: bytes, download: str) -> Response:
-    headers = build_file_headers(download, hashlib.sha256(body).hexdigest())
-    if is_known(request, headers["ETag"]):
-        return Response(status_code=304, headers=headers)
-    if not download.endswith(".html"):
-        headers["Content-Disposition"] = format_disposition(download)
-    return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)
+    return serve_bytes(request, body, build_pair_download_name(asked, f"{language}.{kind}"))

@@ -231,12 +231,11 @@ def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) 
 
 
 def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
-    """Give every line that is asked for."""
+    """Return every line that is asked for."""
     return find_lines(services.store.reader, build_question(services, asked), before=asked.before)
 
 
 # Tokens, by which scripts ask in the name of a person.
-
 
 token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])
 LONGEST_NAME = 100
@@ -244,7 +243,7 @@ Granted = Literal["upload", "read", "correct", "release", "export", "erase", "ag
 
 
 def find_person(subject: UsedSubject) -> Subject:
-    """Give the person who asks; a token is none, so that none prolongs itself. Raises NotPermitted."""
+    """Return the person who asks; a token is none, so that none prolongs itself. Raises NotPermitted."""
     if subject.kind != "person":
         raise NotPermitted(permission="own")
     return subject

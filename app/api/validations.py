@@ -210,7 +210,7 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     )
     study = _read(form, "study", check_subject, SUBJECT_HINT) or ""
     files = recording.file, reference.file
-    return await run_in_threadpool(_store, services, files, (asked, given), study)
+    return await run_in_threadpool(_store, services, files, asked, given, study)
 
 
 def _require_file(form: FormData, name: str) -> UploadFile:
@@ -250,16 +250,20 @@ def _read_rate(text: str) -> float:
 
 
 def _store(
-    services: Services, files: tuple[BinaryIO, BinaryIO], asked: tuple[ReportRequest, Reference], study: str
+    services: Services,
+    files: tuple[BinaryIO, BinaryIO],
+    asked: ReportRequest,
+    given: Reference,
+    study: str,
 ) -> Job:
     """Keep both files, then the rows: the reference's first, so that the job always finds it."""
-    (recording, reference), (request, given) = files, asked
+    recording, reference = files
     limit_bytes = services.settings.max_upload_bytes
     other, own = store_file(services.storage, reference, limit_bytes), None
     try:
         own = store_file(services.storage, recording, limit_bytes)
         services.recordings.add_reference(other, given.file_name)
-        compared = replace(request, reference=replace(given, path=other.id))
+        compared = replace(asked, reference=replace(given, path=other.id))
         return services.store.add(own, compared, study=study)
     except BaseException:
         for kept in filter(None, (other, own)):

@@ -98,7 +98,7 @@ async def send_message(message: Delivery, *, allow_private: bool, limit_s: float
 
 
 def sign_message(message: Delivery, unix_s: int) -> dict[str, str]:
-    """Give the headers: id, time and HMAC-SHA256 over ``id.time.body``."""
+    """Return the headers: id, time and HMAC-SHA256 over ``id.time.body``."""
     key = base64.b64decode(message.secret.removeprefix("whsec_"))
     signed = f"{message.id}.{unix_s}.{message.body}".encode()
     signature = base64.b64encode(hmac.new(key, signed, hashlib.sha256).digest()).decode()
@@ -112,12 +112,9 @@ def sign_message(message: Delivery, unix_s: int) -> dict[str, str]:
 
 
 def check_address(url: str, *, allow_private: bool) -> tuple[str, int]:
-    """Give the address that a webhook's name stands for.
+    """Return the address that a webhook's name stands for.
 
-    Raises
-    ------
-    ForeignWebhook
-        It is no http or https address, or it leads into a network where no webhook may lead.
+    Raises ForeignWebhook if it is no http or https address, or leads where no webhook may lead.
     """
     try:
         parts = urlsplit(url)
@@ -247,7 +244,6 @@ def _view(hook: Webhook) -> WebhookView:
 
 
 # Delivery, in the background.
-
 
 MOST_AT_ONCE = 16
 """Addresses that are served at the same time; each gets one message after the other."""

@@ -1,13 +1,19 @@
-"""Batches: many analyses under one name."""
+"""Batches: many analyses under one name.
+
+A batch that a script asks for as a whole keeps the analyses it asked for. A study is a batch that goes by its
+name and holds each recording once, by its latest analysis: it grows with each recording that is added under
+its name, and follows a recording that is corrected.
+"""
 
 import hashlib
 import json
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Select, func, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
 
 from app.errors import NotHere
 from app.jobs.audit_log import record
@@ -16,10 +22,13 @@ from app.jobs.database.tables import analyses, answers, batch_items, batches
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.recordings import StoredRow
+from app.jobs.side_files import increment_revision_of
 from app.jobs.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
+
+if TYPE_CHECKING:  # it imports this module
+    from app.jobs.recordings import StoredRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +59,7 @@ class BatchStore(RowStore):
     """Rows of batches; their analyses are ordinary jobs."""
 
     def add(
-        self, name: str, items: Sequence[tuple[StoredRow, ReportRequest]], *, again: bool = False
+        self, name: str, items: Sequence[tuple["StoredRow", ReportRequest]], *, again: bool = False
     ) -> Batch:
         """Queue an analysis for each item, in one commit.
 
@@ -86,7 +95,7 @@ class BatchStore(RowStore):
         return self.get(batch_id)
 
     def get(self, batch_id: str) -> Batch:
-        """Give one batch with its counts. Raises NotHere."""
+        """Return one batch with its counts. Raises NotHere."""
         counted = (
             select(analyses.c.state, func.count())
             .where(analyses.c.id.in_(select_items(batch_id)))
@@ -101,17 +110,17 @@ class BatchStore(RowStore):
         return Batch(row.id, row.name, row.duplicate_count, row.created_at, counts)
 
     def find_newest(self, limit: int) -> tuple[Batch, ...]:
-        """Give the batches asked for last, the newest first."""
+        """Return the batches asked for last, the newest first."""
         newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(limit)
         return tuple(self.get(row.id) for row in self._read_all(newest))
 
     def find_jobs(self, batch_id: str) -> tuple[Job, ...]:
-        """Give the analyses that count, in the order in which they were asked for."""
+        """Return the analyses that count, in the order in which they were asked for."""
         rows = self._read_all(_select_jobs_of(batch_id).order_by(batch_items.c.place))
         return tuple(read_job(row) for row in rows)
 
     def find_verdicts(self, batch_id: str) -> Mapping[str, str]:
-        """Give the verdict on the data of each analysis that has one."""
+        """Return the verdict on the data of each analysis that has one."""
         found = select(answers.c.analysis_id, answers.c.verdict)
         rows = self._read_all(found.where(answers.c.analysis_id.in_(select_items(batch_id))))
         return {row.analysis_id: row.verdict for row in rows}
@@ -148,10 +157,69 @@ def _take_key(connection: Connection, key: str) -> str | None:
 
 
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
-    """Give the analysis of each key that has one, the oldest."""
+    """Return the analysis of each key that has one, the oldest."""
     found: dict[str, str] = {}
     for first in range(0, len(keys), KEYS_PER_QUERY):
         query = select_same(keys[first : first + KEYS_PER_QUERY])
         for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
             found.setdefault(key, analysis_id)
     return found
+
+
+# Studies.
+
+
+def identify_study(name: str) -> str:
+    """Return the id of the batch that is the study of this name: two that begin it at once begin the same."""
+    return "ba_" + hashlib.sha256(f"study\n{name}".encode()).hexdigest()[:16]
+
+
+def join_study(connection: Connection, name: str, analysis_id: str) -> str:
+    """Add an analysis to the study of a name, which begins with its first; gives the study's id."""
+    study_id = _begin_study(connection, name)
+    if not _replace_recording(connection, study_id, analysis_id):
+        mine = batch_items.c.batch_id == study_id
+        place = select(func.coalesce(func.max(batch_items.c.place) + 1, 0)).where(mine).scalar_subquery()
+        row = {"batch_id": study_id, "place": place, "analysis_id": analysis_id}
+        connection.execute(insert(batch_items).values(row))
+    recording_id = increment_revision_of(connection, analysis_id)
+    record(connection, "study.joined", recording_id, analysis_id, other={"study": study_id})
+    return study_id
+
+
+def follow_recording(connection: Connection, analysis_id: str) -> None:
+    """Let every study that holds the recording of an analysis go on with this analysis."""
+    same = _select_siblings(analysis_id)
+    holding = (
+        select(batches.c.id, batches.c.name)
+        .join(batch_items, batch_items.c.batch_id == batches.c.id)
+        .where(batch_items.c.analysis_id.in_(same))
+        .distinct()
+    )
+    for batch in connection.execute(holding).all():
+        if batch.id == identify_study(batch.name):
+            _replace_recording(connection, batch.id, analysis_id)
+            increment_revision_of(connection, analysis_id)
+
+
+def _begin_study(connection: Connection, name: str) -> str:
+    """Write the row of the study unless it is there, and lock it; gives its id."""
+    study_id = identify_study(name)
+    make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    row = {"id": study_id, "name": name, "item_count": 0, "created_at": format_now(), "duplicate_count": 0}
+    connection.execute(make_insert(batches).values(row).on_conflict_do_nothing())
+    connection.execute(select(batches.c.id).where(batches.c.id == study_id).with_for_update())
+    return study_id
+
+
+def _replace_recording(connection: Connection, study_id: str, analysis_id: str) -> bool:
+    """Put an analysis in the place of an earlier one of its recording; False where the study has none."""
+    mine = (batch_items.c.batch_id == study_id, batch_items.c.analysis_id.in_(_select_siblings(analysis_id)))
+    change = update(batch_items).where(*mine).values(analysis_id=analysis_id)
+    return connection.execute(change).rowcount > 0
+
+
+def _select_siblings(analysis_id: str) -> Select[tuple[str]]:
+    """Select every analysis of the same recording."""
+    recording = select(analyses.c.recording_id).where(analyses.c.id == analysis_id).scalar_subquery()
+    return select(analyses.c.id).where(analyses.c.recording_id == recording)

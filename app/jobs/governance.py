@@ -47,7 +47,7 @@ class RetentionStore(RowStore):
     """Rows of terms, and what has reached its term."""
 
     def find_all(self) -> Mapping[Kind, int | None]:
-        """Give the days of each kind; None where it is kept for good."""
+        """Return the days of each kind; None where it is kept for good."""
         rows = {row.kind: int(row.days) for row in self._read_all(select(retention))}
         return {kind: rows.get(kind) for kind in KINDS}
 
@@ -71,7 +71,7 @@ class RetentionStore(RowStore):
                 connection.execute(insert(running_time).values(id=1, running_s=elapsed_s))
 
     def find_due_recordings(self) -> tuple[str, ...]:
-        """Give recordings whose term has passed, a few at a time; none on hold."""
+        """Return recordings whose term has passed, a few at a time; none on hold."""
         days = self.find_all()["recordings"]
         if days is None:
             return ()
@@ -82,7 +82,7 @@ class RetentionStore(RowStore):
         return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
 
     def find_due_results(self) -> tuple[str, ...]:
-        """Give analyses whose term has passed since they ended, a few at a time; none of a held recording."""
+        """Return analyses whose term has passed since they ended, a few at a time; none of a held one."""
         days = self.find_all()["results"]
         if days is None:
             return ()
@@ -165,7 +165,7 @@ class ReleaseStore(RowStore):
     """Rows of releases."""
 
     def find(self, analysis_id: str) -> Release | None:
-        """Give the release of an analysis; None where it was never released, or that was taken back."""
+        """Return the release of an analysis; None where it was never released, or that was taken back."""
         query = select(releases).where(releases.c.analysis_id == analysis_id)
         rows = self._read_all(query.order_by(releases.c.at.desc(), releases.c.id.desc()).limit(1))
         if not rows or rows[0].is_taken_back:
@@ -242,13 +242,13 @@ class AggregateStore(RowStore):
     """Rows of published blocks."""
 
     def find_studies(self, most: int) -> tuple[StudyGroup, ...]:
-        """Give every study, the newest first; the name of one shows only with a block."""
+        """Return every study, the newest first; the name of one shows only with a block."""
         newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(most)
         groups = (self.publish(row.id) for row in self._read_all(newest))
         return tuple(group for group in groups if group.blocks)
 
     def publish(self, study_id: str) -> StudyGroup:
-        """Give the blocks of a study, with a new one where enough people are in none. Raises NotHere."""
+        """Return the blocks of a study, with a new one where enough people are in none. Raises NotHere."""
         row = self._read_one(select(batches).where(batches.c.id == study_id))
         if row is None:
             raise NotHere(id=study_id)
@@ -281,7 +281,7 @@ class AggregateStore(RowStore):
 
 
 def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequence[Any]]:
-    """Give the reports of each person of a study who counts in no block yet, by subject code."""
+    """Return the reports of each person of a study who counts in no block yet, by subject code."""
     columns = (recordings.c.subject, recordings.c.id.label("recording_id"))
     figures = (answers.c.above_60_percent, answers.c.recorded_s)
     query = (
@@ -307,7 +307,7 @@ def _read_new_people(connection: Connection, study_id: str) -> Mapping[str, Sequ
 
 
 def _average(people: Iterable[Sequence[Any]]) -> dict[str, float]:
-    """Give the means over people, each with the same weight whatever the number of recordings."""
+    """Return the means over people, each with the same weight whatever the number of recordings."""
     of_each = list(people)
     above = fmean(fmean(row.above_60_percent for row in rows) for rows in of_each)
     hours = fmean(fmean(row.recorded_s / 3600.0 for row in rows) for rows in of_each)

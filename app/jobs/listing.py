@@ -143,7 +143,7 @@ def read_headline(results: Path) -> HeadlineFigures | None:
 
 
 def summarise_day(medians_deg: Sequence[float | None]) -> str:
-    """Give the day in at most 60 steps of whole minutes: each the median of its minutes' medians.
+    """Return the day in at most 60 steps of whole minutes: each the median of its minutes' medians.
 
     Whole degrees with commas between; nothing stands where no minute of a step was analysed.
     """
@@ -204,12 +204,12 @@ class Library(RowStore):
         super().__init__(reader, reader)
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
-        """Give a page of the recordings, the newest first."""
+        """Return a page of the recordings, the newest first."""
         query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
         return self._read(query.limit(limit).offset(skip))
 
     def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
-        """Give some recordings, the newest first; those in the trash are left out."""
+        """Return some recordings, the newest first; those in the trash are left out."""
         chosen = recordings.c.id.in_(recording_ids)
         query = _select(LibraryFilter(batch=batch)).where(chosen)
         return self._read(query.order_by(*_newest_first()))
@@ -225,7 +225,7 @@ class Library(RowStore):
         )
 
     def find_tags(self) -> tuple[str, ...]:
-        """Give every tag, by the alphabet."""
+        """Return every tag, by the alphabet."""
         query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
         return sort_tags(tag for row in self._read_all(query) for tag in read_tags(row.tags))
 
@@ -424,7 +424,7 @@ class SavedViews(RowStore):
         self._storage = storage
 
     def find_all(self) -> tuple[SavedView, ...]:
-        """Give every view, by name."""
+        """Return every view, by name."""
         found = [SavedView(*row) for row in self._read_all(select(saved_views))]
         return tuple(sorted(found, key=lambda view: (view.name, view.id)))
 

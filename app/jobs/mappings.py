@@ -55,19 +55,19 @@ class MappingStore(RowStore):
         return self.get(header)
 
     def get(self, header: str) -> ColumnMapping:
-        """Give the mapping of a header. Raises NotHere."""
+        """Return the mapping of a header. Raises NotHere."""
         found = self.find(header)
         if found is None:
             raise NotHere(id=header)
         return found
 
     def find(self, header: str) -> ColumnMapping | None:
-        """Give the mapping of a header, None where nobody has named its columns."""
+        """Return the mapping of a header, None where nobody has named its columns."""
         row = self._read_one(select(column_mappings).where(column_mappings.c.header == header))
         return None if row is None else _read_mapping(row)
 
     def find_all(self) -> tuple[ColumnMapping, ...]:
-        """Give every mapping, the newest first."""
+        """Return every mapping, the newest first."""
         newest = (column_mappings.c.created_at.desc(), column_mappings.c.header)
         return tuple(_read_mapping(row) for row in self._read_all(select(column_mappings).order_by(*newest)))
 

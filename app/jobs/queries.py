@@ -94,7 +94,7 @@ def read_diary(text: str) -> tuple[DiaryEntry, ...]:
 
 
 def format_diary(diary: Sequence[DiaryEntry]) -> str:
-    """Give a diary as the rows hold it."""
+    """Return a diary as the rows hold it."""
     return json.dumps([asdict(entry) for entry in diary])
 
 
@@ -104,7 +104,7 @@ def read_tags(text: str) -> tuple[str, ...]:
 
 
 def format_tags(tags: Iterable[str]) -> str:
-    """Give tags as the rows hold them, each once, by the alphabet."""
+    """Return tags as the rows hold them, each once, by the alphabet."""
     return json.dumps(sort_tags(tags))
 
 
@@ -114,5 +114,5 @@ def sort_tags(tags: Iterable[str]) -> tuple[str, ...]:
 
 
 def format_now() -> str:
-    """Give the time as the rows hold it: it sorts as text."""
+    """Return the time as the rows hold it: it sorts as text."""
     return datetime.now(UTC).isoformat(timespec="microseconds")

@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import logging
 import secrets
+import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
@@ -11,7 +13,8 @@ from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, 
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
 from app.jobs.audit_log import Act, find_actor, record
-from app.jobs.database.connect import lock_tables
+from app.jobs.batches import join_study
+from app.jobs.database.connect import BUSY_TIMEOUT_S, lock_tables
 from app.jobs.database.tables import (
     analyses,
     batch_items,
@@ -36,8 +39,7 @@ from app.jobs.queries import (
     select_running_s,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
-from app.jobs.side_files import increment_revision
-from app.jobs.studies import join_study
+from app.jobs.side_files import increment_revision, writing_side_file
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
@@ -54,6 +56,8 @@ PURGED = "purged"
 
 Place = tuple[str, str]
 """Where a page of a list ended: the moment it is ordered by and the id of its last row."""
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +115,7 @@ class RecordingFilter:
         return bool(self.begin or self.end)
 
     def place(self, row: StoredRow) -> Place:
-        """Give the place of a row in the list."""
+        """Return the place of a row in the list."""
         return (row.start or "" if self.by_start else row.created_at), row.id
 
 
@@ -145,7 +149,7 @@ class RecordingStore(RowStore):
             insert_recording(connection, stored, Description(file_name), REFERENCE)
 
     def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
-        """Give one recording. Raises NotHere: also for one in the trash, unless asked for."""
+        """Return one recording. Raises NotHere: also for one in the trash, unless asked for."""
         row = self._read_one(select(recordings).where(recordings.c.id == recording_id))
         if row is None or row.state == PURGING or (row.state == TRASHED and not trashed):
             raise NotHere(id=recording_id)
@@ -154,7 +158,7 @@ class RecordingStore(RowStore):
     def find_page(
         self, wanted: RecordingFilter, limit: int, after: Place | None = None
     ) -> tuple[StoredRow, ...]:
-        """Give the newest recordings that the filter lets through, from ``after`` on."""
+        """Return the newest recordings that the filter lets through, from ``after`` on."""
         query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
         for name in ("subject", "external_id", "sha256"):
             if value := getattr(wanted, name):
@@ -168,11 +172,11 @@ class RecordingStore(RowStore):
         return tuple(_read_recording(row) for row in self._read_all(page))
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
-        """Give those of some ids that belong to a recording, in the trash or not."""
+        """Return those of some ids that belong to a recording, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.id.in_(recording_ids)))
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
-        """Give the ids of a subject's recordings of now, in the trash or not."""
+        """Return the ids of a subject's recordings of now, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
@@ -226,12 +230,8 @@ class RecordingStore(RowStore):
         A recording in the trash stays there as it is: its term does not start again. Raises NotHere.
         """
         self.get(recording_id, trashed=True)
-        going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
-        mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
         with self._engine.begin() as connection:
-            # the analyses first, in the order in which an ending analysis takes its locks: no deadlock
-            for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
-                cancel_job(connection, analysis_id)
+            _cancel_analyses(connection, recording_id)
             gone = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == STORED)
             grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
             if connection.execute(gone.values(state=TRASHED, trashed_s=0.0, **grown)).rowcount == 1:
@@ -252,9 +252,11 @@ class RecordingStore(RowStore):
     def begin_purge(self, recording_id: str) -> Purged:
         """Hide a recording and its references for good; gives the ids whose files are to be removed now.
 
-        The rows go last (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
+        Its analyses are cancelled, so that none publishes files afterwards. The rows go last
+        (:meth:`end_purge`), so that an interrupted purge can continue. Raises OnHold.
         """
-        with self._engine.begin() as connection:
+        with writing_side_file, self._engine.begin() as connection:
+            _cancel_analyses(connection, recording_id)
             _check_hold(connection, recording_id)
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
@@ -276,7 +278,7 @@ class RecordingStore(RowStore):
         self._write(delete(purged_uploads).where(is_old))
 
     def find_purging(self) -> tuple[str, ...]:
-        """Give the recordings whose purge was interrupted."""
+        """Return the recordings whose purge was interrupted."""
         query = select(recordings.c.id).where(recordings.c.state == PURGING)
         return tuple(row.id for row in self._read_all(query))
 
@@ -285,12 +287,23 @@ class RecordingStore(RowStore):
         with self._engine.begin() as connection:
             if delete_recording(connection, recording_id):
                 record(connection, "recording.purged", recording_id)
-        if self._engine.dialect.name == "sqlite":  # its write-ahead log may hold copies of the deleted rows
-            raw = self._engine.raw_connection()
-            try:
-                raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            finally:
-                raw.close()
+        if self._engine.dialect.name == "sqlite":
+            self._empty_log()
+
+    def _empty_log(self) -> None:
+        """Empty SQLite's write-ahead log, which may hold copies of deleted rows.
+
+        While another connection writes the log back, SQLite refuses at once; a reader it waits for by itself.
+        """
+        end_s, raw = time.monotonic() + BUSY_TIMEOUT_S, self._engine.raw_connection()
+        try:
+            while raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
+                if time.monotonic() > end_s:
+                    logger.warning("the log of the database could not be emptied: it is being read")
+                    return
+                time.sleep(0.05)
+        finally:
+            raw.close()
 
     def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
         """Add elapsed time to everything in the trash; gives what has been there for the whole term.
@@ -390,6 +403,17 @@ def _hash_upload(who: str, sha256: str, about: Description) -> str:
     return hashlib.sha256(json.dumps([who, sha256, asdict(about)]).encode()).hexdigest()
 
 
+def _cancel_analyses(connection: Connection, recording_id: str) -> None:
+    """Cancel the analyses that wait or run.
+
+    Call this before the recording is locked: an ending analysis takes its locks in this order.
+    """
+    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+    mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
+    for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
+        cancel_job(connection, analysis_id)
+
+
 def _find_references(connection: Connection, recording_id: str) -> tuple[str, ...]:
     asked = select(analyses.c.request).where(analyses.c.recording_id == recording_id)
     requests = (ReportRequest.from_json(text) for text in connection.execute(asked).scalars())
@@ -484,7 +508,7 @@ class UploadStore(RowStore):
         return self.get(str(row["id"]))
 
     def get(self, upload_id: str) -> UploadRow:
-        """Give one upload. Raises NotHere."""
+        """Return one upload. Raises NotHere."""
         row = self._read_one(select(uploads).where(uploads.c.id == upload_id))
         if row is None:
             raise NotHere
@@ -553,11 +577,11 @@ class UploadStore(RowStore):
                 record(connection, "upload.dropped", other={"upload": upload_id})
 
     def find_growing(self) -> frozenset[str]:
-        """Give the id of every upload that is not a recording yet."""
+        """Return the id of every upload that is not a recording yet."""
         return self._read_ids(select(uploads.c.id).where(uploads.c.recording_id.is_(None)))
 
     def find_known(self) -> frozenset[str]:
-        """Give the id of every upload that has a row."""
+        """Return the id of every upload that has a row."""
         return self._read_ids(select(uploads.c.id))
 
     def age(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ class ResultReader:
     storage: Storage
 
     def find(self, job: Job, name: str) -> ResultFile:
-        """Give the row of a published file. Raises NotFinished, NoSuchFile."""
+        """Return the row of a published file. Raises NotFinished, NoSuchFile."""
         check_succeeded(job, name)
         file = self.store.find_file(job.id, name)
         if file is None:
@@ -52,7 +52,7 @@ class ResultReader:
             raise ResultDamaged(**damaged.facts, **again) from damaged
 
     def read(self, job: Job, name: str) -> bytes:
-        """Give the bytes of a published file. Raises NotFinished, NoSuchFile, ResultDamaged."""
+        """Return the bytes of a published file. Raises NotFinished, NoSuchFile, ResultDamaged."""
         with self.borrow(job, name) as path:
             return path.read_bytes()
 

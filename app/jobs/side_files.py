@@ -8,6 +8,7 @@ side file and the rows differ, the rows count.
 
 import hashlib
 import json
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +36,9 @@ TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releas
 
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]
 
+writing_side_file = threading.Lock()
+"""Held while a side file is written, and while a purge begins: none appears once a purge has removed it."""
+
 
 @dataclass(frozen=True, slots=True)
 class SideFile:
@@ -50,7 +54,7 @@ class SideFile:
         return self.rows["recordings"][0]
 
     def encode(self) -> bytes:
-        """Give the content of the file: indented JSON, with a digest of the rows."""
+        """Return the content of the file: indented JSON, with a digest of the rows."""
         content = {"schema": SCHEMA, "tables": self.tables, "revision": self.revision}
         content |= {"sha256": _hash_rows(self.rows), "rows": self.rows}
         return json.dumps(content, ensure_ascii=False, indent=1).encode()
@@ -207,24 +211,28 @@ class SideWriter:
     def write(self, recording_id: str) -> None:
         """Write one side file, again if the row changes before its revision is recorded."""
         name = format_side_file_name(recording_id)
-        while (side := self._read(recording_id)) is not None:
-            present = decode_side_file(self.storage.read_small(name), recording_id)
-            if present is not None and present.revision > side.revision:
-                row = self._read(recording_id)
-                if row is not None and row.revision < present.revision:  # the database is an older copy
-                    quarantine_side_file(self.storage, present)
-            self.storage.write_small(name, side.encode())
-            mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
-            with self.engine.begin() as connection:
-                written = update(recordings).where(*mine).values(side_revision=side.revision)
-                if connection.execute(written).rowcount == 1:
-                    return
-            if self._read(recording_id) is None:  # purged meanwhile: its side file is removed, too
-                self.storage.drop_recording(recording_id)
+        with writing_side_file:
+            while (side := self._read(recording_id)) is not None:
+                present = decode_side_file(self.storage.read_small(name), recording_id)
+                if present is not None and present.revision > side.revision:
+                    row = self._read(recording_id)
+                    if row is not None and row.revision < present.revision:  # the database is an older copy
+                        quarantine_side_file(self.storage, present)
+                self.storage.write_small(name, side.encode())
+                mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
+                with self.engine.begin() as connection:
+                    written = update(recordings).where(*mine).values(side_revision=side.revision)
+                    if connection.execute(written).rowcount == 1:
+                        return
+                if self._read(recording_id) is None:  # another server purges it: its side file goes, too
+                    self.storage.add_erased([recording_id])
+                    self.storage.drop_recording(recording_id)
 
     def _read(self, recording_id: str) -> SideFile | None:
+        """Read the rows of a recording; None if it is gone or being purged."""
         with self.reader.connect() as connection:
-            return read_side_rows(connection, recording_id)
+            side = read_side_rows(connection, recording_id)
+        return None if side is None or side.recording["state"] == PURGING else side
 
     def mark_side_files_missing(self, recording_ids: Sequence[str]) -> None:
         """Record that these recordings have no side file, so that it is written again."""

@@ -22,6 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
 from app.jobs.audit_log import Act, record
+from app.jobs.batches import follow_recording, join_study
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
 from app.jobs.job import Job, JobState
@@ -40,7 +41,6 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, select_page
 from app.jobs.side_files import increment_revision
-from app.jobs.studies import follow_recording, join_study
 from app.jobs.versions import (
     COUNTED,
     build_item,
@@ -191,7 +191,7 @@ class JobStore(RowStore):
             return join_study(connection, name, analysis_id)
 
     def find_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
-        """Give the analyses of the same bytes with the same settings by the same engine, the oldest first."""
+        """Return the analyses of the same bytes with the same settings and engine, the oldest first."""
         query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
         return tuple(read_job(row) for row in self._read_all(query))
 
@@ -249,24 +249,24 @@ class JobStore(RowStore):
         return reports[0]
 
     def get(self, analysis_id: str) -> Job:
-        """Give one job. Raises NotHere."""
+        """Return one job. Raises NotHere."""
         row = self._read_one(select_jobs().where(analyses.c.id == analysis_id))
         if row is None:
             raise NotHere
         return read_job(row)
 
     def find_trashed(self, analysis_id: str) -> str | None:
-        """Give the recording of an analysis that is in the trash with it; None for any other."""
+        """Return the recording of an analysis that is in the trash with it; None for any other."""
         query = select(analyses.c.recording_id).join(recordings, analyses.c.recording_id == recordings.c.id)
         row = self._read_one(query.where(analyses.c.id == analysis_id, recordings.c.state == TRASHED))
         return None if row is None else str(row.recording_id)
 
     def find_newest(self, limit: int = 100) -> tuple[Job, ...]:
-        """Give the jobs asked for last, newest first."""
+        """Return the jobs asked for last, newest first."""
         return self.find_page(JobFilter(), limit)
 
     def find_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
-        """Give the newest jobs that the filter lets through, from ``after`` on."""
+        """Return the newest jobs that the filter lets through, from ``after`` on."""
         query = select_jobs()
         for name, value in asdict(wanted).items():
             if name == "batch_id" and value:
@@ -370,8 +370,9 @@ class JobStore(RowStore):
 
     def is_published(self, analysis_id: str, token: str) -> bool:
         """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
-        job = self.get(analysis_id)
-        return job.state is JobState.SUCCEEDED and job.token == token
+        mine = (analyses.c.id == analysis_id, analyses.c.token == token)
+        query = select(analyses.c.id).where(*mine, analyses.c.state == JobState.SUCCEEDED)
+        return self._read_value(query) is not None
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job, with the reason."""
@@ -416,17 +417,17 @@ class JobStore(RowStore):
         return self.get(analysis_id)
 
     def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
-        """Give the published file of this name; None where there is none."""
+        """Return the published file of this name; None where there is none."""
         return next((file for file in self.find_files(analysis_id) if file.name == name), None)
 
     def find_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
-        """Give every published file, by name."""
+        """Return every published file, by name."""
         columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
         query = select(*columns).where(result_files.c.analysis_id == analysis_id)
         return tuple(ResultFile(*row) for row in self._read_all(query.order_by(result_files.c.name)))
 
     def find_sha256(self, recording_id: str) -> str:
-        """Give the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
+        """Return the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
         sha256 = self._read_value(select(recordings.c.sha256).where(recordings.c.id == recording_id))
         if sha256 is None:
             raise NotHere(id=recording_id)
@@ -444,16 +445,16 @@ class JobStore(RowStore):
             return True
 
     def find_recordings(self) -> frozenset[str]:
-        """Give the id of every acknowledged recording."""
+        """Return the id of every acknowledged recording."""
         return self._read_ids(select(recordings.c.id))
 
     def find_with_side(self) -> frozenset[str]:
-        """Give the id of every recording whose side file was written."""
+        """Return the id of every recording whose side file was written."""
         written = (recordings.c.side_revision > 0, recordings.c.state != PURGING)
         return self._read_ids(select(recordings.c.id).where(*written))
 
     def read_revision(self, recording_id: str) -> int:
-        """Give the revision of a recording's rows; 0 where it has none."""
+        """Return the revision of a recording's rows; 0 where it has none."""
         query = select(recordings.c.revision).where(recordings.c.id == recording_id)
         return int(self._read_value(query) or 0)
 
@@ -472,16 +473,16 @@ class JobStore(RowStore):
             record(connection, "recording.purging", recording_id)
 
     def find_recording(self, analysis_id: str) -> str:
-        """Give the recording of an analysis; "" where there is no such analysis."""
+        """Return the recording of an analysis; "" where there is no such analysis."""
         query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
         return str(self._read_value(query) or "")
 
     def find_analyses(self) -> frozenset[str]:
-        """Give the id of every analysis."""
+        """Return the id of every analysis."""
         return self._read_ids(select(analyses.c.id))
 
     def find_attempts(self) -> frozenset[tuple[str, str]]:
-        """Give every attempt that runs or counts: (analysis, token)."""
+        """Return every attempt that runs or counts: (analysis, token)."""
         kept = (JobState.RUNNING, JobState.SUCCEEDED)
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         return frozenset((row.id, row.token) for row in self._read_all(query))

@@ -64,7 +64,7 @@ class WebhookStore(RowStore):
         return hook
 
     def find_all(self) -> tuple[Webhook, ...]:
-        """Give every webhook, oldest first."""
+        """Return every webhook, oldest first."""
         return tuple(
             Webhook(row.id, row.url, tuple(json.loads(row.events)), row.secret, row.created_at)
             for row in self._read_all(select(webhooks).order_by(webhooks.c.created_at))
@@ -136,7 +136,7 @@ def announce_batch(connection: Connection, batch_id: str) -> None:
 
 
 def _read_hooks(connection: Connection) -> list[tuple[str, str]]:
-    """Give id and events (JSON) of every webhook."""
+    """Return id and events (JSON) of every webhook."""
     return [(hook.id, hook.events) for hook in connection.execute(select(webhooks.c.id, webhooks.c.events))]
 
 

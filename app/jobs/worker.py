@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
+from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
 from app.jobs.children.attempt import (
     Attempt,
     Died,
@@ -259,12 +259,15 @@ def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fracti
 
 @contextmanager
 def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
-    """Give the request with the path of its reference, which the row knows by its id."""
+    """Return the request with the path of its reference, which the row knows by its id."""
     reference = job.request.reference
     if reference is None:
         yield job.request
         return
-    sha256 = bench.store.find_sha256(reference.path)
+    try:
+        sha256 = bench.store.find_sha256(reference.path)
+    except NotHere as gone:  # deleted with its recording meanwhile
+        raise StoreDamaged from gone
     with borrow_recording(bench.storage, reference.path, sha256) as path:
         yield replace(job.request, reference=replace(reference, path=str(path)))
 

@@ -95,7 +95,7 @@ class BucketStorage(Storage):
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
     def identify(self) -> str:
-        """Give the permanent id of this bucket's contents; the first call creates it."""
+        """Return the permanent id of this bucket's contents; the first call creates it."""
         with translate_store_errors():
             with suppress(FileNotFoundError):
                 return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
@@ -187,14 +187,14 @@ class BucketStorage(Storage):
         check_free(self.root, min_free_bytes)
 
     def find_names(self) -> Iterator[str]:
-        """Give the name of every stored recording and result."""
+        """Return the name of every stored recording and result."""
         with translate_store_errors():
             for kind in ("recordings", "analyses"):
                 for objects in obstore.list(self.bucket, kind):
                     yield from (found["path"] for found in objects)
 
     def find_recordings(self) -> frozenset[str]:
-        """Give every name among the recordings, those of side files too."""
+        """Return every name among the recordings, those of side files too."""
         return frozenset(name.removeprefix("recordings/") for name in self._find("recordings/"))
 
     def write_small(self, name: str, content: bytes) -> None:
@@ -217,7 +217,7 @@ class BucketStorage(Storage):
         return False
 
     def find_quarantined(self) -> tuple[str, ...]:
-        """Give the names of everything in quarantine, in the bucket and on this machine."""
+        """Return the names of everything in quarantine, in the bucket and on this machine."""
         kept = (name.removeprefix("quarantine/") for name in self._find("quarantine/"))
         return (*kept, *Storage.find_quarantined(self))
 
@@ -240,7 +240,7 @@ class BucketStorage(Storage):
 
 
 def _read_mark(found: "ObjectMeta") -> Mark:
-    """Give size and ETag; what has no ETag gets another mark each time, so that it is always compared."""
+    """Return size and ETag; what has no ETag gets another mark each time, so that it is always compared."""
     return found["size"], found["e_tag"] or secrets.token_hex(8)
 
 

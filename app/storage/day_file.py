@@ -88,7 +88,7 @@ def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, An
 
 
 def _reduce_levels(rows: Angles) -> Iterator[Angles]:
-    """Give the lowest and highest angle of every 16, 256, ... rows, each of shape (m, 2)."""
+    """Return the lowest and highest angle of every 16, 256, ... rows, each of shape (m, 2)."""
     low = high = rows
     for _ in range(LEVELS):
         low, high = _reduce(low, high, ROWS_PER_STEP)
@@ -96,7 +96,7 @@ def _reduce_levels(rows: Angles) -> Iterator[Angles]:
 
 
 def _reduce(low: Angles, high: Angles, step: int) -> tuple[Angles, Angles]:
-    """Give the lowest valid and the highest of every ``step`` values; the last group may be short."""
+    """Return the lowest valid and the highest of every ``step`` values; the last group may be short."""
     if not len(low):
         return low, high
     edges = np.arange(0, len(low), step)
@@ -128,7 +128,7 @@ class DayFile:
     segments: tuple[_OpenSegment, ...]
 
     def cut(self, from_s: float, to_s: float, points: int) -> list[Stretch]:
-        """Give the curve between two times, in s, with about ``points`` values."""
+        """Return the curve between two times, in s, with about ``points`` values."""
         span_s = max(to_s - from_s, 1e-6)
         return [
             _cut_segment(segment, from_s, to_s, max(1.0, segment.rate_hz * span_s / points))
@@ -149,7 +149,7 @@ class DayFile:
         return sorted(found, key=lambda episode: (-episode.highest_deg, episode.start_s))[:count]
 
     def measure_above(self, start_s: float, end_s: float, threshold_deg: float) -> tuple[float, float]:
-        """Give the valid time between two times, and that of it at or above a threshold, both in s."""
+        """Return the valid time between two times, and that of it at or above a threshold, both in s."""
         valid_s = above_s = 0.0
         for segment in self.segments:
             first, stop = (round((at_s - segment.start_s) * segment.rate_hz) for at_s in (start_s, end_s))
@@ -159,7 +159,7 @@ class DayFile:
         return valid_s, above_s
 
     def measure_quiet(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], float] | None:
-        """Give mean acceleration, shape (3,), and the largest standard deviation of an axis, in g.
+        """Return mean acceleration, shape (3,), and the largest standard deviation of an axis, in g.
 
         Both are of the whole quarter seconds between two times; None where these are not in one segment, or
         hold no whole quarter second.

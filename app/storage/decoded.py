@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 
 def hash_entry_key(sha256: str, reading: str, revision: str) -> str:
-    """Give the key of an entry; ``reading`` holds all options of the reading, as text."""
+    """Return the key of an entry; ``reading`` holds all options of the reading, as text."""
     return hashlib.sha256(f"{sha256}\n{revision}\n{reading}".encode()).hexdigest()[:40]
 
 
@@ -53,7 +53,7 @@ class DecodedCache:
     """The recording that is read or kept."""
 
     def find(self, key: str) -> Recording | None:
-        """Give the recording, or None where it is not there or not whole."""
+        """Return the recording, or None where it is not there or not whole."""
         path = self._path(key)
         try:
             with path.open("rb") as file:
@@ -157,7 +157,7 @@ def _read_samples(file: IO[bytes], rows: int, digest: "hashlib._Hash") -> NDArra
 
 
 def _describe(recording: Recording) -> dict[str, Any]:
-    """Give everything but the samples, ready for JSON."""
+    """Return everything but the samples, ready for JSON."""
     described = {name: getattr(recording, name) for name in _FACTS}
     return described | {
         "start": recording.start.isoformat() if recording.start else None,

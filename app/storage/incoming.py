@@ -108,7 +108,7 @@ class Incoming:
         return GrowingFile(self.path(upload_id), offset_bytes)
 
     def measure(self, upload_id: str) -> int:
-        """Give the number of an upload's bytes that are on the disk."""
+        """Return the number of an upload's bytes that are on the disk."""
         try:
             return self.path(upload_id).stat().st_size
         except FileNotFoundError:

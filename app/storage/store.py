@@ -228,7 +228,7 @@ class Storage:
             make_folder(self.root / name)
 
     def identify(self) -> str:
-        """Give the permanent id of this store; the first call creates it."""
+        """Return the permanent id of this store; the first call creates it."""
         path = self.root / "store.id"
         if not path.exists():
             write_durably(path, f"folder-{secrets.token_hex(8)}".encode())
@@ -244,7 +244,7 @@ class Storage:
             return FolderUpload(recording_id, max_bytes, part, self.recording(recording_id))
 
     def recording(self, recording_id: str) -> Path:
-        """Give the path of a recording in the folder of this machine."""
+        """Return the path of a recording in the folder of this machine."""
         return self.root / "recordings" / recording_id
 
     def adopt(self, path: Path, recording_id: str) -> None:
@@ -328,7 +328,7 @@ class Storage:
     # Attempts: files are written on this machine, and kept before the row states that the attempt counts.
 
     def attempt(self, analysis_id: str, token: str) -> Path:
-        """Give the folder of this machine for one attempt's files."""
+        """Return the folder of this machine for one attempt's files."""
         return self.root / "analyses" / analysis_id / token
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
@@ -358,7 +358,7 @@ class Storage:
         shutil.rmtree(self.root / "analyses" / analysis_id, ignore_errors=True)
 
     def find_attempts(self) -> tuple[tuple[str, str], ...]:
-        """Give the folders of attempts on this machine: (analysis, token)."""
+        """Return the folders of attempts on this machine: (analysis, token)."""
         folders = (path for path in (self.root / "analyses").glob("*/*") if path.is_dir())
         return tuple((path.parent.name, path.name) for path in folders)
 
@@ -372,14 +372,14 @@ class Storage:
         check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
 
     def find_names(self) -> Iterator[str]:
-        """Give the name of every stored recording and result, as :meth:`put` takes them."""
+        """Return the name of every stored recording and result, as :meth:`put` takes them."""
         for kind in ("recordings", "analyses"):
             for path in (self.root / kind).rglob("*"):
                 if path.is_file():
                     yield path.relative_to(self.root).as_posix()
 
     def find_recordings(self) -> frozenset[str]:
-        """Give every name among the recordings, those of side files too."""
+        """Return every name among the recordings, those of side files too."""
         with os.scandir(self.root / "recordings") as entries:
             return frozenset(entry.name for entry in entries)
 
@@ -417,7 +417,7 @@ class Storage:
         return True
 
     def find_quarantined(self) -> tuple[str, ...]:
-        """Give the names of everything in quarantine."""
+        """Return the names of everything in quarantine."""
         try:
             return tuple(sorted(os.listdir(self.root / "quarantine")))  # noqa: PTH208 - names are all we need
         except FileNotFoundError:
@@ -451,7 +451,7 @@ class Storage:
 
 @contextmanager
 def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> Iterator[Path]:
-    """Give a result for the length of the block, verified against the SHA-256 of its row.
+    """Lend a result for the length of the block, verified against the SHA-256 of its row.
 
     Raises ResultDamaged: it is missing or altered, or was altered during the block.
     """
@@ -462,7 +462,7 @@ def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFi
 
 @contextmanager
 def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterator[Path]:
-    """Give a recording for the length of the block, verified against the SHA-256 of its row.
+    """Lend a recording for the length of the block, verified against the SHA-256 of its row.
 
     Raises StoreDamaged: it is missing or altered, or was altered during the block.
     """
@@ -502,17 +502,17 @@ def make_recording_id() -> str:
 
 
 def format_recording_name(recording_id: str) -> str:
-    """Give the name of a recording in the store."""
+    """Return the name of a recording in the store."""
     return f"recordings/{recording_id}"
 
 
 def format_result_name(analysis_id: str, token: str, name: str) -> str:
-    """Give the name of a result in the store."""
+    """Return the name of a result in the store."""
     return f"analyses/{analysis_id}/{token}/{name}"
 
 
 def read_mark(path: Path) -> Mark:
-    """Give size, time and inode of a file.
+    """Return size, time and inode of a file.
 
     Raises FileNotFoundError: also for a folder, a device or a pipe.
     """
@@ -594,13 +594,13 @@ class FolderLock:
 
 
 def describe_files(folder: Path) -> tuple[ResultFile, ...]:
-    """Give name, SHA-256 and size of every file of a folder."""
+    """Return name, SHA-256 and size of every file of a folder."""
     paths = sorted(folder.iterdir())
     return tuple(ResultFile(path.name, hash_file(path), path.stat().st_size) for path in paths)
 
 
 def hash_file(path: Path) -> str:
-    """Give the SHA-256 of a file's bytes."""
+    """Return the SHA-256 of a file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -639,7 +639,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def format_side_file_name(recording_id: str) -> str:
-    """Give the name of a recording's side file in the store."""
+    """Return the name of a recording's side file in the store."""
     return f"recordings/{recording_id}{SIDE_SUFFIX}"
 
 

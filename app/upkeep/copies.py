@@ -16,12 +16,13 @@ from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
-from sqlalchemy import Engine, create_engine
+from sqlalchemy import Engine, create_engine, select
 from sqlalchemy.exc import DBAPIError
 
 from app.jobs.database.connect import find_database_file, read_revision
 from app.jobs.database.dump import LEFT_OUT
-from app.jobs.database.tables import REVISION
+from app.jobs.database.tables import REVISION, recordings
+from app.jobs.queries import PURGING
 from app.jobs.recordings import delete_recording
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
@@ -150,7 +151,8 @@ def _leave_out(part: Path, purged: Collection[str]) -> None:
             known = set(connection.exec_driver_sql("SELECT name FROM sqlite_master").scalars())
             for table in known.intersection(LEFT_OUT):
                 connection.exec_driver_sql(f'DELETE FROM "{table}"')  # noqa: S608
-            for recording_id in purged:
+            purging = select(recordings.c.id).where(recordings.c.state == PURGING)
+            for recording_id in {*purged, *connection.execute(purging).scalars().all()}:
                 delete_recording(connection, recording_id)
             connection.commit()
     finally:

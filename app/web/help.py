@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from math import sin
@@ -37,8 +37,7 @@ from app.report.words.numbers import Clock, format_duration, format_number, form
 from app.report.words.wording import Language, Words, fill, find_other_language, load_wording
 from app.request import ReportRequest
 from app.web.recording.page_one import PageOne
-from app.web.rendering import UsedPage
-from app.web.reports import lay_way_of_query
+from app.web.rendering import UsedPage, lay_way_of_query
 from app.web.views import build_answer
 from fusion.devices import KNOWN_DEVICES
 from fusion.recording import QualityFlag
@@ -67,38 +66,36 @@ HAPPENED: Mapping[str, str] = {
 router = APIRouter(include_in_schema=False)
 
 
-def find_happened(key: str) -> list[str]:
-    """Return the codes behind what a person sees."""
-    return [f"E-{name}" for name in HAPPENED[key].split()]
-
-
 @router.get("/help")
 def show_help(page: UsedPage) -> Response:
     """List what help there is."""
     titles = {code: describe_problem(code, {}, page.language).title for code in _find_codes()}
-    happened = [(key, [(code, titles.pop(code)) for code in find_happened(key)]) for key in HAPPENED]
+    happened = [
+        (key, [(code, titles.pop(code)) for code in map("E-{}".format, names.split())])
+        for key, names in HAPPENED.items()
+    ]
     warnings = [(code, describe_flag(QualityFlag(code), page.language).title) for code in find_flag_codes()]
     happened += [("caveat", warnings), ("operation", list(titles.items()))]
-    return page.render("help.html", happened=happened)
+    return page.render("help/help.html", happened=happened)
 
 
 @router.get("/help/poses")
 def show_poses(page: UsedPage) -> Response:
     """Explain the calibration poses, on one page to print."""
-    return page.render("poses.html", poses=POSES)
+    return page.render("help/poses.html", poses=POSES)
 
 
 @router.get("/help/reading")
 def show_reading(page: UsedPage) -> Response:
     """Explain page 1 of a report by its own drawings, with method, limits and glossary."""
-    return page.render("reading.html", pictures=draw_example(page.language))
+    return page.render("help/reading.html", pictures=draw_example(page.language))
 
 
 @router.get("/help/export")
 def show_export(page: UsedPage) -> Response:
     """Say which file to take from the device's own software."""
     return page.render(
-        "export.html", known=[one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
+        "help/export.html", known=[one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
     )
 
 
@@ -107,11 +104,11 @@ def show_problem_page(code: str, page: UsedPage) -> Response:
     """Explain the code of a refusal or of a warning."""
     if code in find_flag_codes():
         caveat = describe_flag(QualityFlag(code), page.language)
-        return page.render("problem.html", code=code, problem=caveat, fix="")
+        return page.render("help/problem.html", code=code, problem=caveat, fix="")
     if code not in _find_codes():
         raise NotHere
     problem, retryable = describe_problem(code, {}, page.language), find_outcome_of_code(code).retryable
-    return page.render("problem.html", code=code, problem=problem, fix=problem.fix, retryable=retryable)
+    return page.render("help/problem.html", code=code, problem=problem, fix=problem.fix, retryable=retryable)
 
 
 def _find_codes() -> list[str]:
@@ -158,7 +155,7 @@ def show_example(page: UsedPage) -> Response:
     """Show page 1 of the example as a recording's page shows it."""
     report, results = _build_example(page.language), load_results(find_example().read_bytes())
     answer = build_answer(results, format_brief(report).decode(), page.language)
-    return page.render("example.html", page_one=PageOne(report, (), ()), answer=answer)
+    return page.render("help/example.html", page_one=PageOne(report), answer=answer)
 
 
 @router.get("/example/report.html")
@@ -179,7 +176,6 @@ def get_example_pdf(page: UsedPage) -> Response:
 
 # The pictures of "How to read this": the drawings of page 1, of an invented day.
 
-
 SHARE, SHARE_RANGE, SHARE_POSE, PUBLISHED = 12.0, (9.0, 16.0), (16.0, 22.0), 10.0
 END = 40.0
 SHARE_DAYS = (8.0, 16.0)
@@ -191,16 +187,7 @@ LONGEST_S = 24.0
 def draw_example(language: Language) -> Mapping[str, str]:
     """Draw a tile's scale, the day (wide and narrow) and the doubts; the values are invented."""
     words, told = load_wording(language), load_wording(language, "help")["reading"]["picture"]
-    return {
-        "tile": draw_tile(_build_scale(told, language)),
-        "day": draw_day(*_build_day(words, told, language), WIDE),
-        "day_narrow": draw_day(*_build_day(words, told, language), NARROW),
-        "sure": draw_sureness(_build_sureness(words, told, language)),
-    }
-
-
-def _build_scale(told: Words, language: Language) -> TileScale:
-    return TileScale(
+    scale = TileScale(
         key="example",
         words=(told["tile_title"], told["tile"]),
         end=END,
@@ -211,6 +198,22 @@ def _build_scale(told: Words, language: Language) -> TileScale:
         published=(PUBLISHED,),
         published_label=_tell((PUBLISHED,), language),
     )
+    entry = words["profile"]["sure"]
+    most = fill(entry["up_to"], {"high": _tell(SHARE_POSE[1:], language)})
+    sureness = Sureness(
+        words=(told["sure_title"], told["sure"]),
+        measured=SHARE,
+        end=END,
+        end_label=_tell((END,), language),
+        doubts=(
+            Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
+            Doubt(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
+            Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
+        ),
+    )
+    day = _build_day(words, told, language)
+    drawn = {"day": draw_day(*day, WIDE), "day_narrow": draw_day(*day, NARROW)}
+    return {"tile": draw_tile(scale), **drawn, "sure": draw_sureness(sureness)}
 
 
 def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayLabels]:
@@ -238,22 +241,6 @@ def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayL
     return day, replace(labels, worst=worst, longest=longest)
 
 
-def _build_sureness(words: Words, told: Words, language: Language) -> Sureness:
-    entry = words["profile"]["sure"]
-    high = _tell(SHARE_POSE[1:], language)
-    return Sureness(
-        words=(told["sure_title"], told["sure"]),
-        measured=SHARE,
-        end=END,
-        end_label=_tell((END,), language),
-        doubts=(
-            Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
-            Doubt(entry["pose"], fill(entry["up_to"], {"high": high}), (SHARE, SHARE_POSE[1]), is_pose=True),
-            Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
-        ),
-    )
-
-
 def _tell(shares: Sequence[float], language: Language) -> str:
     """Write whole percents, one or a range of two."""
     return "–".join(format_number(share, 0, language) for share in shares) + percent_sign(language)
@@ -261,20 +248,7 @@ def _tell(shares: Sequence[float], language: Language) -> str:
 
 # The OpenAPI document as a page of our own: nothing is loaded from elsewhere.
 
-
 _QUOTED = re.compile(r"``(.+?)``")
-
-
-@dataclass(frozen=True, slots=True)
-class Operation:
-    """One operation: its name, what it does in paragraphs, its parameters, what goes in and comes out."""
-
-    id: str
-    title: str
-    paragraphs: tuple[Markup, ...]
-    parameters: tuple[tuple[str, str, Markup], ...]
-    bodies: str
-    answers: str
 
 
 @router.get("/api/v1/openapi.json")
@@ -285,25 +259,25 @@ def give_openapi(request: Request) -> JSONResponse:
 
 @router.get("/api/v1/docs")
 def show_docs(page: UsedPage) -> Response:
-    """Show every operation of the API."""
+    """Show every operation of the API: what it does, its parameters, what goes in and comes out."""
     document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
     operations = [
-        Operation(
-            told["operationId"],
-            f"{method.upper()} {path}",
-            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
-            tuple(
+        {
+            "id": told["operationId"],
+            "title": f"{method.upper()} {path}",
+            "paragraphs": [_mark_code(part) for part in told.get("description", "").split("\n\n")],
+            "parameters": [
                 (p["name"], p["in"], _mark_code(p.get("description", "")))
                 for p in told.get("parameters", ())
                 if p["in"] != "path"
-            ),
-            ", ".join(told.get("requestBody", {}).get("content", {})),
-            ", ".join(told["responses"]),
-        )
+            ],
+            "bodies": ", ".join(told.get("requestBody", {}).get("content", {})),
+            "answers": ", ".join(told["responses"]),
+        }
         for path, methods in document["paths"].items()
         for method, told in methods.items()
     ]
-    return page.render("api_docs.html", operations=operations)
+    return page.render("help/api_docs.html", operations=operations)
 
 
 def _mark_code(text: str) -> Markup:

@@ -1,23 +1,28 @@
-"""The library: tables for download, acts on many recordings, and the trash."""
+"""The library: tables for download, acts on many recordings, the trash, and the studies."""
 
 import io
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 from urllib.parse import parse_qsl
 from zipfile import ZIP_STORED, ZipFile
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Depends, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from app.api.library.analyses import check_queue, run_to_end
+from app.api.library.batches import retry_failed
 from app.api.library.files import MEDIA_TYPES, build_download_name, respond_with_file
 from app.api.library.recordings import check_may_erase, has_trash, purge_recording
 from app.api.trust import find_names
+from app.batch.folder import Task
+from app.batch.inputs import assign_participants
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.jobs.audit_log import touch
+from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.jobs.listing import Entry, Library
 from app.jobs.recordings import HOLD_REASONS, RecordingFilter
@@ -31,13 +36,23 @@ from app.request import SUBJECT_HINT, check_subject
 from app.services import Services, UsedServices
 from app.storage.store import COPY_BYTES, borrow_recording
 from app.upkeep.backup_term import find_backup_term
-from app.web.forms import Form, UsedForm, first
 from app.web.recording.analysis import find_results
 from app.web.recording.day import say_whose
-from app.web.rendering import Page, UsedPage
-from app.web.views import format_moment, format_size, parse_filter, read_filter, write_filter
+from app.web.rendering import Form, Page, UsedForm, UsedPage, first, read_body
+from app.web.validations import list_compared
+from app.web.views import (
+    build_library,
+    format_compared,
+    format_moment,
+    format_size,
+    parse_filter,
+    read_filter,
+    write_filter,
+)
 
 MOST_ROWS = 10_000
+MOST_BATCHES = 200
+MOST_SQUARES = 2_000
 MOST_CHOSEN = 500
 SHOWN = 500
 MOST_VIEWS = 50
@@ -92,22 +107,17 @@ def _find_chosen(services: Services, form: Form) -> Sequence[Entry]:
 
 
 def _send_table(services: Services, entries: Sequence[Entry], name: str) -> Response:
-    rows = list(_summarise_jobs(services, [entry.job for entry in entries]))
-    body = encode_summary(rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL)
-    return respond_with_file(body, CSV, f"{name}.csv")
-
-
-def _summarise_jobs(services: Services, jobs: list[Job]) -> Iterator[Row]:
-    """Yield the row of each report; what has none is left out."""
-    for job in jobs:
+    """Return a row for each report; what has none is left out."""
+    rows: list[Row] = []
+    for job in (entry.job for entry in entries):
         try:
-            results = find_results(services, job)
+            if (results := find_results(services, job)) is not None:
+                rows.append(summarise_results(results))
         except ResultDamaged as damaged:
             origin = Origin(job.file_name, job.request.subject, job.request.side)
-            yield summarise_failure(origin, damaged.code)
-            continue
-        if results is not None:
-            yield summarise_results(results)
+            rows.append(summarise_failure(origin, damaged.code))
+    body = encode_summary(rows, FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL)
+    return respond_with_file(body, CSV, f"{name}.csv")
 
 
 @router.get("/library/reports.zip")
@@ -268,7 +278,7 @@ async def do(act: Act, page: UsedPage, form: UsedForm) -> Response:
     done = await run_to_end(_act, act, page, form)
     words = page.words()["acted"]
     told = fill(words[act], {"n": str(done.number), **done.facts}) if done.number else words["none"]
-    return page.render("acted.html", told=told, undo=done.undo, query=first(form, "query"))
+    return page.render("library/acted.html", told=told, undo=done.undo, query=first(form, "query"))
 
 
 def _act(act: Act, page: Page, form: Form) -> Done:
@@ -336,7 +346,7 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
 
 
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:
-    """Say something else of recordings, and analyse again where that is not what the report says.
+    """State something else of recordings, and analyse again where that is not what the report says.
 
     What is under way, given by hand, or a comparison stays as it is. Raises Busy.
     """
@@ -387,7 +397,7 @@ def _ask(page: Page, recording_id: str, *, for_good: bool) -> Response:
         term = find_backup_term(page.services.storage)
         backups = fill(page.words()["trash"]["backups"][term.kind], {"until": term.until})
     return page.render(
-        "delete.html",
+        "library/delete.html",
         **_describe_trash(page),
         recording=row,
         size=format_size(row.size_bytes, page.language),
@@ -433,4 +443,81 @@ def show_trash(page: UsedPage) -> Response:
     """List what is in the trash."""
     found = page.services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
     shown = [(row, format_size(row.size_bytes, page.language)) for row in found]
-    return page.render("trash.html", **_describe_trash(page), rows=shown)
+    return page.render("library/trash.html", **_describe_trash(page), rows=shown)
+
+
+# Studies: all of them, and each with its recordings. A script's batch is one, too.
+
+
+@router.get("/batches")
+def show_batches(page: UsedPage) -> Response:
+    """List the batches, the newest first."""
+    rows = [_describe_batch(page, batch) for batch in page.services.batches.find_newest(MOST_BATCHES)]
+    return page.render("library/batches.html", rows=rows)
+
+
+@router.get("/batches/{batch_id}")
+def show_batch(batch_id: str, page: UsedPage) -> Response:
+    """Show one batch: counts by state, every analysis, its tables."""
+    batch = page.services.batches.get(batch_id)
+    jobs = page.services.batches.find_jobs(batch_id)
+    return page.render(
+        "library/batch.html",
+        **build_library(page, replace(read_filter(page.request), batch=batch.id)),
+        batch=batch,
+        told=_describe_batch(page, batch),
+        squares=_draw_squares(page, batch_id, jobs),
+        compared=list_compared(page, jobs),
+        has_reports=any(j.state is JobState.SUCCEEDED and j.request.reference is None for j in jobs),
+        failed=batch.counts[JobState.FAILED],
+    )
+
+
+@router.post("/batches/{batch_id}/retry")
+def retry_batch(batch_id: str, page: UsedPage) -> Response:
+    """Analyse anew what failed (a plain form, so that it needs no script)."""
+    retry_failed(batch_id, page.services)
+    return page.go(f"/batches/{batch_id}")
+
+
+@router.post("/batches/{batch_id}/participants")
+def take_participants(
+    batch_id: str, services: UsedServices, content: Annotated[bytes, Depends(read_body)]
+) -> dict[str, Any]:
+    """Read a list of participants, and analyse again every recording of which it says something else.
+
+    Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
+    """
+    every = services.batches.find_jobs(services.batches.get(batch_id).id)
+    jobs = [job for job in every if job.request.reference is None]
+    tasks = [Task(Path(job.recording_id, job.file_name), job.request, Path()) for job in jobs]
+    assigned, unknown = assign_participants(tasks, content, None)
+    changed = [
+        (job, task.request) for job, task in zip(jobs, assigned, strict=True) if task.request != job.request
+    ]
+    check_queue(services, len(changed))
+    for job, asked in changed:
+        say_whose(services, job, asked, ("subject", "side"))
+    return {"changed": services.store.repeat_all(changed), "unknown": [row.file for row in unknown]}
+
+
+def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[dict[str, str]]:
+    """Return each recording at a glance: its state, or the verdict on its data, and that in words."""
+    words, verdicts = page.words(), page.services.batches.find_verdicts(batch_id)
+    squares = []
+    for job in jobs[:MOST_SQUARES]:
+        name = format_compared(job, words) or job.request.subject or job.file_name
+        state, told = job.state.value, words["state"][job.state.value]
+        if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):
+            state, told = verdict, words["verdict_short"][verdict]
+        squares.append({"id": job.id, "state": state, "title": f"{name}: {told}"})
+    return squares
+
+
+def _describe_batch(page: Page, batch: Batch) -> dict[str, str]:
+    """Return the id of a study, its name, when it was made, and how many analyses are in each state."""
+    words = page.words()["batches"]
+    counts = {state.value: str(number) for state, number in batch.counts.items() if number}
+    told = fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts)
+    name, when = batch.name or words["unnamed"], format_moment(batch.created_at)
+    return {"id": batch.id, "name": name, "when": when, "counts": told}

@@ -7,7 +7,6 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.access.accounts import LONGEST_S
-from app.access.gate import StartSecret
 from app.access.logins import BROWSER_TERM_S, EXTRA, Entered
 from app.access.subjects import Permission, Subject
 from app.api.middleware.access import UsedSubject, find_gate
@@ -39,8 +38,7 @@ from app.errors import (
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
 from app.storage.open import load_extra
-from app.web.forms import Form, UsedForm, first, take_secret
-from app.web.rendering import YEAR_S, Page, UsedPage, find_base
+from app.web.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, find_base, first, take_secret
 
 router = APIRouter(include_in_schema=False)
 
@@ -76,7 +74,7 @@ def log_in(page: UsedPage, form: UsedForm) -> Response:
     gate, wanted = find_gate(page.request), first(form, "next")
     if not gate.needs_accounts:
         if gate.secret is not None and gate.secret.matches(first(form, "secret"), ""):
-            return _let_in_by_secret(page, gate.secret, wanted)
+            return _lead_with(page, gate.secret.cookie, wanted, YEAR_S)
         return _render_login(page, wanted, NotSignedIn())
     caller = find_caller(page.request)
     try:
@@ -130,7 +128,7 @@ def open_once(ticket: str, page: UsedPage) -> Response:
     gate = find_gate(page.request)
     if gate.secret is None or gate.needs_accounts or not gate.secret.take_address(ticket):
         raise NotSignedIn
-    return _let_in_by_secret(page, gate.secret, "/")
+    return _lead_with(page, gate.secret.cookie, "/", YEAR_S)
 
 
 @router.get("/login/link/{ticket}")
@@ -298,7 +296,7 @@ def _render_confirmation(
 
 
 def _let_in(page: Page, entered: Entered, wanted: str) -> Response:
-    """Give a browser its new session; one that it had before ends."""
+    """Return a browser its new session; one that it had before ends."""
     response = page.go(_find_way_on(entered, wanted))
     _set_cookies(page, response, entered)
     return response
@@ -318,15 +316,9 @@ def _set_cookies(page: Page, response: Response, entered: Entered) -> None:
     set_cookie(page.request, response, BROWSER_COOKIE, entered.browser, BROWSER_TERM_S)
 
 
-def _let_in_by_secret(page: Page, secret: StartSecret, wanted: str) -> Response:
+def _lead_with(page: Page, cookie: str, wanted: str, term_s: int = int(LONGEST_S)) -> Response:
     response = page.go(check_next(wanted))
-    set_cookie(page.request, response, SESSION_COOKIE, secret.cookie, YEAR_S)
-    return response
-
-
-def _lead_with(page: Page, cookie: str, wanted: str) -> Response:
-    response = page.go(check_next(wanted))
-    set_cookie(page.request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
+    set_cookie(page.request, response, SESSION_COOKIE, cookie, term_s)
     return response
 
 

@@ -4,7 +4,7 @@ Many days are those of one person, of both arms or of a group, before and after 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from markupsafe import Markup
 from pydantic import BaseModel, Field
 
 from app.api.library.files import respond_with_file
-from app.api.pairs import MOST_DAYS, build_pair_download_name
+from app.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
 from app.errors import CannotProfile, RecordedProblem
 from app.jobs.children.pairs import AnyJobs, AskedJobs, PairReport
 from app.jobs.job import Job
@@ -25,8 +25,7 @@ from app.report.words.wording import fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
 from app.services import Services, UsedServices
 from app.web.recording.page_one import Laid, build_curves
-from app.web.rendering import Page, UsedPage
-from app.web.reports import lay_way_of_query
+from app.web.rendering import Page, UsedPage, lay_way_of_query
 from fusion.comparison import FigureChange
 
 DAY = 10  # characters of an ISO date
@@ -38,16 +37,8 @@ router = APIRouter(include_in_schema=False)
 # Which analyses fit together: the other arm of the same day, other days of the same person.
 
 
-@dataclass(frozen=True, slots=True)
-class Offer:
-    """A link to a page of two."""
-
-    address: str
-    words: str
-
-
-def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
-    """Offer a pair where arm and day fit, else a comparison, the earlier first."""
+def find_offers(page: Page, job: Job, start: str) -> list[dict[str, str]]:
+    """Offer a pair where arm and day fit, else a comparison, the earlier first: links to pages of two."""
     words, offers = page.words("pair_pages"), []
     for other in Library(page.services.store.reader).find_others(job):
         other_start = _read_start(other)
@@ -58,8 +49,8 @@ def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
             kind = "pair"
             first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
         address = f"/beside/{kind}?first={first.id}&second={second.id}"
-        offers.append(Offer(address, fill(words[f"with_{kind}"], facts)))
-    return tuple(offers)
+        offers.append({"address": address, "words": fill(words[f"with_{kind}"], facts)})
+    return offers
 
 
 def _read_start(entry: Entry) -> str:
@@ -88,9 +79,8 @@ def find_asked(
     if kind == "pair":
         trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
         offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
-    jobs = tuple(map(services.store.get, (first, second, *([trunk] if trunk else ()))))
-    paper = jobs[0].request.paper
-    return AskedJobs(jobs, PairRequest(kind, *offsets_s, paper=paper, same_subject=query.same_subject))
+    request = PairRequest(kind, *offsets_s, same_subject=query.same_subject)
+    return find_jobs(services, (first, second, *filter(None, [trunk])), request)
 
 
 AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
@@ -116,7 +106,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
     except RecordedProblem as problem:
         if problem.facts.get("why") != "person":
             raise
-        return page.render("beside.html", **shown)
+        return page.render("pairs/beside.html", **shown)
     figures = report.read_figures()
     before, after = (
         _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
@@ -133,7 +123,7 @@ def show_pair(asked: AskedPair, page: UsedPage) -> Response:
         "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
         "curves": build_curves(page, _lay_curves(page, asked, figures, (before, after))),
     }
-    return page.render("beside.html", **shown)
+    return page.render("pairs/beside.html", **shown)
 
 
 def _lay_curves(
@@ -225,7 +215,6 @@ def _offer_trunks(
 
 # Several days.
 
-
 MOST_OFFERED = 60
 """Recordings of one person in the form."""
 
@@ -283,19 +272,6 @@ def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[J
 AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(find_days)]
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """A recording in the form: its analysis, what it is called, and on which side it stands."""
-
-    id: str
-    name: str
-    when: str
-    side: str
-    above_60: str
-    is_chosen: bool
-    is_after: bool
-
-
 @router.get("/days")
 def show_days(asked: AskedDays, page: UsedPage) -> Response:
     """Show several days laid over one another, with a form of the person's recordings to choose from."""
@@ -314,7 +290,7 @@ def show_days(asked: AskedDays, page: UsedPage) -> Response:
         sentences, figures = made.read_sentences(page.language), made.read_figures()
         shown = {"problem": None, "sentences": sentences, "drawings": drawings, "figures": figures}
     choices, query = _list_choices(page, asked), page.request.url.query
-    return page.render("days.html", query=query, asked=asked.request, choices=choices, **shown)
+    return page.render("pairs/days.html", query=query, asked=asked.request, choices=choices, **shown)
 
 
 @router.get("/days/report.{form}", response_class=Response)
@@ -340,8 +316,8 @@ def find_days_address(services: Services, job: Job) -> str:
     return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
 
-def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice, ...]:
-    """List the chosen recordings and the others of the same people.
+def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> list[dict[str, Any]]:
+    """List the chosen recordings and the others of the same people, and on which side of a change each is.
 
     What has no subject code stands by itself.
     """
@@ -357,16 +333,16 @@ def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice,
     after = set(chosen[count:]) if count is not None else set()
     listed = []
     for entry in found.values():
-        job, headline = entry.job, entry.headline
+        job, above_60 = entry.job, entry.headline.above_60_percent if entry.headline else None
         listed.append(
-            Choice(
-                job.id,
-                job.file_name,
-                ((headline.start if headline else None) or "")[:16].replace("T", " "),
-                sides[job.request.side or "unknown"],
-                format_percent(headline.above_60_percent if headline else None, page.language),
-                job.id in chosen and job.id not in after,
-                job.id in after,
-            )
+            {
+                "id": job.id,
+                "name": job.file_name,
+                "when": _format_start(_read_start(entry)),
+                "side": sides[job.request.side or "unknown"],
+                "above_60": format_percent(above_60, page.language),
+                "is_chosen": job.id in chosen and job.id not in after,
+                "is_after": job.id in after,
+            }
         )
-    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))
+    return sorted(listed, key=lambda choice: (choice["when"], choice["side"]))

@@ -1,10 +1,13 @@
-"""Pages: who asks for one, and how it is rendered from a template and its values, with scripts and styles."""
+"""Pages: who asks for one, what its form says, how it or a report is rendered, with scripts and styles."""
 
 import gzip
 import hashlib
 import re
+from base64 import b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from html import escape
 from importlib.metadata import version
 from importlib.util import find_spec
 from os import PathLike, stat_result
@@ -21,8 +24,9 @@ from starlette.types import Scope
 from app.access.logins import Logins
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import find_logins
+from app.api.middleware.guard import REPORT_POLICY
 from app.api.middleware.problems import drop_secrets
-from app.errors import NotHere
+from app.errors import BadParameter, NotHere
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
@@ -216,3 +220,91 @@ async def open_page(request: Request) -> Page:
 
 
 UsedPage = Annotated[Page, Depends(open_page)]
+
+
+# A report as a page: above it the way back, the PDF and the other language; copies of the file hold none.
+
+WAY_STYLE = (
+    ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
+    ".way a{display:inline-block;min-height:24px}"
+    ".old{max-width:60rem;margin:0 auto;padding:.7rem 1rem;background:#fdf0d5;color:#6b4500}"
+    "@media print{.way,.old a{display:none}}"
+)
+WAY_HASH = b64encode(hashlib.sha256(WAY_STYLE.encode()).digest()).decode()
+"""A report's own policy lets in styles by their hash alone."""
+
+
+def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
+    """Lay the way back above a report whose page and PDF are asked for by the same query."""
+    query = f"?{page.request.url.query}" if page.request.url.query else ""
+    return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
+
+
+def lay_way(
+    page: Page, report: str, back: str, pdf: str, old: Mapping[str, str] | None = None
+) -> HTMLResponse:
+    """Lay the way back above a report, and the banner of an old version; its file is left as it is.
+
+    ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
+    """
+    words, labels = page.words(), page.words()["report_way"]
+    links = (
+        (back, labels["back"], ""),
+        (pdf, labels["pdf"], " download"),
+        (page.turn_language(), words["other_language"], f' lang="{words["other_language_code"]}"'),
+    )
+    told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
+    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
+    if old is not None:
+        link = f'<a href="{escape(old["address"])}">{escape(old["link"])}</a>'
+        bar += f'<p class="old">{escape(old["told"])} {link}</p>'
+    head, end, body = report.partition("</head>")
+    head = head.replace("style-src ", f"style-src 'sha256-{WAY_HASH}' ", 1) + f"<style>{WAY_STYLE}</style>"
+    whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
+    # its PDF may be downloaded, all else is as strict as for the file
+    policy = f"{REPORT_POLICY} allow-downloads"
+    return HTMLResponse(whole, headers={"Content-Security-Policy": policy, "Cache-Control": "no-store"})
+
+
+# Forms of short text fields, as browsers send them (urlencoded).
+
+MOST_BYTES = 4 << 20
+MOST_FIELDS = 50_000
+
+Form = Mapping[str, list[str]]
+
+
+async def read_form(request: Request) -> Form:
+    """Read ``application/x-www-form-urlencoded``; each name with its values in order. Raises BadParameter."""
+    body = await read_body(request)
+    try:
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
+    except ValueError:
+        raise BadParameter(name="form", value="", allowed=f"≤ {MOST_FIELDS}") from None
+    form: dict[str, list[str]] = {}
+    for name, value in pairs:
+        form.setdefault(name, []).append(value)
+    return form
+
+
+UsedForm = Annotated[Form, Depends(read_form)]
+
+
+async def read_body(request: Request) -> bytes:
+    """Read a body of at most 4 MiB. Raises BadParameter."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MOST_BYTES:
+            raise BadParameter(name="form", value="", allowed=f"≤ {MOST_BYTES}")
+    return bytes(body)
+
+
+def first(form: Form, name: str) -> str:
+    """Return the first value of a name, "" where there is none."""
+    return form.get(name, [""])[0].strip()
+
+
+def take_secret(form: Form, name: str) -> str:
+    """Return the first value of a name as it was typed, with every space."""
+    return form.get(name, [""])[0]

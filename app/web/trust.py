@@ -1,6 +1,5 @@
 """Pages of trust: the audit log, terms, group figures; forms that release a report or hold a recording."""
 
-from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import urlencode
 
@@ -14,8 +13,7 @@ from app.errors import BadParameter
 from app.jobs.audit_log import ACTS, find_lines
 from app.jobs.governance import KINDS
 from app.jobs.recordings import HOLD_REASONS
-from app.web.forms import UsedForm, first
-from app.web.rendering import Page, UsedPage
+from app.web.rendering import Page, UsedForm, UsedPage, first
 from app.web.views import format_moment
 
 STUDIES = 200
@@ -31,7 +29,7 @@ def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Res
     lines = list(find_lines(page.services.store.reader, question, before=query.before, most=MOST_LINES))
     asked = {name: page.request.query_params.get(name, "") for name in ASKED}
     return page.render(
-        "audit_log.html",
+        "trust/audit_log.html",
         lines=lines,
         names=find_names(page.request, (line.who for line in lines), page.language),
         asked=asked,
@@ -44,40 +42,38 @@ def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Res
 @router.get("/retention")
 def show_terms(page: UsedPage) -> Response:
     """Show how long each kind is kept, with a form to change it."""
-    return page.render("retention.html", terms=page.services.retention.find_all())
+    return page.render("trust/retention.html", terms=page.services.retention.find_all())
 
 
 @router.post("/retention")
-async def change_terms(page: UsedPage, form: UsedForm) -> Response:
+def change_terms(page: UsedPage, form: UsedForm) -> Response:
     """Change the terms that the form names; an empty one keeps its kind for good."""
     known = page.services.retention.find_all()
-    for kind in KINDS:
-        if kind in form:
-            typed = first(form, kind)
-            if typed and (not typed.isdecimal() or len(typed) > 6):
-                raise BadParameter(name="days", value=typed[:20], allowed="1, 2, 3 …")
-            days = int(typed) if typed else None
-            if days != known[kind]:
-                page.services.retention.put(kind, days)
+    for kind, typed in {kind: first(form, kind) for kind in KINDS if kind in form}.items():
+        if typed and (not typed.isdecimal() or len(typed) > 6):
+            raise BadParameter(name="days", value=typed[:20], allowed="1, 2, 3 …")
+        days = int(typed) if typed else None
+        if days != known[kind]:
+            page.services.retention.put(kind, days)
     return page.go("/retention")
 
 
 @router.post("/recordings/{recording_id}/hold")
-async def hold(recording_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
+def hold(recording_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
     """Put a recording on hold, or end its hold."""
     typed, recordings = first(form, "reason"), page.services.recordings
+    reason = next((one for one in HOLD_REASONS if one == typed), None)
     if not typed:
         recordings.let_go(recording_id)
+    elif reason is None:
+        raise BadParameter(name="reason", value=typed[:20], allowed=", ".join(HOLD_REASONS))
     else:
-        reason = next((one for one in HOLD_REASONS if one == typed), None)
-        if reason is None:
-            raise BadParameter(name="reason", value=typed[:20], allowed=", ".join(HOLD_REASONS))
         recordings.hold(recording_id, reason, subject.id)
     return page.go(f"/recordings/{recording_id}/purge")
 
 
 @router.post("/analyses/{analysis_id}/release")
-async def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
+def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
     """Release a report under one's name, or take that back."""
     job, releases = page.services.store.get(analysis_id), page.services.releases
     change = releases.take_back if first(form, "back") else releases.release
@@ -92,22 +88,12 @@ def show_groups(page: UsedPage) -> Response:
         (group, [(block, format_moment(block.published_at)) for block in group.blocks])
         for group in page.services.aggregates.find_studies(STUDIES)
     ]
-    return page.render("aggregate.html", groups=groups)
+    return page.render("trust/aggregate.html", groups=groups)
 
 
-@dataclass(frozen=True, slots=True)
-class ReleaseCard:
-    """Who released the report that is shown, and when; what the form offers. "" where nobody has."""
-
-    name: str
-    when: str
-    may: bool
-
-
-def build_release(page: Page, subject: Subject, analysis_id: str) -> ReleaseCard:
-    """Return the release of a finished analysis."""
-    found, may = page.services.releases.find(analysis_id), subject.may("release")
-    if found is None:
-        return ReleaseCard("", "", may)
-    name = find_names(page.request, [found.who], page.language)[found.who]
-    return ReleaseCard(name, format_moment(found.at), may)
+def build_release(page: Page, subject: Subject, analysis_id: str) -> dict[str, object]:
+    """Return who released a finished analysis and when ("" where nobody has), and whether ``subject`` may."""
+    found, who, when = page.services.releases.find(analysis_id), "", ""
+    if found is not None:
+        who, when = find_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
+    return {"name": who, "when": when, "may": subject.may("release")}

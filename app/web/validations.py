@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Response
@@ -55,7 +54,7 @@ def _render_form(
     """Render the form with what was typed into it before."""
     typed = {name: form.get(name, "") for name in TYPED}
     return page.render(
-        "validate.html",
+        "pairs/validate.html",
         status=find_outcome_of_code(refusal.code).status if refusal else 200,
         problem=describe_problem(refusal.code, refusal.facts, page.language) if refusal else None,
         code=refusal.code if refusal else "",
@@ -81,7 +80,7 @@ def show(validation_id: str, page: UsedPage) -> Response:
         curves = (CurveView(name, f"{place}own", clock, 0.0, beside=f"{place}reference"),)
     reference = job.request.reference.file_name if job.request.reference else ""
     return page.render(
-        "validation.html",
+        "pairs/validation.html",
         row=build_row(job, language),
         reference=reference,
         sentences=sentences,
@@ -110,18 +109,10 @@ def plot(validation_id: str, page: UsedPage) -> Response:
     return Response(body, media_type="image/svg+xml", headers={"Content-Security-Policy": REPORT_POLICY})
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedItem:
-    """A comparison among the recordings of a study: how far the two agree, in a line."""
-
-    job: Job
-    told: str
-    plot: str
-
-
-def list_compared(page: Page, jobs: Sequence[Job]) -> tuple[ComparedItem, ...]:
-    """List the finished comparisons among the analyses of a study."""
-    words, language, items = page.words("agreement")["page"]["item"], page.language, []
+def list_compared(page: Page, jobs: Sequence[Job]) -> list[dict[str, object]]:
+    """List the finished comparisons among the analyses of a study: how far the two agree, in a line."""
+    words, language = page.words("agreement")["page"]["item"], page.language
+    items: list[dict[str, object]] = []
     for job in jobs:
         if job.request.reference is None or job.state is not JobState.SUCCEEDED:
             continue
@@ -134,5 +125,5 @@ def list_compared(page: Page, jobs: Sequence[Job]) -> tuple[ComparedItem, ...]:
         }
         name = f"plot.{find_nearest(language, job.request.languages)}.svg"
         has_plot = page.services.store.find_file(job.id, name) is not None
-        items.append(ComparedItem(job, fill(words, facts), "plot.svg" if has_plot else ""))
-    return tuple(items)
+        items.append({"job": job, "told": fill(words, facts), "plot": "plot.svg" if has_plot else ""})
+    return items

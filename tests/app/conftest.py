@@ -11,10 +11,10 @@ import uvicorn
 from fastapi.testclient import TestClient
 
 from app.jobs import worker
+from app.jobs.batches import identify_study
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
-from app.jobs.studies import identify_study
 from app.jobs.worker import Bench, open_bench, run_next
 from app.main import configure_server, create_app
 from app.request import ReportRequest

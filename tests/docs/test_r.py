@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests import ROOT
+from tests.app.cli.typed import read_table, run
 from tests.ways_in.servers import RunningServer
-from tests.ways_in.typed import read_table, run
 
 SCRIPT = ROOT / "docs" / "code" / "acromion.R"
 

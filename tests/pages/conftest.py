@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, expect
+from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.steps import open_analysis, see_end, wait_for_curve
@@ -24,11 +24,17 @@ expect.set_options(timeout=30_000)
 
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+def session_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     folder = tmp_path_factory.mktemp("pages")
     running = RunningServer(folder / "data", folder / "server.log")
     yield running
     running.stop()
+
+
+@pytest.fixture(scope="session")
+def server(session_server: RunningServer) -> RunningServer:
+    """The server of the pages; a file may have one of its own."""
+    return session_server
 
 
 @pytest.fixture(scope="session")
@@ -127,26 +133,46 @@ def offered(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> 
     return jobs[1]
 
 
+@pytest.fixture(scope="session")
+def context(browser: Browser, session_server: RunningServer) -> Iterator[BrowserContext]:
+    """One profile for all pages; a page that stays open keeps their process alive."""
+    opened = browser.new_context(accept_downloads=True, locale="en-CA")
+    opened.new_page().goto(f"{session_server.address}help")
+    yield opened
+    opened.close()
+
+
 @pytest.fixture
-def page(browser: Browser) -> Iterator[Page]:
-    """A page that must not complain, nor ask any other host."""
-    with open_page(browser) as opened:
+def page(context: BrowserContext) -> Iterator[Page]:
+    """A page that must not complain, nor ask any other host; what it has stored is forgotten."""
+    with open_page(context) as opened:
         yield opened
+        storage = {"origin": "*", "storageTypes": "cookies,local_storage,indexeddb"}
+        context.new_cdp_session(opened).send("Storage.clearDataForOrigin", storage)
+    context.clear_permissions()
+
+
+@pytest.fixture
+def other_browser(browser: Browser) -> Iterator[BrowserContext]:
+    """The profile of another person."""
+    opened = browser.new_context(locale="en-CA")
+    yield opened
+    opened.close()
 
 
 @pytest.fixture(scope="module")
-def shown(browser: Browser, server: RunningServer, right: str) -> Iterator[Page]:
+def shown(context: BrowserContext, server: RunningServer, right: str) -> Iterator[Page]:
     """The page of a finished analysis in English, for tests that only read it and take from it."""
-    with open_page(browser) as opened:
+    with open_page(context) as opened:
         opened.goto(f"{server.address}analyses/{right}?lang=en")
         yield opened
 
 
 @contextmanager
-def open_page(browser: Browser, color_scheme: Literal["light", "dark"] = "light") -> Iterator[Page]:
-    """Open a page in a context of its own, and see in the end that nothing was amiss."""
-    context = browser.new_context(accept_downloads=True, locale="en-CA", color_scheme=color_scheme)
+def open_page(context: BrowserContext, color_scheme: Literal["light", "dark"] = "light") -> Iterator[Page]:
+    """Open a page, and see in the end that nothing was amiss."""
     opened = context.new_page()
+    opened.emulate_media(color_scheme=color_scheme)
     opened.set_default_timeout(30_000)
     complaints: list[str] = []
     opened.on("console", lambda message: complaints.append(message.text) if is_complaint(message) else None)
@@ -156,7 +182,7 @@ def open_page(browser: Browser, color_scheme: Literal["light", "dark"] = "light"
         lambda request: complaints.append(request.url) if "//127.0.0.1:" not in request.url else None,
     )
     yield opened
-    context.close()
+    opened.close()
     assert complaints == []
 
 

@@ -9,7 +9,7 @@ from typing import cast
 
 import pyotp
 import pytest
-from playwright.sync_api import Browser, Page, ViewportSize, expect
+from playwright.sync_api import BrowserContext, Page, expect
 from sqlalchemy import update
 
 from app.access.accounts import AccountStore
@@ -22,7 +22,7 @@ from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
-from tests.pages.test_everyone import LOOKS, Look, list_barriers
+from tests.pages.test_everyone import LOOKS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -145,7 +145,7 @@ def test_who_has_no_authenticator_sets_one_up_on_the_way_in(
 
 
 def test_a_person_is_invited_chooses_a_password_and_is_ended(
-    page: Page, browser: Browser, clinic: RunningServer
+    page: Page, other_browser: BrowserContext, clinic: RunningServer
 ) -> None:
     log_in(page, clinic, "maria")
     page.goto(f"{clinic.address}people?lang=en")
@@ -156,7 +156,7 @@ def test_a_person_is_invited_chooses_a_password_and_is_ended(
     link = page.locator("code.secret").inner_text()
     keep_picture(page, "access-invited-en")
 
-    with open_page(browser) as other:
+    with open_page(other_browser) as other:
         other.goto(link)
         other.get_by_label("New password").fill("five yellow umbrellas")
         other.get_by_role("button", name="Save").click()
@@ -259,11 +259,9 @@ def submit(page: Page, button: str) -> None:
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
-    browser: Browser, clinic: RunningServer, logins: Logins, look: Look
+    page: Page, clinic: RunningServer, logins: Logins, look: Look
 ) -> None:
-    viewport: ViewportSize = {"width": look.width, "height": 800}
-    context = browser.new_context(viewport=viewport, color_scheme=look.scheme, reduced_motion="reduce")
-    page = context.new_page()
+    show_as(page, look)
     found: dict[str, list[str]] = {}
     person = logins.accounts.find_person("clara")
     assert person is not None
@@ -292,17 +290,14 @@ def test_the_pages_of_the_accounts_fit_and_have_no_barrier(
     submit(page, "form[action$='/account/second-factor'] button")
     look_at("enrol")
 
-    context.close()
     assert {name: problems for name, problems in found.items() if problems} == {}
 
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_what_is_told_of_a_link_fits_has_no_barrier_and_leads_on(
-    browser: Browser, clinic: RunningServer, logins: Logins, look: Look
+    page: Page, clinic: RunningServer, logins: Logins, look: Look
 ) -> None:
-    viewport: ViewportSize = {"width": look.width, "height": 800}
-    context = browser.new_context(viewport=viewport, color_scheme=look.scheme, reduced_motion="reduce")
-    page = context.new_page()
+    show_as(page, look)
     person = logins.accounts.find_person("clara")
     assert person is not None
     logins.set_password_by_link(logins.make_link(person.id, 60), PASSWORD, "192.0.2.1")
@@ -315,6 +310,5 @@ def test_what_is_told_of_a_link_fits_has_no_barrier_and_leads_on(
     submit(page, "form[action$='/account/told'] button")
 
     expect(page).to_have_url(clinic.address)
-    context.close()
     assert barriers == []
     assert width <= look.width

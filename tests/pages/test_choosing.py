@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from zipfile import ZipFile
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import BrowserContext, Locator, Page, expect
 
 from tests.pages.conftest import open_page
 from tests.pages.steps import END_MS, see_end
@@ -27,9 +27,9 @@ def four(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> tup
 
 
 @pytest.fixture(scope="module")
-def choosing(browser: Browser, server: RunningServer, four: tuple[str, ...]) -> Iterator[Page]:
+def choosing(context: BrowserContext, server: RunningServer, four: tuple[str, ...]) -> Iterator[Page]:
     """The list of the four, by their names; one page for all tests, which begin with nothing chosen."""
-    with open_page(browser) as opened:
+    with open_page(context) as opened:
         opened.goto(f"{server.address}?text=choose_&order=name&lang=en")
         yield opened
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, CDPSession, Page, WebSocketRoute, expect
+from playwright.sync_api import BrowserContext, CDPSession, Page, WebSocketRoute, expect
 from websockets.sync.client import connect
 
 from tests.pages.conftest import open_page
@@ -160,9 +160,9 @@ def test_a_session_of_a_server_that_was_restarted_is_said(page: Page, server: Ru
 @pytest.mark.parametrize(
     "look", [Look("en", "light", 1200), Look("en", "dark", 360), Look("fr", "light", 360)]
 )
-def test_everyone_can_use_it(browser: Browser, server: RunningServer, right: str, look: Look) -> None:
+def test_everyone_can_use_it(context: BrowserContext, server: RunningServer, right: str, look: Look) -> None:
     recording = server.see(right)["recording_id"]
-    with open_page(browser, look.scheme) as page:
+    with open_page(context, look.scheme) as page:
         page.set_viewport_size({"width": look.width, "height": 740})
         page.goto(f"{server.address}live?lang={look.language}&recording={recording}")
         expect(page.locator(f'option[value="{recording}"]')).to_be_attached()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pypdf
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import BrowserContext, Page, expect
 
 from tests.pages.conftest import keep_picture, open_page
 from tests.pages.steps import open_analysis, open_figures
@@ -61,8 +61,10 @@ def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -
     expect(shown.locator(".figures .define span").filter(has_text="shoulder height").first).to_be_visible()
 
 
-def test_the_poses_are_printed_on_one_sheet_in_dark_ink(browser: Browser, server: RunningServer) -> None:
-    with open_page(browser, color_scheme="dark") as page:
+def test_the_poses_are_printed_on_one_sheet_in_dark_ink(
+    context: BrowserContext, server: RunningServer
+) -> None:
+    with open_page(context, color_scheme="dark") as page:
         page.goto(f"{server.address}help/poses?lang=fr")
 
         printed = page.pdf(format="Letter", prefer_css_page_size=False)

@@ -13,7 +13,7 @@ import pytest
 from frictionless import validate
 from rocrate.rocrate import ROCrate
 
-from tests.ways_in.typed import run
+from tests.app.cli.typed import run
 
 NAME = "Mme Tremblay.gt3x"
 

@@ -10,8 +10,8 @@ from websockets.sync.client import connect
 
 from app.main import configure_server
 from app.settings import Settings
+from tests.app.cli.typed import run
 from tests.ways_in.servers import RunningServer
-from tests.ways_in.typed import run
 
 
 def test_pages_and_sockets_are_served_over_tls(certificate: tuple[Path, Path], tmp_path: Path) -> None:

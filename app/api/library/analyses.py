@@ -15,7 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.library.files import serve_bytes, serve_file
+from app.api.library.files import build_download_name, serve_bytes, serve_file
 from app.api.library.models import (
     RESULT_NAMES,
     AnalysisList,
@@ -36,7 +36,6 @@ from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.batch.settings_file import encode_settings
 from app.errors import Busy
 from app.jobs.job import Job, JobState
-from app.jobs.queue import WayIn
 from app.jobs.recordings import StoredRow
 from app.jobs.results import check_succeeded, find_or_add, retry
 from app.jobs.store import JobFilter
@@ -84,7 +83,6 @@ async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kw
 
 # Starting analyses: of a recording sent along, or of stored recordings.
 
-
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
 DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
 ANALYZE: dict[str, Any] = {
@@ -120,17 +118,20 @@ async def analyze(
     The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
     """
     check_queue(services)
-    file_name = clean_file_name(parameters.file_name)
+    store, file_name = services.store, clean_file_name(parameters.file_name)
     asked = parameters.build_request(file_name, language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
-        add = partial(services.store.add, stored, asked, way_in, parameters.external_id)
-        own = (stored.id, stored.sha256)
-        job, existed = _start(services, own, asked, way_in, add, again=parameters.again)
+        add = partial(store.add, stored, asked, way_in, parameters.external_id)
+        own, existed = (stored.id, stored.sha256), False
+        if parameters.again:
+            job = add()
+        else:
+            job, existed = find_or_add(store, services.storage, own, asked, way_in, add)
         if existed:
             services.storage.drop_recording(stored.id)
         if parameters.study:
-            services.store.join_study(parameters.study, job.id)
+            store.join_study(parameters.study, job.id)
         return job, existed
 
     job, existed = await receive_recording(request, services, commit)
@@ -160,11 +161,12 @@ def create_analyses(
     rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
     asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
-    pairs = []
+    pairs: list[tuple[Job, bool]] = []
     for row, request in asked:
         own = (row.id, row.sha256)
         add = partial(services.store.add_analysis, own, request, flow)
-        pairs.append(_start(services, own, request, flow, add, again=body.again))
+        found = None if body.again else find_or_add(services.store, services.storage, own, request, flow, add)
+        pairs.append(found or (add(), False))
     for row in rows:  # write on a recording whose arm it is, where it does not say so yet
         about, told = row.about, body.settings
         stated = replace(about, subject=about.subject or told.subject, side=about.side or told.side)
@@ -235,21 +237,6 @@ def build_request(
     )
 
 
-def _start(
-    services: Services,
-    own: tuple[str, str],
-    request: ReportRequest,
-    way_in: WayIn,
-    add: Callable[[], Job],
-    *,
-    again: bool,
-) -> tuple[Job, bool]:
-    """Give the analysis, and whether it was there before."""
-    if again:
-        return add(), False
-    return find_or_add(services.store, services.storage, own, request, way_in, add)
-
-
 def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
     view = view_analysis(job, language)
     if existed:
@@ -266,7 +253,6 @@ def _accept(body: dict[str, Any], job: Job) -> JSONResponse:
 
 
 # Progress as server-sent events, for pages; polling stays the contract.
-
 
 LOOK_S = 0.25
 QUIET_S = 15.0
@@ -390,7 +376,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     sizes = {name: len(content) for name, content in files.items()}
     made = Made(sizes, load_results(files.get("results.json", b"null")))
     body = pack_files({**files, CRATE: encode_crate([made], {})})
-    return serve_bytes(request, services, job, "bundle.zip", body)
+    return serve_bytes(request, body, build_download_name(services, job, "bundle.zip"))
 
 
 @router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
@@ -398,14 +384,18 @@ def get_periods_table(analysis_id: str, request: Request, services: UsedServices
     """The main figures by clock hour and by period of the diary."""
     job = services.store.get(analysis_id)
     rows = describe_periods(load_results(services.results.read(job, "results.json")))
-    return serve_bytes(request, services, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
+    return serve_bytes(
+        request, encode_table(PERIOD_COLUMNS, rows), build_download_name(services, job, "periods.csv")
+    )
 
 
 @router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)
 def get_settings_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """What was asked, as ``acromion run --config`` takes it."""
     job = services.store.get(analysis_id)
-    return serve_bytes(request, services, job, "settings.yaml", encode_settings(job.request))
+    return serve_bytes(
+        request, encode_settings(job.request), build_download_name(services, job, "settings.yaml")
+    )
 
 
 @router.get("/analyses/{analysis_id}/elevation.csv.gz", response_class=FileResponse)
@@ -414,7 +404,7 @@ def get_elevation_table(analysis_id: str, request: Request, services: UsedServic
     job = services.store.get(analysis_id)
     with services.results.borrow(job, "elevation.parquet") as parquet:
         body = services.inspector.write_angles(parquet)
-    return serve_bytes(request, services, job, "elevation.csv.gz", body)
+    return serve_bytes(request, body, build_download_name(services, job, "elevation.csv.gz"))
 
 
 for export in RESULT_NAMES:

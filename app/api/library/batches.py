@@ -137,25 +137,23 @@ def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
     return view_batch(services.batches.get(batch_id))
 
 
+SAME = ("id", "name", "item_count", "duplicate_count", "is_over", "created_at")
+
+
 def view_batch(batch: Batch) -> BatchView:
     """Show a batch."""
     own = f"/api/v1/batches/{batch.id}"
     parts = {"summary_csv": "summary.csv", "problems_csv": "problems.csv", "retry_failed": "retry-failed"}
     return BatchView(
-        id=batch.id,
-        name=batch.name,
-        item_count=batch.item_count,
-        duplicate_count=batch.duplicate_count,
+        **{name: getattr(batch, name) for name in SAME},
         counts=BatchCounts(**{state.value: number for state, number in batch.counts.items()}),
-        is_over=batch.is_over,
-        created_at=batch.created_at,
         links={"self": own, "analyses": f"/api/v1/analyses?batch_id={batch.id}"}
         | {name: f"{own}/{part}" for name, part in parts.items()},
     )
 
 
 def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
-    """Give the analyses of a batch that is over: half a table would pass for a whole one."""
+    """Return the analyses of a batch that is over: half a table would pass for a whole one."""
     batch = services.batches.get(batch_id)
     if not batch.is_over:
         done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
@@ -164,13 +162,13 @@ def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
 
 
 def _is_damaged(services: Services, job: Job) -> bool:
-    """Tell whether the figures of an analysis are lost; all its files would be too many to read here."""
+    """Return whether the figures of an analysis are lost; all its files would be too many to read here."""
     file = services.store.find_file(job.id, RESULTS) if job.state is JobState.SUCCEEDED else None
     return file is not None and not is_result_whole(services.storage, job.id, str(job.token), file)
 
 
 def _build_origin(job: Job) -> Origin:
-    """Tell two recordings of one name apart by their addresses."""
+    """Return the origin of a row; two recordings of one name differ by their addresses."""
     return Origin(
         job.file_name,
         job.request.subject,

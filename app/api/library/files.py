@@ -32,36 +32,26 @@ MOST_RANGE_CHARACTERS = 1000
 def check_range(request: Request, size_bytes: int, etag: str) -> None:
     """Remove a ``Range`` header that cannot be parsed or is too long.
 
-    Raises
-    ------
-    NoSuchRange
-        When a part begins behind the end, and the bytes are those that were meant (``If-Range``).
+    Raises NoSuchRange if a part begins behind the end of the bytes that were meant (``If-Range``).
     """
     asked = request.headers.get("range")
     if asked is None:
         return
-    parts = _read_parts(asked, size_bytes) if len(asked) <= MOST_RANGE_CHARACTERS else []
-    if not parts:
+    unit, _, ranges = asked.partition("=")
+    first_bytes, is_malformed = [], len(asked) > MOST_RANGE_CHARACTERS or unit.strip().lower() != "bytes"
+    for part in () if is_malformed else ranges.split(","):
+        match = _RANGE.fullmatch(part.strip())
+        if match is None or match[0] == "-" or (match[1] and match[2] and int(match[1]) > int(match[2])):
+            is_malformed = True
+            break
+        last_ones = min(int(match[2] or 0), size_bytes)
+        first_bytes.append(int(match[1]) if match[1] else size_bytes - last_ones)
+    is_meant = request.headers.get("if-range", etag) == etag
+    if is_malformed:
         headers = request.scope["headers"]
         request.scope["headers"] = [(name, value) for name, value in headers if name != b"range"]
-    is_meant = request.headers.get("if-range", etag) == etag
-    if is_meant and any(first_byte >= size_bytes for first_byte in parts):
+    elif is_meant and any(first_byte >= size_bytes for first_byte in first_bytes):
         raise NoSuchRange(size=size_bytes)
-
-
-def _read_parts(asked: str, size_bytes: int) -> list[int]:
-    """Give the first byte of each part; none where a part is malformed, or the unit is another."""
-    unit, _, ranges = asked.partition("=")
-    matches = [_RANGE.fullmatch(part.strip()) for part in ranges.split(",")]
-    if unit.strip().lower() != "bytes":
-        return []
-    parts = []
-    for match in matches:
-        if match is None or match[0] == "-" or (match[1] and match[2] and int(match[1]) > int(match[2])):
-            return []
-        last_ones = min(int(match[2] or 0), size_bytes)
-        parts.append(int(match[1]) if match[1] else size_bytes - last_ones)
-    return parts
 
 
 MEDIA_TYPES: Mapping[str, str] = {
@@ -79,7 +69,7 @@ MEDIA_TYPES: Mapping[str, str] = {
 
 
 def serve_file(request: Request, services: Services, job: Job, name: str, download: str = "") -> Response:
-    """Give the bytes of a published file, held against their row; ``download`` names them, else the one rule.
+    """Return the bytes of a published file, held against their row; ``download`` may name them.
 
     Raises NotFinished, NoSuchFile, NoSuchRange or ResultDamaged.
     """
@@ -147,23 +137,27 @@ class _LentFile(FileResponse):
                 self.lent.close()
 
 
-def serve_bytes(request: Request, services: Services, job: Job, name: str, body: bytes) -> Response:
-    """Give bytes derived from stored ones; the same analysis always gives the same."""
-    headers = build_file_headers(name, hashlib.sha256(body).hexdigest())
+def serve_bytes(request: Request, body: bytes, download: str) -> Response:
+    """Return bytes derived from stored ones, to be kept under a name, or shown if they are a page.
+
+    The same analyses always give the same bytes.
+    """
+    headers = build_file_headers(download, hashlib.sha256(body).hexdigest())
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    headers["Content-Disposition"] = format_disposition(build_download_name(services, job, name))
-    return Response(body, media_type=MEDIA_TYPES[name.rpartition(".")[2]], headers=headers)
+    if not download.endswith(".html"):
+        headers["Content-Disposition"] = format_disposition(download)
+    return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)
 
 
 def respond_with_file(body: bytes, media_type: str, download: str) -> Response:
-    """Give bytes to be kept under a name."""
+    """Return bytes to be kept under a name."""
     headers = {"Content-Disposition": format_disposition(download)}
     return Response(body, media_type=media_type, headers=headers)
 
 
 def build_file_headers(name: str, sha256: str) -> dict[str, str]:
-    """Give the headers of a file: health data, of which no copy stays on a shared computer."""
+    """Return the headers of a file: health data, of which no copy stays on a shared computer."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
 
@@ -187,5 +181,5 @@ def build_download_name(services: Services, job: Job, name: str) -> str:
 
 
 def is_known(request: Request, etag: str) -> bool:
-    """Tell whether the client has these bytes already (``If-None-Match``)."""
+    """Return whether the client has these bytes already (``If-None-Match``)."""
     return etag in request.headers.get("if-none-match", "")

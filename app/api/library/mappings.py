@@ -4,11 +4,10 @@ import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from app.api.library.files import respond_with_file
 from app.api.middleware.problems import PROBLEM_RESPONSES
-from app.jobs.mappings import ColumnMapping
 from app.report.words.subject import clean_text
 from app.services import UsedServices
 
@@ -20,7 +19,11 @@ class MappingView(BaseModel):
 
     header: Annotated[str, Field(description='Identity of the header; "-" before it: no line names columns.')]
     name: str
-    profile: Annotated[dict[str, Any], Field(description="As `--profile` and `settings.profile` take it.")]
+    profile: Annotated[
+        dict[str, Any],
+        BeforeValidator(json.loads),
+        Field(description="As `--profile` and `settings.profile` take it."),
+    ]
     is_confirmed: Annotated[bool, Field(description="Further files with this header are read so unasked.")]
     created_at: str
 
@@ -43,13 +46,14 @@ class MappingPatch(BaseModel):
 @router.get("")
 def list_column_mappings(services: UsedServices) -> MappingList:
     """Give every mapping."""
-    return MappingList(items=[_view(mapping) for mapping in services.mappings.find_all()])
+    every = services.mappings.find_all()
+    return MappingList(items=[MappingView.model_validate(one, from_attributes=True) for one in every])
 
 
 @router.get("/{header}")
 def get_column_mapping(header: str, services: UsedServices) -> MappingView:
     """Give the mapping of one header."""
-    return _view(services.mappings.get(header))
+    return MappingView.model_validate(services.mappings.get(header), from_attributes=True)
 
 
 @router.get("/{header}/profile.json", response_class=Response)
@@ -69,7 +73,7 @@ def change_column_mapping(header: str, body: MappingPatch, services: UsedService
         values["name"] = name
     if body.is_confirmed is not None:
         values["is_confirmed"] = int(body.is_confirmed)
-    return _view(services.mappings.change(header, **values))
+    return MappingView.model_validate(services.mappings.change(header, **values), from_attributes=True)
 
 
 @router.delete("/{header}", status_code=204)
@@ -77,13 +81,3 @@ def delete_column_mapping(header: str, services: UsedServices) -> Response:
     """Forget a mapping; the reports made by it stay."""
     services.mappings.drop(header)
     return Response(status_code=204)
-
-
-def _view(mapping: ColumnMapping) -> MappingView:
-    return MappingView(
-        header=mapping.header,
-        name=mapping.name,
-        profile=json.loads(mapping.profile),
-        is_confirmed=mapping.is_confirmed,
-        created_at=mapping.created_at,
-    )

@@ -106,10 +106,7 @@ def write_periods(diary: tuple[DiaryEntry, ...]) -> bytes:
 def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
     """Check rows by the very rules of the diary file (:func:`fusion.diary.read_diary`).
 
-    Raises
-    ------
-    fusion.errors.UnusableDiary
-        Its line is the place of the row, counted from 2: the header of a file would be line 1.
+    Raises UnusableDiary; its line is the place of the row, counted from 2: a file's header is line 1.
     """
     if not rows:
         return ()
@@ -132,12 +129,8 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
 def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
     """Place the periods on the recording as its analysis will; ``found`` is what an inspection found.
 
-    Without an inspection (None), rows in seconds are compared with one another.
-
-    Raises
-    ------
-    fusion.errors.UnusableDiary
-        When a row ends before it begins, overlaps another or lies outside of the recording.
+    Without an inspection (None), rows in seconds are compared with one another. Raises UnusableDiary if a row
+    ends before it begins, overlaps another or lies outside of the recording.
     """
     if found is None:
         numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
@@ -405,6 +398,12 @@ SAME = (
 )
 
 
+SETTINGS = (
+    *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
+    *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
+)
+
+
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Show a job."""
     said, draft = job.request.conclusion, job.request.draft
@@ -413,12 +412,13 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
     if draft is not None:
         origin = {"version": draft.version, "changes": list(draft.changes)}
         drafted = ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
+    periods = [period.model_dump() for period in view_periods(job.request.diary)]
     view = AnalysisView(
         **{name: getattr(job, name) for name in SAME},
         state=job.state.value,
         progress=round(job.progress, 3),
         asked_by=job.asked_by or None,
-        settings=view_settings(job.request),
+        settings={name: getattr(job.request, name) for name in SETTINGS} | {"periods": periods},
         created_at=job.created_at.isoformat(),
         started_at=job.started_at.isoformat() if job.started_at else None,
         ended_at=job.ended_at.isoformat() if job.ended_at else None,
@@ -432,7 +432,7 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
 
 
 def describe_links(job: Job) -> Mapping[str, str]:
-    """Say where an analysis, what can be done with it and its files are."""
+    """Return the addresses of an analysis, of what can be done with it, and of its files."""
     own = f"/api/v1/analyses/{job.id}"
     if job.request.reference is not None:  # its files are those of a comparison
         return {"self": own, "validation": f"/api/v1/validations/{job.id}"}
@@ -440,16 +440,6 @@ def describe_links(job: Job) -> Mapping[str, str]:
     steps = {name: f"{own}/{name}" for name in ("cancel", "retry", "events")}
     about = {"page": f"/analyses/{job.id}", "recording": f"/api/v1/recordings/{job.recording_id}"}
     return {"self": own, **steps, **about, **files}
-
-
-def view_settings(request: ReportRequest) -> dict[str, Any]:
-    """Show what was asked."""
-    names = (
-        *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
-        *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
-    )
-    periods = [period.model_dump() for period in view_periods(request.diary)]
-    return {name: getattr(request, name) for name in names} | {"periods": periods}
 
 
 # Long lists, page by page.
@@ -475,7 +465,7 @@ def read_cursor(text: str) -> Place | None:
 def cut_page(
     rows: Sequence[T], limit: int, place: Callable[[T], Place], asked: Request, answer: Response
 ) -> tuple[Sequence[T], str | None]:
-    """Give the rows of the page and the cursor of the next, from one row more than asked for.
+    """Return the rows of the page and the cursor of the next, from one row more than asked for.
 
     The answer also gets ``Link: <...>; rel="next"`` (RFC 8288).
     """
@@ -504,7 +494,7 @@ class RecordingWords(BaseModel):
     note: Note = ""
 
     def describe(self) -> Description:
-        """Give the words to the rows."""
+        """Return the words as the rows hold them."""
         return Description(
             clean_file_name(self.file_name), self.subject, self.side, self.external_id, self.note
         )
@@ -522,7 +512,7 @@ class RecordingPatch(BaseModel):
     note: Note | None = None
 
     def merge(self, about: Description) -> Description:
-        """Give the words after the change."""
+        """Return the words after the change."""
         named = {name: getattr(self, name) for name in self.model_fields_set}
         emptied = {name: "" if value is None and name != "side" else value for name, value in named.items()}
         return RecordingWords(**(asdict(about) | emptied)).describe()
@@ -572,7 +562,7 @@ class RecordingQuery(BaseModel):
     lang: Language | None = None
 
     def wanted(self) -> RecordingFilter:
-        """Give the filter of the rows."""
+        """Return the filter of the rows."""
         return RecordingFilter(
             self.subject, self.external_id, self.sha256, self.begin, self.end, self.trashed
         )

@@ -258,7 +258,7 @@ def _store_periods(
 
 
 def has_trash(services: Services) -> bool:
-    """Tell whether what is deleted waits in the trash; with a term of 0 it goes at once."""
+    """Return whether what is deleted waits in the trash; with a term of 0 it goes at once."""
     return services.retention.find_trash_term_s(services.settings.trash_term_s) > 0
 
 

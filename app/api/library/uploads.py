@@ -100,7 +100,7 @@ async def store_recording(
 
 
 def read_digest(headers: Mapping[str, str]) -> str:
-    """Give the SHA-256 that the client has stated (RFC 9530), in hex; "" where it stated none.
+    """Return the SHA-256 that the client has stated (RFC 9530), in hex; "" where it stated none.
 
     Raises BadChecksum.
     """
@@ -149,7 +149,7 @@ async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], Non
 
 
 async def read_small_body(request: Request, most_bytes: int) -> bytes:
-    """Give a body that is no recording. Raises FileTooLarge."""
+    """Return a body that is no recording. Raises FileTooLarge."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -173,7 +173,6 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
 
 # A recording in a form, as browsers and ``curl -F`` send it. python-multipart parses it as it streams in; its
 # own files would write every byte twice, first to the folder for temporary files, small in a container.
-
 
 MOST_FIELDS, MOST_FIELD_BYTES = 20, 4096
 
@@ -257,7 +256,6 @@ class RecordingForm:
 
 # The bytes of a tus upload: written as they come, counted when they are on the disk.
 
-
 OFFSET_BODY = "application/offset+octet-stream"
 PREVIEW_BYTES = 2 << 20
 CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
@@ -306,7 +304,7 @@ def _lock_upload(services: Services, upload_id: str) -> Iterator[None]:
 
 
 def get_upload_row(services: Services, upload_id: str) -> UploadRow:
-    """Give the row of an upload; what counted and is not on the disk any more has to be sent again.
+    """Return the row of an upload; what counted and is not on the disk any more has to be sent again.
 
     Otherwise zeros would take the place of the bytes that are lost. Raises NotHere or PurgedSince.
     """
@@ -458,7 +456,6 @@ class _Body:
 
 
 # Metadata of the file, in ``Upload-Metadata``.
-
 
 DECLARED = "settings"
 NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in RecordingWords.model_fields}
@@ -666,7 +663,7 @@ def view_upload(row: UploadRow) -> UploadView:
 
 
 def _build_headers(row: UploadRow, services: Services) -> dict[str, str]:
-    """Give the headers that every answer about an upload has."""
+    """Return the headers that every answer about an upload has."""
     left_s = max(0.0, services.settings.upload_term_s - row.idle_s)
     expires = format_datetime(datetime.now(UTC) + timedelta(seconds=left_s), usegmt=True)
     headers = dict(TUS_HEADERS) | {"Upload-Offset": str(row.offset_bytes)}

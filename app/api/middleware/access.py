@@ -22,7 +22,7 @@ from app.access.routes import ROUTE_TABLE
 from app.access.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
 from app.api.middleware.problems import holds_token
-from app.api.middleware.readings import KnownLines, Recorder
+from app.api.middleware.readings import KnownReadings, Recorder, RefusedLines
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
 from app.jobs.audit_log import NOBODY, set_actor
 from app.services import SUBJECT
@@ -41,7 +41,7 @@ class Access:
 
     def __init__(self, app: ASGIApp, gate: Gate, respond: Respond) -> None:
         self._app, self._gate, self._respond = app, gate, respond
-        self._known = KnownLines()
+        self._known, self._refused = KnownReadings(), RefusedLines()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Find the subject, then hand the request on; an address that holds a token is refused at once."""
@@ -59,7 +59,7 @@ class Access:
             await self._refuse(scope, receive, send, refusal)
             return
         set_actor(subject.id if subject else NOBODY)
-        recorder = Recorder(scope, send, self._known)
+        recorder = Recorder(scope, send, self._known, self._refused)
         try:
             await self._run(subject, scope, receive, recorder.send)
         except Exception:

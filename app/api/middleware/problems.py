@@ -183,7 +183,7 @@ def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
 
 
 def translate_error(request: Request, error: Exception) -> Refusal:
-    """Give errors of the framework, and bugs, one of our codes."""
+    """Translate errors of the framework, and bugs, into one of our codes."""
     if isinstance(error, Refusal):
         return error
     if isinstance(error, RequestValidationError):
@@ -235,7 +235,6 @@ def _format_context_hint(error: Mapping[str, Any]) -> str:
 
 
 # What of a request may stand in an answer: never a password, a token, a code or another secret.
-
 
 LONGEST = 60
 HIDDEN = "…"

@@ -105,19 +105,11 @@ class RefusedLines:
         return "more" if number == most else "none"
 
 
-@dataclass(frozen=True, slots=True)
-class KnownLines:
-    """What the requests of a server process have left in the audit log."""
-
-    readings: KnownReadings = field(default_factory=KnownReadings)
-    refused: RefusedLines = field(default_factory=RefusedLines)
-
-
 class Recorder:
     """Sends the messages of one response, the first once the line of the request is written."""
 
-    def __init__(self, scope: Scope, send: Send, known: KnownLines) -> None:
-        self._scope, self._send, self._known = scope, send, known
+    def __init__(self, scope: Scope, send: Send, known: KnownReadings, refused: RefusedLines) -> None:
+        self._scope, self._send, self._known, self._refused = scope, send, known, refused
         self._touched = begin_touching()
         self.refusal: Exception | None = None
         self._is_open = False
@@ -169,9 +161,9 @@ class Recorder:
             other["name"] = last if _FILE_NAME.fullmatch(last) else path.rpartition("/")[2]
         who = self._find_who()
         key = (who, act, *map(str, other.values()), *(one for pair in read for one in pair))
-        if (is_whole and act in EXPORTS) or self._known.readings.is_new(key):
+        if (is_whole and act in EXPORTS) or self._known.is_new(key):
             await run_sync(record_readings, self._find_engine(), act, read, other)
-            self._known.readings.begin(key)
+            self._known.begin(key)
 
     async def _write_refusal(self, told: Mapping[str, str | int]) -> None:
         who, connection = self._find_who(), HTTPConnection(self._scope)
@@ -181,12 +173,12 @@ class Recorder:
         address = f"{self._scope['path']}?{self._scope.get('query_string', b'').decode('latin-1')}"
         for one in list(dict.fromkeys(_ANY_ID.findall(address)))[:MOST_NAMED] or [""]:
             key = (who, "refused", *map(str, told.values()), one)
-            if not self._known.readings.is_new(key):
+            if not self._known.is_new(key):
                 continue
-            share, engine = self._known.refused.take(asker, is_stranger=is_stranger), self._find_engine()
+            share, engine = self._refused.take(asker, is_stranger=is_stranger), self._find_engine()
             if share == "line":
                 await run_sync(record_refusal, engine, one, told)
-                self._known.readings.begin(key)
+                self._known.begin(key)
             elif share == "more":
                 most = {"most": MOST_LINES, "most_of_strangers": MOST_OF_STRANGERS}
                 await run_sync(record_alone, engine, "refused.more", most | {"minutes": int(WINDOW_S / 60)})

@@ -74,7 +74,7 @@ class Inspector:
             return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Give the names of a table's columns, and what they may be. Raises RecordedProblem."""
+        """Return the names of a table's columns, and what they may be. Raises RecordedProblem."""
         return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
 
     def write_angles(self, parquet: Path) -> bytes:
@@ -82,7 +82,7 @@ class Inspector:
         return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        """Give the content of the file of this name that the child has written."""
+        """Return the content of the file of this name that the child has written."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
             limits = choose_limits(self.settings, log.stat().st_size)

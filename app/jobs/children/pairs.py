@@ -86,7 +86,7 @@ class PairReport:
         return (self.folder / name).read_bytes()
 
     def find(self, stem: str, kind: str, language: Language) -> str:
-        """Give the name of the report or the answer: ``report.en.pdf``; in the nearest language made."""
+        """Return the name of the report or the answer: ``report.en.pdf``; in the nearest language made."""
         return f"{stem}.{find_nearest(language, self.request.languages)}.{kind}"
 
     def read_drawings(self, language: Language) -> list[dict[str, str]]:
@@ -125,7 +125,7 @@ class PairReports:
             shutil.rmtree(self.folder, ignore_errors=True)
 
     def make(self, asked: AnyJobs) -> PairReport:
-        """Give a report of two, made now unless it is there and whole.
+        """Return a report of two, made now unless it is there and whole.
 
         Raises
         ------

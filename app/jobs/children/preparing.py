@@ -57,7 +57,7 @@ def _take_turn(folder: Path) -> bool:
 
 
 def tell_preparing(on_stage: OnStage) -> OnStage:
-    """Give a listener that tells "preparing" and how far it is, for as long as kernels are compiled."""
+    """Return a listener that tells "preparing" and how far it is, for as long as kernels are compiled."""
     return on_stage if _measure_progress() >= 1.0 else _Preparing(on_stage)
 
 

@@ -1,6 +1,6 @@
 """Connect to the database, SQLite or PostgreSQL; refuse it if its tables are of another revision.
 
-A new database gets its tables here. The server alone migrates (:mod:`app.jobs.database.migrate`).
+A new database gets its tables here. The server alone migrates (:mod:`app.jobs.migrations`).
 """
 
 import importlib
@@ -63,7 +63,7 @@ def bring_up_to_date(settings: Settings) -> None:
             lock_tables(connection)
             found = read_revision(connection)
             if found not in (None, REVISION):
-                importlib.import_module("app.jobs.database.migrate").upgrade(connection, found)
+                importlib.import_module("app.jobs.migrations").upgrade(connection, found)
     finally:
         engine.dispose()
 

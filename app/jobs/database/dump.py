@@ -19,7 +19,7 @@ LEFT_OUT = ("sessions", "tickets", "tries", "known_browsers")
 
 
 def reflect_tables(connection: Connection) -> tuple[Table, ...]:
-    """Give our tables as they are in this database, referenced tables first.
+    """Return our tables as they are in this database, referenced tables first.
 
     Tables that are not ours are neither read nor touched.
     """
@@ -50,7 +50,7 @@ def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
 
 
 def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
-    """Give the rows of a table in a backup; none when the backup has no such table."""
+    """Return the rows of a table in a backup; none when the backup has no such table."""
     name = f"rows/{table}.jsonl"
     if name in archive.namelist():
         with archive.open(name) as member:

@@ -1,4 +1,4 @@
-"""What Alembic runs: the migrations, in the transaction of :mod:`app.jobs.database.migrate`."""
+"""What Alembic runs: the migrations, in the transaction of :mod:`app.jobs.migrations`."""
 
 from alembic import context
 

@@ -4,18 +4,19 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date, datetime
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
-from app.api.middleware.access import find_subject, may
+from app.api.middleware.access import UsedSubject, find_subject, may
 from app.api.middleware.callers import find_origin
 from app.api.middleware.problems import Refusal
 from app.api.trust import find_names, find_person_name
-from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
+from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.jobs.listing import Entry
 from app.jobs.results import can_regenerate
@@ -24,17 +25,17 @@ from app.jobs.store import JobFilter
 from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.numbers import format_percent
+from app.report.words.numbers import format_date, format_percent
+from app.report.words.subject import clean_paragraphs, clean_text
 from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
-from app.request import ReportRequest
+from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
 from app.web.pairs import find_days_address, find_offers
 from app.web.recording.columns import find_offer
-from app.web.recording.conclusion import build_conclusion
 from app.web.recording.day import DayClock, build_day, build_hours, find_day, list_axes
 from app.web.recording.page_one import read_page_one
-from app.web.rendering import Page, UsedPage
+from app.web.rendering import Form, Page, UsedForm, UsedPage, first, lay_way
 from app.web.trust import build_release
 from app.web.views import (
     Fact,
@@ -64,19 +65,6 @@ SHOWN = 200
 
 
 @dataclass(frozen=True, slots=True)
-class VersionRow:
-    """One version; ``changed`` says what is different from the one before, ``reason`` is the person's own."""
-
-    id: str
-    name: str
-    when: str
-    changed: str
-    reason: str
-    is_this: bool
-    who: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class History:
     """Every analysis of one recording, the newest first."""
 
@@ -102,11 +90,12 @@ class History:
 
 def build_versions(
     page: Page, history: History, shown: Job, clock: DayClock | None
-) -> tuple[VersionRow, ...]:
+) -> list[dict[str, object]]:
     """Build the rows of the versions, the newest first; none where only ``shown`` exists.
 
-    A version that was computed more than once is there once: the one that is shown, or else the newest. What
-    differs from the version before stands with the times that a person gave.
+    A version that was computed more than once is there once: the one that is shown, or else the newest.
+    ``changed``: what differs from the version before, with the times that a person gave; ``reason`` is the
+    person's own.
     """
     language, number = page.language, page.words()["row"]["version"]
     changed = page.words("report")["changed"]
@@ -124,39 +113,28 @@ def build_versions(
         }
         told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
         rows.append(
-            VersionRow(
-                job.id,
-                fill(number, {"n": str(version)}),
-                format_time(job.created_at),
-                ", ".join(f"{name} ({time})" if time else name for name, time in told),
-                request.reason,
-                job.id == shown.id,
-                names.get(job.asked_by, ""),
-            )
+            {
+                "id": job.id,
+                "name": fill(number, {"n": str(version)}),
+                "when": format_time(job.created_at),
+                "changed": ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                "reason": request.reason,
+                "is_this": job.id == shown.id,
+                "who": names.get(job.asked_by, ""),
+            }
         )
-    return () if all(row.is_this for row in rows) else tuple(rows)
+    return [] if all(row["is_this"] for row in rows) else rows
 
 
 # Damaged or missing files: the problem, and what a person can do about it.
 
 
-@dataclass(frozen=True, slots=True)
-class Damage:
-    """A damaged analysis: ``again`` is the one that replaces it, "" where there is none.
+def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> dict[str, object] | None:
+    """Show the facts of a ResultDamaged; None where the analysis is gone by now.
 
-    ``source``: the recording is damaged, too, so that analysing again cannot help.
+    ``again``: the analysis that replaces it, "" where there is none; ``source``: the recording is damaged,
+    too, so that analysing again cannot help.
     """
-
-    id: str
-    name: str
-    words: Problem
-    code: str
-    again: str
-    source: Problem | None
-
-
-def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
-    """Show the facts of a ResultDamaged; None where the analysis is gone by now."""
     store, code = page.services.store, ResultDamaged.code
     try:
         job = store.get(str(facts.get("analysis", "")))
@@ -165,11 +143,12 @@ def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
     words = describe_problem(code, {"name": facts["name"]}, page.language)
     is_source_whole = job.replaced_by is not None or can_regenerate(store, page.services.storage, job)
     source = None if is_source_whole else describe_problem(StoreDamaged.code, {}, page.language)
-    return Damage(job.id, job.file_name, words, code, job.replaced_by or "", source)
+    told = {"words": words, "code": code, "again": job.replaced_by or "", "source": source}
+    return {"id": job.id, "name": job.file_name} | told
 
 
 def describe_source(page: Page, job: Job) -> Problem | None:
-    """Say that the recording of an analysis is damaged or missing; None where it seems whole."""
+    """Return that the recording of an analysis is damaged or missing; None where it seems whole."""
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
     is_whole = seems_whole(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
@@ -177,21 +156,9 @@ def describe_source(page: Page, job: Job) -> Problem | None:
 
 # The answer of a finished analysis, and what a correction has changed.
 
-
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
 
 Row = tuple[str, str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """Figures and settings before and after a correction; no figures until both are there."""
-
-    id: str
-    versions: tuple[int, int]
-    reason: str
-    figures: tuple[Row, ...]
-    settings: tuple[Row, ...]
 
 
 def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
@@ -221,8 +188,11 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
     return shown
 
 
-def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
-    """Compare an analysis with the one that it corrects, or else with the version before it."""
+def build_changes(page: Page, history: History, job: Job, before_id: str) -> dict[str, object] | None:
+    """Compare an analysis with the one that it corrects, or else with the version before it.
+
+    Gives rows of figures and settings before and after; no figures until both are there.
+    """
     services, language = page.services, page.language
     earlier = (other for other in history.reports if other.request.version < job.request.version)
     version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
@@ -241,7 +211,13 @@ def build_changes(page: Page, history: History, job: Job, before_id: str) -> Cha
     settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
     versions = (before.request.version, job.request.version)
     differ = tuple(row for row in settings if row[1] != row[2])
-    return Changes(before.id, versions, job.request.reason, figures, differ)
+    return {
+        "id": before.id,
+        "versions": versions,
+        "reason": job.request.reason,
+        "figures": figures,
+        "settings": differ,
+    }
 
 
 def find_clock(services: Services, history: History) -> DayClock | None:
@@ -287,6 +263,54 @@ def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: La
         yield fill(words, {"task": label}), earlier.get(label, "–"), later.get(label, "–")
 
 
+# A clinician's conclusion makes the next version of the report; after a correction it is shown as a draft,
+# until a person confirms or dismisses it.
+
+
+def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -> dict[str, Any] | None:
+    """Return the conclusion of a finished analysis or, if it is the current report, the draft of one.
+
+    None for any other. ``draft``: where the draft comes from, in words; "" if ``said`` is in the report.
+    ``own_name``: of the person logged in, "" where a name is typed. ``is_open``: the figures are this
+    engine's; those of an earlier one may move, and are analysed first.
+    """
+    if job.state is not JobState.SUCCEEDED or job.replaced_by is not None:
+        return None
+    draft = job.request.draft if is_current else None
+    said = draft.conclusion if draft else job.request.conclusion
+    return {
+        "said": said,
+        "draft": describe_draft(draft, page.language) if draft else "",
+        "when": format_date(date.fromisoformat(said.date), page.language) if said else "",
+        "today": date.today().isoformat(),  # noqa: DTZ011
+        "most": LONGEST_CONCLUSION,
+        "is_open": any(one.id == job.id for one in page.services.store.find_same(job.sha256, job.request)),
+        "own_name": own_name,
+    }
+
+
+def describe_draft(draft: ConclusionDraft, language: Language) -> str:
+    """Write for which version a draft was written, and what has changed since."""
+    words, names = load_wording(language, "page")["conclude"]["draft"], load_wording(language)["changed"]
+    kind = "other" if set(draft.changes) - {"subject"} else "subject" if draft.changes else "same"
+    changed = ", ".join(str(names.get(name, name)) for name in draft.changes)
+    return fill(words[kind], {"n": str(draft.version), "changed": changed})
+
+
+def read_conclusion(form: Form) -> Conclusion:
+    """Read what was typed. Raises BadParameter."""
+    text, name, typed_date = (first(form, field) for field in ("text", "name", "date"))
+    if not clean_paragraphs(text) or len(text) > LONGEST_CONCLUSION:
+        raise BadParameter(name="text", value=text[:60], allowed=f"1 … {LONGEST_CONCLUSION}")
+    if not clean_text(name) or len(name) > LONGEST_SUBJECT:
+        raise BadParameter(name="name", value=name[:60], allowed=f"1 … {LONGEST_SUBJECT}")
+    try:
+        day = date.fromisoformat(typed_date)
+    except ValueError:
+        raise BadParameter(name="date", value=typed_date[:60], allowed="2026-11-23") from None
+    return Conclusion("\n".join(clean_paragraphs(text)), clean_text(name), day.isoformat())
+
+
 class Seen(BaseModel):
     """Where a person came from: the analysis that was corrected, or the attempt whose settings are shown."""
 
@@ -302,7 +326,7 @@ def home(page: UsedPage) -> Response:
     """Show the place to drop files, and the recordings."""
     services, limit_bytes = page.services, page.services.settings.max_upload_bytes
     return page.render(
-        "home.html",
+        "library/home.html",
         **build_library(page, read_filter(page.request)),
         max_bytes=limit_bytes,
         max_size=format_size(limit_bytes, page.language),
@@ -310,7 +334,7 @@ def home(page: UsedPage) -> Response:
         has_columns=bool(services.mappings.find_all()),
         has_batches=bool(services.batches.find_newest(1)),
         address=find_origin(page.request) + page.base,
-        quarantined=str(len(services.quarantine.names) or ""),
+        quarantined=str(len(services.quarantined) or ""),
     )
 
 
@@ -318,10 +342,10 @@ def home(page: UsedPage) -> Response:
 def rows(page: UsedPage, only: str = "") -> Response:
     """Return the list alone, for a page that is open already; ``only`` one analysis if named."""
     if not only:
-        return page.render("rows.html", **build_library(page, read_filter(page.request)))
+        return page.render("library/rows.html", **build_library(page, read_filter(page.request)))
     entry = Entry(page.services.store.get(only), None)
     entries = [build_entry(entry, page.language, find_took(page.services, [entry]))]
-    return page.render("rows.html", entries=entries, is_empty=False, count="", query="")
+    return page.render("library/rows.html", entries=entries, is_empty=False, count="", query="")
 
 
 @router.get("/analyses/{analysis_id}")
@@ -346,8 +370,8 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     subject = find_subject(page.request)
     own_name = find_person_name(page.request, subject.id)
     return page.render(
-        "analysis.html",
-        row=entry.row,
+        "recording/analysis.html",
+        row=entry["row"],
         entry=entry,
         settings=build_settings(job, clock, language),
         job_request=asked,
@@ -373,7 +397,21 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
 
 def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:
     recording = page.services.recordings.get(recording_id, trashed=True)
-    return page.render("in_trash.html", status=NotHere.outcome.status, recording=recording)
+    return page.render("library/in_trash.html", status=NotHere.outcome.status, recording=recording)
+
+
+@router.get("/analyses/{analysis_id}/report.html")
+def show_report(analysis_id: str, page: UsedPage) -> Response:
+    """Show the report of a recording, or of a comparison with a reference."""
+    services = page.services
+    job = services.store.get(analysis_id)
+    stem, place = ("report", "analyses") if job.request.reference is None else ("validation", "validations")
+    made = find_nearest(page.language, job.request.languages)
+    report = services.results.read(job, f"{stem}.{made}.html").decode()
+    pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
+    reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
+    old = describe_old(job, reports, page)
+    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
 
 
 @router.post("/analyses/{analysis_id}/cancel")
@@ -397,6 +435,30 @@ def retry(analysis_id: str, page: UsedPage) -> Response:
 def withdraw(analysis_id: str, page: UsedPage) -> Response:
     """Keep the report as it is: the later attempt that failed no longer counts."""
     return page.go(f"/analyses/{page.services.store.withdraw(analysis_id).id}")
+
+
+@router.post("/analyses/{analysis_id}/conclude")
+def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedForm) -> Response:
+    """Make the next version of the report, with the conclusion; its figures are the same.
+
+    The name is that of the person logged in; at the machine it is typed.
+    """
+    own_name, store = find_person_name(page.request, subject.id), page.services.store
+    concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
+    again = store.conclude(store.get(analysis_id), concluded)
+    return page.go(f"/analyses/{again.id}")
+
+
+@router.post("/analyses/{analysis_id}/dismiss")
+def dismiss(analysis_id: str, page: UsedPage) -> Response:
+    """Dismiss the draft of a conclusion, or make the next version without the conclusion of the report."""
+    store = page.services.store
+    job = store.get(analysis_id)
+    if job.request.conclusion is not None:
+        job = store.conclude(job, None)
+    else:
+        store.dismiss_draft(job.id)
+    return page.go(f"/analyses/{job.id}")
 
 
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:

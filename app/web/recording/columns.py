@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -17,8 +16,7 @@ from app.report.words.subject import clean_text, cut_text
 from app.request import write_profile
 from app.services import Services
 from app.storage.store import borrow_recording
-from app.web.forms import Form, UsedForm, first
-from app.web.rendering import Page, UsedPage
+from app.web.rendering import Form, Page, UsedForm, UsedPage, first
 from app.web.views import build_problem, format_moment
 
 AXES = ("x", "y", "z")
@@ -34,34 +32,12 @@ LONGEST_NAME = 60
 router = APIRouter(include_in_schema=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """A field of the form: which column, counted from 1; 0 for none."""
-
-    name: str
-    vector: str
-    axis: str
-    chosen: int
-
-
-@dataclass(frozen=True, slots=True)
-class Offer:
-    """Columns that a person named before for files with the same header.
-
-    ``waiting``: how many other recordings with this header wait for their columns. ``is_unnamed``: no line of
-    the file names its columns, so that they are offered again for every file.
-    """
-
-    header: str
-    columns: str
-    when: str
-    waiting: int
-    is_unnamed: bool
-
-
 @router.get("/analyses/{analysis_id}/columns")
 def ask_columns(analysis_id: str, page: UsedPage) -> Response:
-    """Ask which column is what, with the first rows and a proposal by their names."""
+    """Ask which column is what, with the first rows and a proposal by their names.
+
+    ``chosen``: which column, counted from 1; 0 for none.
+    """
     services = page.services
     job = services.store.get(analysis_id)
     with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
@@ -71,7 +47,7 @@ def ask_columns(analysis_id: str, page: UsedPage) -> Response:
     named = {"sensor": "", "rate_hz": "", "date_order": ""} | found | profile
     time = profile.get("time") if job.request.profile else named["time"]
     return page.render(
-        "columns.html",
+        "recording/columns.html",
         job=job,
         problem=build_problem(job, page.language),
         found=named,
@@ -80,7 +56,12 @@ def ask_columns(analysis_id: str, page: UsedPage) -> Response:
         waiting=_count_others(services, job, header),
         is_unnamed=header.startswith(UNNAMED),
         choices=[
-            Choice(f"{vector}_{axis}", vector, axis, _find_column(place, columns))
+            {
+                "name": f"{vector}_{axis}",
+                "vector": vector,
+                "axis": axis,
+                "chosen": _find_column(place, columns),
+            }
             for vector in VECTORS
             for axis, place in zip(AXES, named[vector] or (None, None, None), strict=True)
         ],
@@ -123,18 +104,22 @@ def name_columns(columns: Sequence[str]) -> str:
     return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
 
 
-def find_offer(page: Page, job: Job, header: str) -> Offer | None:
-    """Return the columns that were named for a header, unless the analysis has used them already."""
+def find_offer(page: Page, job: Job, header: str) -> dict[str, object] | None:
+    """Return the columns that were named for a header, unless the analysis has used them already.
+
+    ``waiting``: how many other recordings with this header wait for their columns. ``is_unnamed``: no line of
+    the file names its columns, so that they are offered again for every file.
+    """
     mapping = page.services.mappings.find(header) if header else None
     if mapping is None or mapping.profile == job.request.profile:
         return None
-    return Offer(
-        header,
-        format_columns(mapping.profile, page.language),
-        format_moment(mapping.created_at),
-        _count_others(page.services, job, header),
-        header.startswith(UNNAMED),
-    )
+    return {
+        "header": header,
+        "columns": format_columns(mapping.profile, page.language),
+        "when": format_moment(mapping.created_at),
+        "waiting": _count_others(page.services, job, header),
+        "is_unnamed": header.startswith(UNNAMED),
+    }
 
 
 def _count_others(services: Services, job: Job, header: str) -> int:
@@ -199,7 +184,7 @@ def list_mappings(page: UsedPage) -> Response:
         (mapping, format_moment(mapping.created_at), format_columns(mapping.profile, page.language))
         for mapping in page.services.mappings.find_all()
     ]
-    return page.render("mappings.html", rows=rows, unnamed=UNNAMED)
+    return page.render("library/mappings.html", rows=rows, unnamed=UNNAMED)
 
 
 @router.post("/columns/{header}")

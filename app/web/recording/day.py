@@ -25,8 +25,7 @@ from app.report.words.wording import Language, Words, fill, load_wording
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services
 from app.storage.day_file import DAY_NAME, DayFile, open_day
-from app.web.forms import Form, UsedForm, first, read_body
-from app.web.rendering import Page, UsedPage
+from app.web.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from fusion.conventions import (
     ARM_AXES,
     AXIS_HINT,
@@ -123,7 +122,6 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow
 
 
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
-
 
 NO_POSE = "axis"
 """What the form says in place of a pose where none was held."""
@@ -419,30 +417,9 @@ def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
 
 # What the page shows of a day: its form, the questions about it, and its hours.
 
-
 STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
 """What a still stretch is proposed as; days of earlier versions proposed poses alone."""
 MOST_PROPOSED = 5
-
-
-@dataclass(frozen=True, slots=True)
-class WindowRow:
-    """A calibration window as the form shows it: what was asked, or else what the software used."""
-
-    start: str
-    end: str
-    used_start: str
-    used_end: str
-
-
-@dataclass(frozen=True, slots=True)
-class Proposal:
-    """A stretch that a person may accept."""
-
-    kind: str
-    start: str
-    end: str
-    sentence: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -493,7 +470,7 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[
         "no_slips": "; ".join(map(clock.format, request.no_slip_times_s)),
         "axis": _build_axis(day.facts, request, words, language),
         "questions": tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
-        "proposals": _build_proposals(day.facts, clock, words, language),
+        "proposals": list(_list_proposals(day.facts, clock, words, language)),
         "kinds": tuple((kind, str(names[kind])) for kind in KINDS),
         "has_samples": bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
     }
@@ -530,7 +507,6 @@ def format_axis(axis: str) -> str:
 
 
 # The questions of the page: when the pose was held, whether the sensor moved, which pose came after that.
-
 
 START = "start"
 """In place of a stretch: the pose was held at the start of wear."""
@@ -584,31 +560,31 @@ def _list_questions(
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
 
 
-NO_WINDOW = WindowRow("", "", "", "")
+NO_WINDOW = dict.fromkeys(("start", "end", "used_start", "used_end"), "")
 
 
-def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> WindowRow:
+def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> dict[str, str]:
+    """Return a calibration window as the form shows it: what was asked, and what the software used."""
     chosen, used = request.calibration_windows_s, day.facts["calibration"]
     start, end = map(clock.format, chosen[place]) if place < len(chosen) else ("", "")
     used_start, used_end = map(clock.format, used[place][:2]) if place < len(used) else ("", "")
-    return WindowRow(start, end, used_start, used_end)
+    return {"start": start, "end": end, "used_start": used_start, "used_end": used_end}
 
 
-def _build_proposals(
+def _list_proposals(
     facts: Mapping[str, Any], clock: DayClock, words: Words, language: Language
-) -> tuple[Proposal, ...]:
+) -> Iterator[dict[str, str]]:
+    """Yield the stretches that a person may accept."""
     still = [
         (start_s, end_s, STILL_KINDS["".join(kind)], format_number(score, 2, language))
         for start_s, end_s, score, *kind in facts["still"]
     ]
     still = [*still[:MOST_PROPOSED], *(row for row in still[MOST_PROPOSED:] if row[2] == "repeat")]
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
-    proposals = []
     for start_s, end_s, kind, score in (*still, *not_worn):
         shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
-        told = fill(words[kind], shown)
-        proposals.append(Proposal(kind, clock.format(start_s), clock.format(end_s), told))
-    return tuple(proposals)
+        stretch = {"start": clock.format(start_s), "end": clock.format(end_s)}
+        yield {"kind": kind, "sentence": fill(words[kind], shown)} | stretch
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:

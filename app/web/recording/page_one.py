@@ -1,6 +1,6 @@
 """Page 1 of the report on the page of its recording, the moments to look at on the curve, several curves."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, time
@@ -31,15 +31,8 @@ Minutes = tuple[tuple[tuple[float, ...], ...], ...]
 """Unbroken runs of minutes: start and end, s; P10, median and P90, deg."""
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """A stretch to look at: what it is, its mark on the curve, and from when to when the curve shows it."""
-
-    words: str
-    mark: str
-    at: str
-    start: str
-    end: str
+Look = Mapping[str, str]
+"""A stretch to look at: what it is, its mark on the curve, and from when to when the curve shows it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +43,8 @@ class PageOne:
     """
 
     report: Report
-    looks: tuple[Look, ...]
-    highest: tuple[Look, ...]
+    looks: Sequence[Look] = ()
+    highest: Sequence[Look] = ()
     minutes: Minutes = ()
 
 
@@ -66,7 +59,7 @@ def read_page_one(services: Services, job: Job, day: DayFile | None, language: L
         return None
     report = build_report(kept.findings, replace(kept.subject, reason=job.request.reason), language)
     if day is None:
-        return PageOne(report, (), ())
+        return PageOne(report)
     looks, highest = _list_looks(kept.findings, day, language)
     return PageOne(report, looks, highest, list_minutes(kept.findings, language))
 
@@ -84,16 +77,19 @@ def list_minutes(findings: Findings, language: Language) -> Minutes:
     )
 
 
-def _list_looks(
-    findings: Findings, day: DayFile, language: Language
-) -> tuple[tuple[Look, ...], tuple[Look, ...]]:
+def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[list[Look], list[Look]]:
     """List the 15 minutes with the most time above 60 deg and the longest stay; then the highest episodes."""
     clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
     words = load_wording(language, "page")["page_one"]
 
     def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Look:
-        shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
-        return Look(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
+        return {
+            "words": sentence,
+            "mark": mark,
+            "at": clock.format((start_s + end_s) / 2),
+            "start": clock.format(max(start_s - around_s, 0.0)),
+            "end": clock.format(min(end_s + around_s, clock.duration_s)),
+        }
 
     looks = []
     window = next((w for w in findings.exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
@@ -116,7 +112,7 @@ def _list_looks(
         }
         sentence = fill(words["episode"], facts)
         highest.append(look(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
-    return tuple(looks), tuple(highest)
+    return looks, highest
 
 
 # Curves of several recordings above one another, moved together: both arms, two visits.

@@ -7,7 +7,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.api.pairs import ProfileView
-from app.jobs.studies import identify_study
+from app.jobs.batches import identify_study
 from app.jobs.worker import open_bench, run_next
 from app.request import ProfileRequest
 from app.roads.pair import make_profile

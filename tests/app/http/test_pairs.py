@@ -207,13 +207,14 @@ def test_a_download_is_named_by_subject_and_is_not_sent_twice(client: TestClient
     ("more", "status", "code"),
     [
         ({"left": "a_nobody"}, 404, "E-NOT-FOUND"),
+        ({"left": ""}, 404, "E-NOT-FOUND"),
         ({"trunk": "a_nobody"}, 404, "E-NOT-FOUND"),
         ({"offset_s": "172801"}, 422, "E-PARAMETER"),
         ({"trunk_offset_s": "5"}, 422, "E-PARAMETER"),
         ({"paper": "a3"}, 422, "E-PARAMETER"),
         ({"wish": "1"}, 422, "E-PARAMETER"),
     ],
-    ids=["unknown", "unknown trunk", "far apart", "no trunk", "no such paper", "unknown name"],
+    ids=["unknown", "no left", "unknown trunk", "far apart", "no trunk", "no such paper", "unknown name"],
 )
 def test_what_cannot_be_asked_of_a_pair_is_refused(
     client: TestClient, two: Finished, more: dict[str, str], status: int, code: str

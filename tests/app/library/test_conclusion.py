@@ -14,7 +14,7 @@ from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ReportRequest
-from app.web.recording.conclusion import read_conclusion
+from app.web.recording.analysis import read_conclusion
 from fusion.settings import DEFAULT_SETTINGS
 from tests.app.analysis_factory import make_analysis, make_subject
 

@@ -15,7 +15,7 @@ from app.jobs.listing import HeadlineFigures
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
 from app.request import Conclusion, ConclusionDraft, ReportRequest
-from app.web.recording.conclusion import describe_draft
+from app.web.recording.analysis import describe_draft
 from fusion.conventions import METHOD_VERSION
 from fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob

@@ -2,6 +2,10 @@
 
 import base64
 import logging
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,8 @@ from starlette.requests import Request
 
 from app.api.housekeeping import grow_older
 from app.jobs.database.tables import metadata
+from app.jobs.recordings import RecordingStore
+from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore
 from app.services import Services, find_services
@@ -20,7 +26,7 @@ from app.storage.decoded import DecodedCache, hash_entry_key
 from app.storage.server_secret import ServerSecret
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, do_next, on_both_set_ups
+from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups
 from tests.factories import hold
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
@@ -188,3 +194,68 @@ def test_an_error_of_the_database_does_not_repeat_what_was_to_be_written(
         WebhookStore(store.engine, store.reader).add(f"https://{CANARY}/", EVENTS, ServerSecret(tmp_path))
 
     assert CANARY not in str(failure.value)
+
+
+def test_a_purge_waits_for_the_side_file_that_is_being_written_and_removes_it(
+    store: JobStore, storage: Storage, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job, rows = add_job(subject=CANARY), RecordingStore(store.engine, store.reader)
+
+    def purge() -> None:
+        rows.begin_purge(job.recording_id)
+        storage.drop_recording(job.recording_id)
+
+    with ThreadPoolExecutor(1) as other:
+        begun = []
+
+        def write_late(self: Storage, name: str, content: bytes) -> None:
+            begun.append(other.submit(purge))
+            time.sleep(0.3)
+            write(self, name, content)
+
+        write = Storage.write_small
+        monkeypatch.setattr(Storage, "write_small", write_late)
+        SideWriter(store.engine, store.reader, storage).write(job.recording_id)
+        begun[0].result()
+    rows.end_purge(job.recording_id)
+
+    assert list(storage.find_names()) == []
+
+
+def test_a_side_file_that_was_written_while_another_server_purged_is_removed(
+    store: JobStore, storage: Storage, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = add_job(subject=CANARY)
+
+    def write_late(self: Storage, name: str, content: bytes) -> None:
+        store.mark_purging(job.recording_id)
+        storage.drop_recording(job.recording_id)
+        write(self, name, content)
+
+    write = Storage.write_small
+    monkeypatch.setattr(Storage, "write_small", write_late)
+    SideWriter(store.engine, store.reader, storage).write(job.recording_id)
+
+    assert list(storage.find_names()) == []
+    assert storage.find_erased() == {job.recording_id}
+
+
+def test_the_log_of_the_database_is_emptied_even_if_another_process_is_just_writing_it_back(
+    store: JobStore, settings: Settings, add_job: AddJob
+) -> None:
+    job, rows = add_job(subject=CANARY), RecordingStore(store.engine, store.reader)
+    rows.begin_purge(job.recording_id)
+    database = settings.data_dir / "acromion.sqlite3"
+    hold_checkpoints = (
+        "import fcntl, sys, time; file = open(sys.argv[1], 'r+b'); "
+        "fcntl.lockf(file, fcntl.LOCK_EX, 1, 121); print(flush=True); time.sleep(0.5)"  # sqlite.org/walformat
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", hold_checkpoints, f"{database}-shm"], stdout=subprocess.PIPE
+    ) as peer:
+        assert peer.stdout is not None
+        peer.stdout.readline()
+
+        rows.end_purge(job.recording_id)
+
+    assert CANARY.encode() not in database.with_name(f"{database.name}-wal").read_bytes()

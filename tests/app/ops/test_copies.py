@@ -13,7 +13,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import text
 
 from app.api.housekeeping import grow_older
-from app.jobs.recordings import RecordingFilter
+from app.jobs.recordings import RecordingFilter, RecordingStore
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
@@ -144,6 +144,19 @@ def test_an_erasure_deletes_every_copy_and_writes_one_without_the_person(
     (left,) = find_copies(settings)
     assert read_subjects(left) == ["S2"]
     assert CANARY.encode() not in left.read_bytes()
+
+
+def test_a_copy_leaves_out_what_another_erasure_is_deleting(
+    store: JobStore, settings: Settings, add_job: AddJob, copy: Copy
+) -> None:
+    add_job(subject="S2")
+    RecordingStore(store.engine, store.reader).begin_purge(add_job(b"gone", subject=CANARY).recording_id)
+
+    copy()
+
+    (kept,) = find_copies(settings)
+    assert read_subjects(kept) == ["S2"]
+    assert CANARY.encode() not in kept.read_bytes()
 
 
 def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(

@@ -301,6 +301,18 @@ def test_an_interrupted_purge_goes_on_at_the_next_start_and_does_not_come_back(
         assert list(storage.find_names()) == []
 
 
+def test_what_a_killed_worker_left_of_an_erased_analysis_is_removed_at_the_next_start(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        analysis_id = analyse(settings, client, recording_id := upload(client, b"one"))
+        client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+    (storage.open_attempt(analysis_id, "late") / "results.json").write_bytes(b"{}")
+
+    with serving(settings):
+        assert list(storage.find_names()) == []
+
+
 def test_a_purge_reaches_the_reports_of_two_and_moves_what_lies_in_place_of_a_recording_to_quarantine(
     settings: Settings, storage: Storage
 ) -> None:

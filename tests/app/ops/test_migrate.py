@@ -10,7 +10,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect, text
 
 from app.errors import WrongSchema
-from app.jobs.database import migrate
+from app.jobs import migrations
 from app.jobs.database.connect import bring_up_to_date, connect, open_database, read_revision
 from app.jobs.database.tables import REVISION, metadata
 from app.settings import Settings
@@ -32,7 +32,7 @@ def set_revision(engine: Engine, revision: str) -> None:
 
 def test_the_migrations_end_with_the_tables_of_the_code(engine: Engine) -> None:
     with engine.begin() as connection:
-        command.upgrade(migrate.configure(connection), "head")
+        command.upgrade(migrations.configure(connection), "head")
 
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
         assert read_revision(connection) == REVISION
@@ -40,7 +40,7 @@ def test_the_migrations_end_with_the_tables_of_the_code(engine: Engine) -> None:
 
 def test_the_last_migration_is_the_one_the_code_asks_for(engine: Engine) -> None:
     with engine.connect() as connection:
-        script = ScriptDirectory.from_config(migrate.configure(connection))
+        script = ScriptDirectory.from_config(migrations.configure(connection))
         assert script.get_current_head() == REVISION
 
 

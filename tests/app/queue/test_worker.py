@@ -19,8 +19,10 @@ from app.jobs.children.attempt import NICENESS, MakeReport, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
+from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import Lease, return_expired, run_next
+from app.request import Reference
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins
@@ -257,6 +259,34 @@ def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJ
 
 
 @on_both_set_ups
+@pytest.mark.parametrize("way", ["trashed", "purged", "being purged"])
+def test_nothing_is_left_of_an_attempt_whose_recording_is_deleted_while_its_files_are_kept(
+    store: JobStore,
+    storage: Storage,
+    add_job: AddJob,
+    bench: OpenBench,
+    monkeypatch: pytest.MonkeyPatch,
+    way: str,
+) -> None:
+    job, rows = add_job(), RecordingStore(store.engine, store.reader)
+    keep = type(storage).keep_attempt
+
+    def keep_late(self: Storage, analysis_id: str, token: str) -> None:
+        if way == "trashed":
+            rows.trash(job.recording_id)
+        else:
+            rows.begin_purge(job.recording_id)
+        if way == "purged":
+            rows.end_purge(job.recording_id)
+        keep(self, analysis_id, token)
+
+    monkeypatch.setattr(type(storage), "keep_attempt", keep_late)
+
+    assert run_next(bench(stand_ins.write_report))
+
+    assert [name for name in storage.find_names() if name.startswith("analyses/")] == []
+
+
 def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
     job, slow = add_job(), bench(stand_ins.write_slowly)
     worker = threading.Thread(target=run_next, args=(slow,))
@@ -277,6 +307,20 @@ def test_a_damaged_recording_gives_no_report(
     storage.drop_recording(job.recording_id)
 
     run_next(bench(stand_ins.write_report))
+
+    assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
+
+
+def test_a_comparison_whose_reference_is_gone_ends_and_the_worker_goes_on(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    plain = add_job()
+    asked = replace(plain.request, reference=Reference("rec_gone", "reference.csv"))
+    job = store.add_analysis((plain.recording_id, plain.sha256), asked)
+    at_work = bench(stand_ins.write_report)
+
+    assert run_next(at_work)
+    assert run_next(at_work)
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 

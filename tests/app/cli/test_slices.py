@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests import ROOT
-from tests.ways_in.typed import read_table, run
+from tests.app.cli.typed import read_table, run
 
 SLICES = 3
 KILLED = {2: "b", 3: "arm-3"}

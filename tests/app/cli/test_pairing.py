@@ -7,7 +7,7 @@ import pytest
 from pypdf import PdfReader
 
 from fusion.simulation import write_recordings
-from tests.ways_in.typed import run
+from tests.app.cli.typed import run
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from app.batch.folder import open_staging, plan_tasks
 from app.batch.run import do_task
 from app.cli import app
 from app.request import ReportRequest
-from tests.ways_in.typed import read_table
+from tests.app.cli.typed import read_table
 
 # a shell that starts tests in the background lets them ignore Ctrl-C, and so what they start
 START = """

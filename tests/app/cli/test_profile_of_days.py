@@ -9,8 +9,8 @@ from pypdf import PdfReader
 from typer.testing import Result
 
 from tests.app.analysis.days_factory import change_recording, finish_day, make_day
+from tests.app.cli.typed import read_table, run
 from tests.app.report.report_reading import plain
-from tests.ways_in.typed import read_table, run
 
 Profiled = tuple[Result, Path]
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from app.cli import app
-from tests.ways_in.typed import read_table, run
+from tests.app.cli.typed import read_table, run
 
 Studied = tuple[Result, Path]
 

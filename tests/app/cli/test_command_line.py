@@ -9,7 +9,7 @@ import pytest
 
 from app.batch.folder import plan_tasks
 from app.request import ReportRequest
-from tests.ways_in.typed import read_table, run
+from tests.app.cli.typed import read_table, run
 
 
 @pytest.fixture(scope="module")
