@@ -11,8 +11,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 from fusion.conventions import ArmAxis, MethodName, Pose, PoseHeld, Side
-from fusion.diary import DiaryEntry
-from fusion.task_windows import TaskWindow
+from fusion.diary import DiaryEntry, TaskWindow
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr", "fr-CA"]

@@ -114,10 +114,7 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
 def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording, Elevation]:
     """Lay rows of angles on even grids, cut at holes, and give the recording its length, rate and holes.
 
-    Raises
-    ------
-    UnusableTime
-        Too few rows for a rate.
+    Raises UnusableTime: too few rows for a rate.
     """
     period_s = _measure_period(series.time_s)
     segments = _split_at_holes(series, period_s)

@@ -34,12 +34,8 @@ def draw_pair(
     blocks for both, as it is one day; for each arm an error of its own angle, as each has its own sensor and
     pose.
 
-    Parameters
-    ----------
-    time_s, left_deg, right_deg
-        Shape (n,): the points at which both are analysed.
-    sigmas_deg
-        Standard deviation of the constant error of the left and of the right angle.
+    ``time_s``, ``left_deg``, ``right_deg``: shape (n,): the points at which both are analysed.
+    ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle.
     """
     block_of: IntArray = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
     lasted = np.bincount(block_of)
@@ -120,20 +116,13 @@ def pair_arms(
 ) -> PairedArms:
     """Set two arms side by side.
 
-    Parameters
-    ----------
-    left, right
-        Before the metric filter; what a diary leaves out must not be valid.
-    offset_s
-        When the right recording's first sample was taken, seconds after the left's (negative: before).
-    sigmas_deg
-        Standard deviation of the constant error of the left and of the right angle; None: no ranges. None are
-        given for less than half an hour either.
+    ``left``, ``right``: before the metric filter; what a diary leaves out must not be valid.
+    ``offset_s``: when the right recording's first sample was taken, seconds after the left's (negative:
+    before).
+    ``sigmas_deg``: standard deviation of the constant error of the left and of the right angle; None: no
+    ranges. None are given for less than half an hour either.
 
-    Raises
-    ------
-    TooShort
-        When there is no time in which both are valid.
+    Raises TooShort: when there is no time in which both are valid.
     """
     time_s, a, b = _share_grid(left, right, offset_s)
     shared_s = len(a) / GRID_HZ
@@ -155,10 +144,7 @@ def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0
 
     ``trunk`` is an elevation too: 0 upright, as calibrated standing.
 
-    Raises
-    ------
-    TooShort
-        When there is no time in which both are valid.
+    Raises TooShort: when there is no time in which both are valid.
     """
     if trunk is None:
         return TrunkRelative("no trunk sensor")

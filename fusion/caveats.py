@@ -36,12 +36,8 @@ NOTE, CAUTION, POOR = Grade
 class Limit:
     """Where a caveat counts one grade more than it usually does.
 
-    Attributes
-    ----------
-    from_share
-        Share of the recorded time that the caveat concerns, from which on it does.
-    below_s
-        Seconds that the caveat concerns, below which it does.
+    ``from_share``: share of the recorded time that the caveat concerns, from which on it does.
+    ``below_s``: seconds that the caveat concerns, below which it does.
     """
 
     from_share: float = inf
@@ -57,14 +53,9 @@ FEW_H, POOR_H = 4, 2
 class Caveat(StrEnum):
     """A code (``str(Caveat.GAP)`` is "W-GAP") with what is declared of it.
 
-    Attributes
-    ----------
-    grade
-        What it does to the verdict as a rule.
-    fact_meanings
-        The names that :attr:`QualityFlag.facts` may hold, each with its unit or meaning.
-    limit
-        Where it counts one grade more.
+    ``grade``: what it does to the verdict as a rule.
+    ``fact_meanings``: the names that :attr:`QualityFlag.facts` may hold, each with its unit or meaning.
+    ``limit``: where it counts one grade more.
     """
 
     grade: Grade

@@ -106,7 +106,7 @@ def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared,
 
 
 def find_measured(key: str, exposure: Exposure) -> float | None:
-    """Give the only figure that was measured as the reference was."""
+    """Return the only figure that was measured as the reference was."""
     above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
     velocity = exposure.velocity_dps.get("generalised_accelerometer")
     seconds = {int(item.threshold_deg): item.duration_s for item in exposure.time_above}
@@ -146,20 +146,12 @@ BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
 class ComparedDay:
     """One day, with what must be alike for two days to be compared.
 
-    Attributes
-    ----------
-    exposure
-        Its figures.
-    method, pose, side, verdict
-        Of its analysis; ``side`` is None where none was given.
-    sha256
-        Of the recording; empty where it is not known.
-    subject
-        Code of the person; empty where none was given.
-    start, duration_s
-        When it began by its clock, None where it has none, and how long it lasted.
-    is_confirmed
-        Whether a person confirmed the calibration pose, or none is needed.
+    ``exposure``: its figures.
+    ``method``, ``pose``, ``side``, ``verdict``: of its analysis; ``side`` is None where none was given.
+    ``sha256``: of the recording; empty where it is not known.
+    ``subject``: code of the person; empty where none was given.
+    ``start``, ``duration_s``: when it began by its clock, None where it has none, and how long it lasted.
+    ``is_confirmed``: whether a person confirmed the calibration pose, or none is needed.
     """
 
     exposure: Exposure
@@ -201,7 +193,7 @@ class DayComparison:
 
 
 def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
-    """Give MDC95 for the mean of ``days`` days against that of as many others."""
+    """Return MDC95 for the mean of ``days`` days against that of as many others."""
     if days < 1:
         raise ValueError(days)
     return 1.96 * sqrt(2.0 / days) * between_day_sd
@@ -260,7 +252,7 @@ def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Differen
 
 
 def _find_delay_s(before: ComparedDay, after: ComparedDay) -> float | None:
-    """Give by how much the later day began after the earlier; None where a clock is missing.
+    """Return by how much the later day began after the earlier; None where a clock is missing.
 
     Where only one states its zone, both are taken for clocks of the same place.
     """

@@ -61,9 +61,7 @@ AXIS_HINT = "x, y, z, -x, -y, -z"
 def parse_arm_axis(text: str) -> ArmAxis:
     """Read ``y``, ``+y`` or ``-y``; a URL's blank before the letter is the plus sign it stood for.
 
-    Raises
-    ------
-    ValueError
+    Raises ValueError.
     """
     found = text.strip().lower()
     found = found if found.startswith(("+", "-")) else f"+{found}"

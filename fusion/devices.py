@@ -17,26 +17,17 @@ Form = Literal["binary", "table", "zip", "capture"]
 class KnownDevice:
     """A device, or a program that exports its recordings.
 
-    Attributes
-    ----------
-    device
-        What :attr:`fusion.recording.Recording.device` holds.
-    name
-        As its maker calls it; the same in every language.
-    form
-        "binary", "table", "zip" of two tables or "capture" of ready angles.
-    header, above
-        Patterns of the header line and of the lines above it, ignoring case; either is enough.
-    acc_unit, gyr_unit, time_unit
-        Of columns whose names state none; "" where nothing is known.
-    frame
-        "right": right-handed, and what the header states is never overruled; "either": motion decides.
-    left_gyr_factor
-        What to multiply the rates by where the frame proves left-handed: an error of the device's library.
-    rate, axes, clock
-        What there is to know of them, for the page of formats.
-    source
-        The real file that was read, or "from documentation".
+    ``device``: what :attr:`fusion.recording.Recording.device` holds.
+    ``name``: as its maker calls it; the same in every language.
+    ``form``: "binary", "table", "zip" of two tables or "capture" of ready angles.
+    ``header``, ``above``: patterns of the header line and of the lines above it, ignoring case; either is
+    enough.
+    ``acc_unit``, ``gyr_unit``, ``time_unit``: of columns whose names state none; "" where nothing is known.
+    ``frame``: "right": right-handed, and what the header states is never overruled; "either": motion decides.
+    ``left_gyr_factor``: what to multiply the rates by where the frame proves left-handed: an error of the
+    device's library.
+    ``rate``, ``axes``, ``clock``: what there is to know of them, for the page of formats.
+    ``source``: the real file that was read, or "from documentation".
     """
 
     device: str
@@ -273,6 +264,6 @@ def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | N
 
 
 def find_device_name(device: str) -> str | None:
-    """Give the name of a kind of device; None for one that is not in the table."""
+    """Return the name of a kind of device; None for one that is not in the table."""
     names = (one.name.partition(",")[0] for one in KNOWN_DEVICES if one.device == device)
     return next(names, None)

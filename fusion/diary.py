@@ -19,10 +19,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta
 from functools import partial
+from math import isfinite
 from typing import Literal, get_args
 
 from fusion.conventions import PoseHeld, check_choice
-from fusion.errors import UnusableDiary, join_facts
+from fusion.errors import UnusableDiary, UnusableTasks, join_facts
 
 # Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
 
@@ -51,7 +52,7 @@ def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def plain_word(word: str) -> str:
-    """Give a word without case, accents, underscores and hyphens."""
+    """Return a word without case, accents, underscores and hyphens."""
     letters = unicodedata.normalize("NFKD", word.casefold())
     return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
 
@@ -60,12 +61,7 @@ HELD: Mapping[str, PoseHeld] = {"start": "start", "debut": "start", "no": "no", 
 
 
 def parse_pose_held(text: str) -> PoseHeld:
-    """Read ``start`` or ``no``, or the French ``début`` or ``non``.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Read ``start`` or ``no``, or the French ``début`` or ``non``; raises ValueError."""
     held = HELD.get(plain_word(text))
     if held is None:
         raise ValueError(", ".join(HELD))
@@ -130,21 +126,13 @@ DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")
 class DiaryEntry:
     """A row of a diary before the recording is known.
 
-    Attributes
-    ----------
-    start, end
-        A number: seconds from the first sample. Text: the clock, ``"07:58:00"`` or
-        ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
-    kind
-        "work", "break" and so on: one of :data:`fusion.diary.Kind`.
-    label
-        The person's own word for it.
-    left_out
-        Whether its time leaves the denominator; None: as its kind says.
-    line
-        In the file, from 1; 0 where there is none.
-    file
-        Only for the recording of this name; empty: for any.
+    ``start``, ``end``: a number: seconds from the first sample. Text: the clock, ``"07:58:00"`` or
+    ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
+    ``kind``: "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    ``label``: the person's own word for it.
+    ``left_out``: whether its time leaves the denominator; None: as its kind says.
+    ``line``: in the file, from 1; 0 where there is none.
+    ``file``: only for the recording of this name; empty: for any.
     """
 
     start: float | str
@@ -167,10 +155,7 @@ Row = DiaryEntry | tuple[int, float | str]
 def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     """Read a diary.
 
-    Raises
-    ------
-    UnusableDiary
-        With the line, the reason and the cure.
+    Raises UnusableDiary: with the line, the reason and the cure.
     """
     rows = list(_read_few_rows(content))
     if len(rows) < 2:
@@ -204,17 +189,14 @@ def _read_each(
 def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
     """Refuse a diary for all its slips at once.
 
-    Raises
-    ------
-    UnusableDiary
-        Where there is any slip.
+    Raises UnusableDiary: where there is any slip.
     """
     if slips:
         raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
 
 
 def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Give so many rows and no more: each is laid over the whole recording."""
+    """Return so many rows and no more: each is laid over the whole recording."""
     for count, (line, cells) in enumerate(read_rows(decode_text(content))):
         if count >= MOST_ROWS:
             raise UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
@@ -241,7 +223,7 @@ def _is_activity_log(header: list[str]) -> bool:
 
 
 def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: bool) -> Iterable[DiaryEntry]:
-    """Give the activities of one recording; several recordings are told apart by the ID."""
+    """Return the activities of one recording; several recordings are told apart by the ID."""
     days: list[tuple[date, list[tuple[str, str]]]] = []
     for name, cell in zip(header[1:], cells[1:], strict=False):
         if "date" in plain_word(name):
@@ -270,7 +252,7 @@ def _read_date(line: int, cell: str) -> date:
 
 
 def _read_row(line: int, row: Mapping[str, str]) -> Row:
-    """Give the entry of a row, or the line and the moment of a row that only ends the one before."""
+    """Return the entry of a row, or the line and the moment of a row that only ends the one before."""
     start = read_moment(line, row.get("start", ""), row.get("start_s", ""))
     if start is None:
         raise UnusableDiary(line=line, why="time", cure="time", value="")
@@ -306,9 +288,7 @@ def _read_yes_no(line: int, word: str) -> bool | None:
 def read_moment(line: int, clock: str, seconds: str) -> float | str | None:
     """Return the start or the end of a row from its two columns; None if both are empty.
 
-    Raises
-    ------
-    UnusableDiary
+    Raises UnusableDiary.
     """
     if clock and seconds:
         value = f"{clock}, {seconds}"[:LONGEST_LABEL]
@@ -326,10 +306,7 @@ def parse_clock(text: str, line: int = 0) -> str:
     ``10:20``, ``10.20``, ``10,20``, ``1020``, ``10h20``, ``10 h 20`` and ``10h`` are read on the 24-hour
     clock, also with seconds (``10:20:30``, ``10h20m30``, ``102030``). A number is never read as seconds.
 
-    Raises
-    ------
-    UnusableDiary
-        With ``line`` and the spellings that are read.
+    Raises UnusableDiary: with ``line`` and the spellings that are read.
     """
     dated = DAY.fullmatch(text.strip())
     told = (dated[2] if dated else text).strip()
@@ -359,7 +336,7 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
 
 
 def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
-    """Give each row the end that a row of its own states."""
+    """Return each row the end that a row of its own states."""
     entries: list[DiaryEntry] = []
     for row in rows:
         if isinstance(row, DiaryEntry):
@@ -372,3 +349,68 @@ def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
                 DiaryEntry(last.start, row[1], last.kind, last.label, last.left_out, last.line, last.file)
             )
     return tuple(entries)
+
+
+# The list of tasks: a CSV with the columns ``name,start_s,end_s``, and ``paper_task`` if there is one.
+#
+# Times are seconds of the recording's clock or, with ``reference`` in a column ``clock``, of the reference's.
+# Rows with the same name are repetitions of one task and are pooled. ``paper_task`` (1 to 10) is the task of
+# the source paper's Table 1 that it repeats.
+
+NEEDED_BY_TASKS = ("name", "start_s", "end_s")
+TASK_CLOCKS = ("recording", "reference")
+MOST_TASKS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class TaskWindow:
+    """One repetition of a task, in seconds of one of the two clocks."""
+
+    name: str
+    start_s: float
+    end_s: float
+    paper_task: int | None = None
+    clock: str = "recording"
+
+
+def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
+    """Read the list; commas or semicolons; raises UnusableTasks."""
+    lines = io.StringIO(content.decode("utf-8-sig", "replace"), newline=None)
+    delimiter = ";" if ";" in lines.readline() else ","
+    lines.seek(0)
+    csv.field_size_limit(max(csv.field_size_limit(), len(content)))
+    rows = csv.DictReader(lines, delimiter=delimiter)
+    names = [(name or "").strip().lower() for name in rows.fieldnames or ()]
+    rows.fieldnames = names
+    if not set(NEEDED_BY_TASKS) <= set(names):
+        raise UnusableTasks(line=1, why="task-columns")
+    tasks = tuple(_read_task(row, rows.line_num) for row in rows if any(row.values()))
+    if not tasks or len(tasks) > MOST_TASKS:
+        raise UnusableTasks(line=rows.line_num, why="task-count")
+    return tasks
+
+
+def _read_task(row: Mapping[str, str | None], line: int) -> TaskWindow:
+    name = (row["name"] or "").strip()
+    if not name:
+        raise UnusableTasks(line=line, why="task-name")
+    start_s, end_s = _read_task_seconds(row["start_s"], line), _read_task_seconds(row["end_s"], line)
+    if not start_s < end_s:
+        raise UnusableTasks(line=line, why="task-order")
+    clock = (row.get("clock") or "").strip().lower() or TASK_CLOCKS[0]
+    if clock not in TASK_CLOCKS:
+        raise UnusableTasks(line=line, why="task-clock")
+    paper_task = (row.get("paper_task") or "").strip()
+    if paper_task and paper_task not in map(str, range(1, 11)):
+        raise UnusableTasks(line=line, why="paper-task")
+    return TaskWindow(name, start_s, end_s, int(paper_task) if paper_task else None, clock)
+
+
+def _read_task_seconds(text: str | None, line: int) -> float:
+    try:
+        seconds = float((text or "").strip().replace(",", "."))
+    except ValueError:
+        raise UnusableTasks(line=line, why="task-number") from None
+    if not isfinite(seconds):
+        raise UnusableTasks(line=line, why="task-number")
+    return seconds

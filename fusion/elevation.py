@@ -27,12 +27,9 @@ from fusion.sensor.stillness import StillRules
 class Method:
     """A named estimator, as printed in the report.
 
-    Attributes
-    ----------
-    name, version
-        "smoothed", "published" or "live"; the version goes up with every change that moves a figure.
-    parameters
-        Every number that it used, by name, the unit in the name.
+    ``name``, ``version``: "smoothed", "published" or "live"; the version goes up with every change that moves
+    a figure.
+    ``parameters``: every number that it used, by name, the unit in the name.
     """
 
     name: str
@@ -44,24 +41,18 @@ class Method:
 class ElevationSegment:
     """Elevation over one unbroken run.
 
-    Attributes
-    ----------
-    start_us, rate_hz
-        Of the first row, microseconds from the recording's first sample; rows per second, about 100 at most
-        where the angle was fused from samples (:mod:`fusion.orientation.angle_rows`).
-    elevation_deg
-        Shape (n,), float32. 0 hanging, 90 level, 180 overhead. Before the metric filter.
-    valid
-        Shape (n,). Every sample of the row is fused and trusted, whatever the diary says (breaks stay valid).
-    vertical
-        Shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor frame; None for
-        a ready angle series. Worked out again when it is read, but kept where a row is made of several
-        samples (:class:`fusion.orientation.angle_rows.VerticalOnDemand`).
-    sigma_deg
-        Shape (seconds,), float32: standard deviation of the angle in each second of the segment, the pose
-        left out (:mod:`fusion.orientation.smoothed`); None where the method has no measure of it.
-    bridged
-        As in :class:`fusion.recording.Segment`: row ranges [first, stop) without a sample of their own.
+    ``start_us``, ``rate_hz``: of the first row, microseconds from the recording's first sample; rows per
+    second, about 100 at most where the angle was fused from samples (:mod:`fusion.orientation.angle_rows`).
+    ``elevation_deg``: shape (n,), float32. 0 hanging, 90 level, 180 overhead. Before the metric filter.
+    ``valid``: shape (n,). Every sample of the row is fused and trusted, whatever the diary says (breaks stay
+    valid).
+    ``vertical``: shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor
+    frame; None for a ready angle series. Worked out again when it is read, but kept where a row is made of
+    several samples (:class:`fusion.orientation.angle_rows.VerticalOnDemand`).
+    ``sigma_deg``: shape (seconds,), float32: standard deviation of the angle in each second of the segment,
+    the pose left out (:mod:`fusion.orientation.smoothed`); None where the method has no measure of it.
+    ``bridged``: as in :class:`fusion.recording.Segment`: row ranges [first, stop) without a sample of their
+    own.
     """
 
     start_us: int
@@ -89,16 +80,12 @@ class ElevationSegment:
 class Elevation:
     """Arm elevation through the recording; holes lie between the segments.
 
-    Attributes
-    ----------
-    segments
-        In time order.
-    method
-        The estimator; None for a ready angle series and for one that was read from ``elevation.parquet``.
-    bias_sigma_deg
-        Standard deviation of the angle over the whole recording, the pose left out: for `smoothed` the root
-        mean square of that of each second; with the uncertainty of the axis where the sensor turned. None for
-        a ready angle series.
+    ``segments``: in time order.
+    ``method``: the estimator; None for a ready angle series and for one that was read from
+    ``elevation.parquet``.
+    ``bias_sigma_deg``: standard deviation of the angle over the whole recording, the pose left out: for
+    `smoothed` the root mean square of that of each second; with the uncertainty of the axis where the sensor
+    turned. None for a ready angle series.
     """
 
     segments: tuple[ElevationSegment, ...]

@@ -50,10 +50,8 @@ class FusionError(Exception):
     The head of a class declares its code, and the facts that it may have (else its parent's), each with its
     unit or meaning.
 
-    Attributes
-    ----------
-    fact_meanings
-        The names that ``facts`` may hold, each with its unit or meaning; those of :data:`PLACE` beside them.
+    ``fact_meanings``: the names that ``facts`` may hold, each with its unit or meaning; those of
+    :data:`PLACE` beside them.
     """
 
     code: ClassVar[str]

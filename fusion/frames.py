@@ -14,7 +14,7 @@ from fusion.recording import MICROSECONDS
 
 
 def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
-    """Give the angle series as a table.
+    """Return the angle series as a table.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
 
 
 def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
-    """Give each set of figures as a table.
+    """Return each set of figures as a table.
 
     Parameters
     ----------

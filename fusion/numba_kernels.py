@@ -79,7 +79,7 @@ class PlainLoops(_WithoutCollection):
     """The compiler for loops over given arrays."""
 
     def define_pipelines(self) -> list[Any]:
-        """Give the steps of :data:`STEPS`."""
+        """Return the steps of :data:`STEPS`."""
         make: Any = PassManager
         steps = make("plain loops")
         for step in STEPS:
@@ -92,7 +92,7 @@ class AnyLoops(_WithoutCollection):
     """The compiler for loops that make arrays."""
 
     def define_pipelines(self) -> list[Any]:
-        """Give all of numba's steps."""
+        """Return all of numba's steps."""
         define: Any = DefaultPassBuilder.define_nopython_pipeline
         return [define(self.state)]
 
@@ -171,7 +171,7 @@ USUAL_KERNELS = 90
 
 
 def measure_progress() -> float:
-    """Give how much is compiled, 0 to 1; 1 where all is, and where nothing compiled can be kept."""
+    """Return how much is compiled, 0 to 1; 1 where all is, and where nothing compiled can be kept."""
     folder = make_kernel_folder()
     if folder is None or (folder / DONE).exists():
         return 1.0

@@ -19,15 +19,6 @@ from fusion.pose.axes import AxisPart
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.windows import reduce_recording
 from fusion.quality import Quality, TimeAccount
-from fusion.quality.flags import (
-    flag_accelerometer_drift,
-    flag_gyro_drift,
-    flag_pose,
-    flag_published,
-    flag_untrusted,
-    flag_untrusted_pose,
-    flag_upside_down,
-)
 from fusion.quality.time_account import (
     account_time,
     count_holes_us,
@@ -38,7 +29,16 @@ from fusion.quality.time_account import (
     propose_nonwear,
     refuse_short,
 )
-from fusion.quality.verdict import assess_quality
+from fusion.quality.verdict import (
+    assess_quality,
+    flag_accelerometer_drift,
+    flag_gyro_drift,
+    flag_pose,
+    flag_published,
+    flag_untrusted,
+    flag_untrusted_pose,
+    flag_upside_down,
+)
 from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 from fusion.settings import AnalysisSettings
@@ -55,26 +55,15 @@ UNKNOWN_SIGMA_DEG = 0.0
 class Analysis:
     """Every step's result.
 
-    Attributes
-    ----------
-    recording
-        What was read.
-    settings
-        As given, or the defaults.
-    calibration
-        The pose; None for a ready angle series.
-    elevation
-        The angle, at most about 100 rows a second; valid in breaks too.
-    exclusions
-        All that left the analysed time, the diary's breaks among them.
-    time
-        Where the time of the recording went.
-    exposure
-        The figures.
-    quality
-        The verdict and all caveats.
-    axis_parts
-        The stretches that the first pose does not read.
+    ``recording``: what was read.
+    ``settings``: as given, or the defaults.
+    ``calibration``: the pose; None for a ready angle series.
+    ``elevation``: the angle, at most about 100 rows a second; valid in breaks too.
+    ``exclusions``: all that left the analysed time, the diary's breaks among them.
+    ``time``: where the time of the recording went.
+    ``exposure``: the figures.
+    ``quality``: the verdict and all caveats.
+    ``axis_parts``: the stretches that the first pose does not read.
     """
 
     recording: Recording
@@ -223,10 +212,7 @@ def fuse_recording(
 ) -> FusedRecording:
     """Calibrate and fuse a recording of any length.
 
-    Raises
-    ------
-    fusion.errors.UnusableRecording
-        No usable calibration.
+    Raises UnusableRecording: no usable calibration.
     """
     settings = adopt_stated(recording, settings)
     blocks = reduce_recording(recording)
@@ -291,10 +277,7 @@ def analyse_angle_file(
 ) -> Analysis:
     """Return the exposure of a motion capture; ``windows_s`` say when the arm hung, where only that tells.
 
-    Raises
-    ------
-    fusion.errors.UnknownAxis
-        The orientation of a sensor that never hung still.
+    Raises UnknownAxis: the orientation of a sensor that never hung still.
     """
     known = calibrate_alone(file, windows_s)
     if known.elevation_deg is None:

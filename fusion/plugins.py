@@ -13,5 +13,5 @@ def find_entry_points() -> tuple[EntryPoint, ...]:
 
 
 def find_version(entry: EntryPoint) -> str:
-    """Give the version of the package that an entry point belongs to."""
+    """Return the version of the package that an entry point belongs to."""
     return entry.dist.version if entry.dist else ""

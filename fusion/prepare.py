@@ -36,7 +36,7 @@ def prepare() -> None:
 
 
 def make_elevation(recording: Recording) -> Elevation:
-    """Give the angle of an arm that swings, as the fusion would."""
+    """Return the angle of an arm that swings, as the fusion would."""
     (segment,) = recording.segments
     up = segment.acc_g / np.linalg.norm(segment.acc_g, axis=1, keepdims=True)
     angle_deg = np.degrees(np.arccos(np.clip(up[:, 1], -1.0, 1.0)))

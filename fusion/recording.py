@@ -28,20 +28,13 @@ MICROSECONDS = 1_000_000
 class QualityFlag:
     """A caveat on the numbers: one line of the data-quality box.
 
-    Attributes
-    ----------
-    code
-        A :class:`fusion.caveats.Caveat`; a plain text of a reader plug-in, or of a report that is read again.
-    count
-        How many times it was found.
-    seconds
-        How long together.
-    first_s, last_s
-        Seconds from the first sample; None where the caveat has no place.
-    facts
-        What its sentence needs, by name, as the caveat declares them.
-    spans_s
-        The stretches (start, end) it is about, where they are known; of many the longest.
+    ``code``: a :class:`fusion.caveats.Caveat`; a plain text of a reader plug-in, or of a report that is read
+    again.
+    ``count``: how many times it was found.
+    ``seconds``: how long together.
+    ``first_s``, ``last_s``: seconds from the first sample; None where the caveat has no place.
+    ``facts``: what its sentence needs, by name, as the caveat declares them.
+    ``spans_s``: the stretches (start, end) it is about, where they are known; of many the longest.
     """
 
     code: str
@@ -57,14 +50,9 @@ class QualityFlag:
 class Span:
     """A stretch of the recording, in integer microseconds, so that sums are exact.
 
-    Attributes
-    ----------
-    start_us
-        From the recording's first sample.
-    duration_us
-        Its length.
-    reason
-        Why it was left out, where it was.
+    ``start_us``: from the recording's first sample.
+    ``duration_us``: its length.
+    ``reason``: why it was left out, where it was.
     """
 
     start_us: int
@@ -81,16 +69,12 @@ class Span:
 class Stated:
     """What a file states of its units and its time; the checks of units and axes go by it.
 
-    Attributes
-    ----------
-    acc_unit, gyr_unit
-        As in :mod:`fusion.units`, "registers" for counts of the sensor, or any word that tells no size.
-    is_known
-        A known device's format or header states units and axes: nothing overrules it.
-    left_gyr_factor
-        What to multiply the rates by if the frame proves left-handed: an error of the device's library.
-    is_counted
-        The rows have no times: their rate comes from a person or a header.
+    ``acc_unit``, ``gyr_unit``: as in :mod:`fusion.units`, "registers" for counts of the sensor, or any word
+    that tells no size.
+    ``is_known``: a known device's format or header states units and axes: nothing overrules it.
+    ``left_gyr_factor``: what to multiply the rates by if the frame proves left-handed: an error of the
+    device's library.
+    ``is_counted``: the rows have no times: their rate comes from a person or a header.
     """
 
     acc_unit: str = "g"
@@ -104,17 +88,11 @@ class Stated:
 class Segment:
     """An unbroken, evenly sampled run.
 
-    Attributes
-    ----------
-    start_us
-        Time of the first sample, microseconds from the recording's first sample.
-    rate_hz
-        Fitted to the true stamps (never the nominal rate where stamps exist).
-    acc_g, gyr_dps
-        Shape (n, 3), float32, one right-handed frame, g and deg/s.
-    bridged
-        Row ranges [first, stop) that were put in by linear interpolation over a hole of at most 50 ms.
-        They exist for the filters only: their time is missing and they are not valid.
+    ``start_us``: time of the first sample, microseconds from the recording's first sample.
+    ``rate_hz``: fitted to the true stamps (never the nominal rate where stamps exist).
+    ``acc_g``, ``gyr_dps``: shape (n, 3), float32, one right-handed frame, g and deg/s.
+    ``bridged``: row ranges [first, stop) that were put in by linear interpolation over a hole of at most 50
+    ms. They exist for the filters only: their time is missing and they are not valid.
     """
 
     start_us: int
@@ -149,39 +127,24 @@ class Segment:
 class Recording:
     """What a file says: segments in time order, and what was known to be absent between them.
 
-    Attributes
-    ----------
-    device
-        One of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or what a plug-in calls its own.
-    sha256
-        Of the file's bytes, hexadecimal.
-    start
-        The device's clock at the first sample, never converted. Aware where the file tells its offset from
-        UTC, naive where it does not, None where there is no clock.
-    time_zone
-        As the file tells it ("UTC-05:00"), or None.
-    duration_us
-        From the first stamp to the last plus one period.
-    segments
-        Unbroken runs of samples, in time order.
-    excluded
-        Time the device itself says it did not measure on the arm (reason "docked" or "asleep").
-    flags
-        Caveats found while reading.
-    understood
-        What the reader took the file for, for people: layout, columns, units, nominal rate.
-    stated
-        What the file states of its units and its time, for the checks.
-    serial_hash
-        Hash of the device's serial number; None where the file does not tell.
-    acc_range_g, gyr_range_dps
-        Full scale, for the clipping check; None where the file does not tell.
-    reader
-        Name and version of the plug-in that read the file; None where one of our own did.
-    pose_windows_s, arm_axis, pose_held
-        As the file states them: when a person held the pose (start, end), from the first sample; the sensor's
-        axis that was strapped along the arm; "start" if the pose was held at the start of wear. What is asked
-        of an analysis goes before them.
+    ``device``: one of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or what a plug-in calls its
+    own.
+    ``sha256``: of the file's bytes, hexadecimal.
+    ``start``: the device's clock at the first sample, never converted. Aware where the file tells its offset
+    from UTC, naive where it does not, None where there is no clock.
+    ``time_zone``: as the file tells it ("UTC-05:00"), or None.
+    ``duration_us``: from the first stamp to the last plus one period.
+    ``segments``: unbroken runs of samples, in time order.
+    ``excluded``: time the device itself says it did not measure on the arm (reason "docked" or "asleep").
+    ``flags``: caveats found while reading.
+    ``understood``: what the reader took the file for, for people: layout, columns, units, nominal rate.
+    ``stated``: what the file states of its units and its time, for the checks.
+    ``serial_hash``: hash of the device's serial number; None where the file does not tell.
+    ``acc_range_g``, ``gyr_range_dps``: full scale, for the clipping check; None where the file does not tell.
+    ``reader``: name and version of the plug-in that read the file; None where one of our own did.
+    ``pose_windows_s``, ``arm_axis``, ``pose_held``: as the file states them: when a person held the pose
+    (start, end), from the first sample; the sensor's axis that was strapped along the arm; "start" if the
+    pose was held at the start of wear. What is asked of an analysis goes before them.
     """
 
     device: str

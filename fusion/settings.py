@@ -13,26 +13,19 @@ from fusion.diary import DiaryEntry
 class AnalysisSettings:
     """What a person may choose; everything else follows from the recording.
 
-    Attributes
-    ----------
-    method
-        "smoothed", "published" or "live".
-    pose
-        How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
-    calibration_windows_s
-        (start, end) from the first sample, when the pose was held, once or again; empty: the first stillness
-        is assumed. Two for the two-point pose, hanging and then level.
-    diary
-        What the day consisted of; breaks, time not worn and outside the shift are not analysed.
-    arm_axis
-        Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder, with
-        its sign: "+x", "-x", "+y", "-y", "+z" or "-z" (:func:`fusion.conventions.parse_arm_axis` reads "y").
-    slip_times_s, no_slip_times_s
-        When the sensor slipped on the arm, or was put back in another place, as the person says, from the
-        first sample; when it did not, though the recording raises the question.
-    pose_held
-        "start": the person says that the pose was held at the start of wear. A window or an axis goes before.
-        "no": nobody states it, and what the file or its column profile states does not hold.
+    ``method``: "smoothed", "published" or "live".
+    ``pose``: how the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
+    ``calibration_windows_s``: (start, end) from the first sample, when the pose was held, once or again;
+    empty: the first stillness is assumed. Two for the two-point pose, hanging and then level.
+    ``diary``: what the day consisted of; breaks, time not worn and outside the shift are not analysed.
+    ``arm_axis``: where no pose was held: the sensor's axis that was strapped along the arm, towards the
+    shoulder, with its sign: "+x", "-x", "+y", "-y", "+z" or "-z" (:func:`fusion.conventions.parse_arm_axis`
+    reads "y").
+    ``slip_times_s``, ``no_slip_times_s``: when the sensor slipped on the arm, or was put back in another
+    place, as the person says, from the first sample; when it did not, though the recording raises the
+    question.
+    ``pose_held``: "start": the person says that the pose was held at the start of wear. A window or an axis
+    goes before. "no": nobody states it, and what the file or its column profile states does not hold.
     """
 
     method: MethodName = "smoothed"

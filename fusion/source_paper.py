@@ -19,7 +19,7 @@ class TaskFigures:
 
     @staticmethod
     def mean(found: Sequence["TaskFigures"]) -> "TaskFigures":
-        """Give the mean of each statistic, as the paper does over people."""
+        """Return the mean of each statistic, as the paper does over people."""
         r, rmse, absolute = np.mean([(a.r, a.rmse_deg, a.absolute_deg) for a in found], axis=0)
         return TaskFigures(float(r), float(rmse), float(absolute))
 

@@ -24,7 +24,7 @@ GYR_UNITS_DPS = {
 
 
 def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> str:
-    """Give "header" where a known device states both units, "stated" where names or a person do, else ""."""
+    """Return "header" if a known device states both units, "stated" if names or a person do, else ""."""
     if not (acc_scale_g(acc_unit) and gyr_scale_dps(gyr_unit)):
         return ""
     return "header" if is_known else "stated"

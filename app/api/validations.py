@@ -29,7 +29,7 @@ from app.request import (
 from app.services import Services, UsedLanguage, UsedServices, choose_language
 from app.storage.store import too_large
 from fusion.conventions import PoseHeld
-from fusion.task_windows import TaskWindow, read_tasks
+from fusion.diary import TaskWindow, read_tasks
 
 T = TypeVar("T")
 

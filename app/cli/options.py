@@ -29,9 +29,8 @@ from app.request import (
     write_profile,
 )
 from fusion.conventions import AXIS_HINT, ArmAxis, PoseHeld, Side, parse_arm_axis
-from fusion.diary import DiaryEntry, read_diary
+from fusion.diary import DiaryEntry, TaskWindow, read_diary, read_tasks
 from fusion.errors import FusionError
-from fusion.task_windows import TaskWindow, read_tasks
 
 T = TypeVar("T")
 

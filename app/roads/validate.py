@@ -44,11 +44,11 @@ from fusion.agreement import (
     take_recording,
 )
 from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
+from fusion.diary import read_tasks
 from fusion.errors import FusionError, NoReference, UnknownFormat, UnusableStudy
 from fusion.pipeline import fuse_recording
 from fusion.recording import MICROSECONDS
 from fusion.settings import AnalysisSettings
-from fusion.task_windows import read_tasks
 
 NO_QUIET = np.empty((0, 6), np.float32)
 ANGLES_ONLY = ("mvnx", "parquet")

@@ -1,6 +1,5 @@
 """How far two measurements of one arm agree: the source paper's validation, for everybody's own people."""
 
-from fusion.agreement.agreement_study import AgreementCell, AgreementEntry, summarise_agreement_study
 from fusion.agreement.alignment import ClockSettings, align
 from fusion.agreement.compare import (
     Comparison,
@@ -14,8 +13,16 @@ from fusion.agreement.compare import (
     take_recording,
 )
 from fusion.agreement.pairs import Alignment, PairedRun, Pairs, WindowLag
-from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
-from fusion.task_windows import TaskWindow, read_tasks
+from fusion.agreement.statistics import (
+    Agreement,
+    AgreementCell,
+    AgreementEntry,
+    Limits,
+    find_repeated_limits,
+    measure_agreement,
+    summarise_agreement_study,
+)
+from fusion.diary import TaskWindow, read_tasks
 
 __all__ = [
     "Agreement",

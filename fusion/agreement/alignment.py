@@ -69,12 +69,8 @@ MOST_SHIFT_S = 1.0
 class ClockSettings:
     """The alignment as far as a person sets it by hand.
 
-    Attributes
-    ----------
-    offset_s
-        The reference's clock at the recording's first sample; None: found from the motion.
-    drift_ppm
-        How much faster the reference's clock runs; None: found from the motion.
+    ``offset_s``: the reference's clock at the recording's first sample; None: found from the motion.
+    ``drift_ppm``: how much faster the reference's clock runs; None: found from the motion.
     """
 
     offset_s: float | None = None
@@ -137,10 +133,7 @@ def _sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array
 def _find_shift(ours: Runs, reference: Runs) -> Alignment:
     """Find the shift at which the rates of change of both match best; to about 0.05 s, drift taken as 0.
 
-    Raises
-    ------
-    NotAligned
-        Too little motion in common there, or another shift is worth nearly as much.
+    Raises NotAligned: too little motion in common there, or another shift is worth nearly as much.
     """
     own_start_s, other_start_s = ours[0].start_s, reference[0].start_s
     own = _sample_rates(ours, own_start_s, _count_steps(ours))

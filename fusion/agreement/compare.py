@@ -21,12 +21,12 @@ from fusion.agreement.pairs import (
 )
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
 from fusion.angle_files import AngleFile, calibrate_file, resample_file
+from fusion.diary import TaskWindow
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.numerics.intervals import join_overlapping
 from fusion.pipeline import FusedRecording
 from fusion.recording import Float64Array, FloatArray
-from fusion.task_windows import TaskWindow
 
 # The two sides of a comparison: a recording that we fused, or a file that holds its angle already.
 
@@ -35,18 +35,11 @@ from fusion.task_windows import TaskWindow
 class Side:
     """One measurement of the arm, in its own clock.
 
-    Attributes
-    ----------
-    device, sha256, understood
-        As in :class:`fusion.recording.Recording`.
-    duration_s
-        From the first to the last row.
-    runs
-        The elevation, deg; empty as long as the arm's axis is not known.
-    paths
-        The path of the vertical, deg; empty where only angles are known.
-    calibration_s
-        When the arm hung still, (start, end); the other side is calibrated at the same moment.
+    ``device``, ``sha256``, ``understood``: as in :class:`fusion.recording.Recording`.
+    ``duration_s``: from the first to the last row.
+    ``runs``: the elevation, deg; empty as long as the arm's axis is not known.
+    ``paths``: the path of the vertical, deg; empty where only angles are known.
+    ``calibration_s``: when the arm hung still, (start, end); the other side is calibrated at the same moment.
     """
 
     device: str

@@ -58,7 +58,7 @@ def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
     )
 
 
-def take_paths(elevation: Elevation, first_s: float = 0.0) -> Runs:
+def take_paths(elevation: Elevation) -> Runs:
     """Take the path of the vertical in the sensor's frame, deg, at about 50 Hz.
 
     Its rate of change is the same however the sensor sits on the arm: what aligns an orientation whose arm
@@ -71,7 +71,7 @@ def take_paths(elevation: Elevation, first_s: float = 0.0) -> Runs:
         step = max(1, round(segment.rate_hz / PATH_HZ))
         for start, values in _cut_valid(segment):
             path = measure_path(segment.vertical[start : start + len(values)][::step])
-            start_s = first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz
+            start_s = segment.start_us / MICROSECONDS + start / segment.rate_hz
             if len(path) >= SHORTEST_ROWS:
                 paths.append(Run(start_s, segment.rate_hz / step, path))
     return tuple(paths)
@@ -258,12 +258,7 @@ def join_pairs(parts: Sequence[Pairs]) -> Pairs:
 
 
 def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
-    """Bring both to the recording's clock and to the rate of the slower one.
-
-    Raises
-    ------
-    NothingInCommon
-    """
+    """Bring both to the recording's clock and to the rate of the slower one; raises NothingInCommon."""
     moved = tuple(move_run(run, alignment) for run in reference)
     if not ours or not moved:
         raise NothingInCommon(s=0.0)

@@ -8,8 +8,13 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import elevation_parquet, mvnx, tables
-from fusion.angle_files.types import AngleFile, AngleFileOptions
-from fusion.angle_files.vertical import calibrate_alone, calibrate_file, resample_file
+from fusion.angle_files.angle_file import (
+    AngleFile,
+    AngleFileOptions,
+    calibrate_alone,
+    calibrate_file,
+    resample_file,
+)
 from fusion.errors import EmptyFile
 from fusion.readers.recognise import explain_refusal
 from fusion.readers.source import Source, open_source
@@ -51,14 +56,9 @@ NO_OPTIONS = AngleFileOptions()
 def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptions = NO_OPTIONS) -> AngleFile:
     """Read an angle or an orientation, whatever its format.
 
-    Parameters
-    ----------
-    file
-        Binary; can be rewound.
-    file_name
-        Used only to recognise an extension; by default the file object's own name.
-    options
-        What the person says about the file.
+    ``file``: binary; can be rewound.
+    ``file_name``: used only to recognise an extension; by default the file object's own name.
+    ``options``: what the person says about the file.
 
     Returns
     -------

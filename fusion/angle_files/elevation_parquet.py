@@ -17,8 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from fusion.angle_files.angle_file import AngleFile, AngleFileOptions
 from fusion.angle_files.tables import check_times, keep_angles
-from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.angle_series import HOLE_PERIODS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile
@@ -56,16 +56,10 @@ LEAST_ANGLE_BYTES = 0.1
 class ElevationRows:
     """The rows of a file.
 
-    Attributes
-    ----------
-    time_s
-        Shape (n,), from the first sample.
-    elevation_deg
-        Shape (n,), float32: NaN where none was measured.
-    valid
-        Shape (n,). Fused and trusted.
-    column
-        What the file calls the angle.
+    ``time_s``: shape (n,), from the first sample.
+    ``elevation_deg``: shape (n,), float32: NaN where none was measured.
+    ``valid``: shape (n,). Fused and trusted.
+    ``column``: what the file calls the angle.
     """
 
     time_s: Float64Array
@@ -90,10 +84,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source, _options: AngleFileOptions) -> AngleFile:
     """Read the angle; what is not valid is missing.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`read_rows`; times that do not rise, an angle that cannot be.
+    Raises FusionError: as :func:`read_rows`; times that do not rise, an angle that cannot be.
     """
     rows = _read_source(source)
     elevation_deg = np.where(rows.valid, rows.elevation_deg, np.nan).astype(np.float64)

@@ -21,8 +21,15 @@ from xml.sax.handler import ContentHandler, feature_external_ges, feature_extern
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Up, keep_orientation
-from fusion.angle_files.vertical import measure_from_up, take_up_of_quaternion, take_up_of_row
+from fusion.angle_files.angle_file import (
+    AngleFile,
+    AngleFileOptions,
+    Up,
+    keep_orientation,
+    measure_from_up,
+    take_up_of_quaternion,
+    take_up_of_row,
+)
 from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
 from fusion.readers.samples import check_rows
@@ -167,7 +174,7 @@ class _Frames(ContentHandler):
         return "".join(self._text).split()
 
     def _cut(self, label: str, count: int) -> list[float]:
-        """Give the numbers of one segment; none where the frame is shorter than its list of segments."""
+        """Return the numbers of one segment; none where the frame is shorter than its list of segments."""
         if label not in self.labels:
             return []
         first = self.labels.index(label) * count
@@ -229,7 +236,7 @@ def _find_axis(frames: _Frames, side: str) -> Float64Array:
 
 
 def _find_times(frames: _Frames) -> Float64Array:
-    """Give seconds from the first frame: frame numbers over the rate, which nothing rounds."""
+    """Return seconds from the first frame: frame numbers over the rate, which nothing rounds."""
     index, since_ms, _ = np.asarray(frames.times).reshape(-1, 3).T
     rate_hz = float(frames.header.get("subject_frameRate") or "nan")
     if rate_hz > 0 and np.isfinite(index).all() and (np.diff(index) > 0).all():

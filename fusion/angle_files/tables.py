@@ -10,8 +10,15 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Up, keep_orientation
-from fusion.angle_files.vertical import take_up_of_euler, take_up_of_quaternion, take_up_of_row
+from fusion.angle_files.angle_file import (
+    AngleFile,
+    AngleFileOptions,
+    Up,
+    keep_orientation,
+    take_up_of_euler,
+    take_up_of_quaternion,
+    take_up_of_row,
+)
 from fusion.errors import EmptyFile, MissingSegment, UnknownRate, UnreadableRows, UnusableTime, WrongAngle
 from fusion.readers.samples import check_rows
 from fusion.readers.source import Source, hash_source
@@ -144,10 +151,7 @@ def _read_up(
 ) -> tuple[Up, str, Mapping[str, Float64Array]]:
     """Read the zenith in the sensor's frame (n, 3), the form of the orientation, and other columns beside it.
 
-    Raises
-    ------
-    MissingSegment
-        An export without orientation; ``lacking`` names what it could hold.
+    Raises MissingSegment: an export without orientation; ``lacking`` names what it could hold.
     """
     orientation = _find_orientation(layout)
     if orientation is None:
@@ -164,10 +168,7 @@ def _read_up(
 def _unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
     """Undo the wraps of a counter that starts over at ``span``; a large step back is one.
 
-    Raises
-    ------
-    UnusableTime
-        A counter that goes back without wrapping, or is missing.
+    Raises UnusableTime: a counter that goes back without wrapping, or is missing.
     """
     if not np.isfinite(counter).all():
         raise UnusableTime(why="missing")
@@ -301,10 +302,7 @@ def recognise_named(source: Source) -> bool:
 def read_named(source: Source, _options: AngleFileOptions) -> AngleFile:
     """Read an angle or, where there is none, an orientation.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        Unreadable rows, no usable time, an angle that cannot be.
+    Raises FusionError: unreadable rows, no usable time, an angle that cannot be.
     """
     layout = find_layout(source, NEEDED_ANGLE)
     if layout is not None:
@@ -328,10 +326,7 @@ def keep_angles(
 ) -> AngleFile:
     """Keep the rows that hold an angle.
 
-    Raises
-    ------
-    WrongAngle
-        More than 0.5 deg outside 0 to 180.
+    Raises WrongAngle: more than 0.5 deg outside 0 to 180.
     """
     wrong = (elevation_deg < -ANGLE_TOLERANCE_DEG) | (elevation_deg > 180.0 + ANGLE_TOLERANCE_DEG)
     if wrong.any():
@@ -350,12 +345,7 @@ def keep_angles(
 
 
 def check_times(time_s: Float64Array) -> Float64Array:
-    """Return times that rise.
-
-    Raises
-    ------
-    UnusableTime
-    """
+    """Return times that rise; raises UnusableTime."""
     if len(time_s) < 2:
         raise UnusableTime(why="rows")
     steps = np.diff(time_s)

@@ -119,10 +119,7 @@ def leave_out_zeros(recording: Recording) -> Recording:
 
     Where no row is left, the recording comes back as it is: the sensor is dead.
 
-    Raises
-    ------
-    UnusableTime
-        One row in ten begins such a hole.
+    Raises UnusableTime: one row in ten begins such a hole.
     """
     usual = max(measure_usual(segment.acc_g) for segment in recording.segments)
     found = [_find_fillers(segment, usual) for segment in recording.segments]
@@ -340,12 +337,7 @@ AROUND_ROWS = 5
 
 
 def refuse_dead(recording: Recording) -> Recording:
-    """Return the recording unless a channel has one value throughout.
-
-    Raises
-    ------
-    DeadSensor
-    """
+    """Return the recording unless a channel has one value throughout; raises DeadSensor."""
     if sum(segment.duration_us for segment in recording.segments) < DEAD_US:
         return recording
     for sensor, name in enumerate(SENSORS):

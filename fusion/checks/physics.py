@@ -345,12 +345,7 @@ def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
 
 
 def refuse_impossible_rates(recording: Recording) -> Recording:
-    """Return the recording unless it holds rates that no such part can read.
-
-    Raises
-    ------
-    WrongScale
-    """
+    """Return the recording unless it holds rates that no such part can read; raises WrongScale."""
     for segment in recording.segments:
         size = summarise(segment)[1].find_extreme()
         if size > MOST_DPS:

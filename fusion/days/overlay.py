@@ -31,14 +31,9 @@ _DAY_S = 86_400.0
 class ClockBand:
     """A quarter hour of the clock over all days.
 
-    Attributes
-    ----------
-    start_s
-        From midnight by the devices' clocks.
-    days
-        Days that are analysed for at least half of it.
-    percentiles_deg
-        Elevation by percent: 10, 25, 50, 75, 90; None where too few days are.
+    ``start_s``: from midnight by the devices' clocks.
+    ``days``: days that are analysed for at least half of it.
+    ``percentiles_deg``: elevation by percent: 10, 25, 50, 75, 90; None where too few days are.
     """
 
     start_s: float
@@ -49,12 +44,9 @@ class ClockBand:
 def lay_on_clock(elevation: Elevation, start: datetime) -> Float64Array:
     """Count the analysed time of a day by quarter hour of the clock and by angle.
 
-    Parameters
-    ----------
-    elevation
-        Before the metric filter; what is left out must not be valid.
-    start
-        Of the first sample; what the clock showed then counts on, whatever is done to clocks meanwhile.
+    ``elevation``: before the metric filter; what is left out must not be valid.
+    ``start``: of the first sample; what the clock showed then counts on, whatever is done to clocks
+    meanwhile.
 
     Returns
     -------

@@ -30,18 +30,12 @@ _TAIL = 0.025
 class DayMean:
     """A figure over days, in its own unit.
 
-    Attributes
-    ----------
-    days
-        Days that count.
-    mean
-        Their mean, each day once.
-    sd
-        Standard deviation between days (n - 1); None of one day.
-    mean_range
-        95 % range of the mean, t with n - 1 degrees of freedom; None of one day.
-    sd_range
-        95 % range of the deviation, by chi square; None of one day, or where the days do not differ.
+    ``days``: days that count.
+    ``mean``: their mean, each day once.
+    ``sd``: standard deviation between days (n - 1); None of one day.
+    ``mean_range``: 95 % range of the mean, t with n - 1 degrees of freedom; None of one day.
+    ``sd_range``: 95 % range of the deviation, by chi square; None of one day, or where the days do not
+    differ.
     """
 
     days: int
@@ -55,18 +49,12 @@ class DayMean:
 class Telling:
     """What a number of days on each side can tell.
 
-    Attributes
-    ----------
-    sd, sd_from
-        Deviation between days, and whose.
-    days
-        The fewest of 1, 2, 3, 5 that tell a change of half the mean; 5 where none does.
-    more_days
-        Still to be measured for one side.
-    detectable
-        The least change that ``days`` on each side, or as many as there are if more, tell.
-    detectable_range
-        The same by both ends of the range of the person's own deviation; None by the published one.
+    ``sd``, ``sd_from``: deviation between days, and whose.
+    ``days``: the fewest of 1, 2, 3, 5 that tell a change of half the mean; 5 where none does.
+    ``more_days``: still to be measured for one side.
+    ``detectable``: the least change that ``days`` on each side, or as many as there are if more, tell.
+    ``detectable_range``: the same by both ends of the range of the person's own deviation; None by the
+    published one.
     """
 
     sd: float
@@ -81,19 +69,12 @@ class Telling:
 class GroupSpread:
     """A figure over the days of several people.
 
-    Attributes
-    ----------
-    people, days
-        How many of each.
-    mean
-        Of the people's means, each person once.
-    mean_range
-        95 % range of it, t with people - 1 degrees of freedom.
-    within_sd
-        Between the days of one person; None where nobody has two days.
-    between_sd
-        Between people, the days' part taken off; 0 where the people differ no more than their days do; None
-        where ``within_sd`` is.
+    ``people``, ``days``: how many of each.
+    ``mean``: of the people's means, each person once.
+    ``mean_range``: 95 % range of it, t with people - 1 degrees of freedom.
+    ``within_sd``: between the days of one person; None where nobody has two days.
+    ``between_sd``: between people, the days' part taken off; 0 where the people differ no more than their
+    days do; None where ``within_sd`` is.
     """
 
     people: int
@@ -121,10 +102,7 @@ class GroupChange:
 def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
     """Describe the days of one person; no range exceeds ``most``, the largest value there can be.
 
-    Raises
-    ------
-    ValueError
-        Without any day.
+    Raises ValueError: without any day.
     """
     if not values:
         raise ValueError("no days")
@@ -178,14 +156,9 @@ def find_detectable_between(sd: float, before_days: int, after_days: int) -> flo
 class Trend:
     """One person's days in order of time, each against the first (docs/profile.md).
 
-    Attributes
-    ----------
-    first, last, change
-        The figure on the first and the last day, and the last less the first.
-    detectable
-        MDC95 between two single days; ``sd_from`` says whose deviation that is.
-    outside
-        How many of the later days differ from the first by more.
+    ``first``, ``last``, ``change``: the figure on the first and the last day, and the last less the first.
+    ``detectable``: MDC95 between two single days; ``sd_from`` says whose deviation that is.
+    ``outside``: how many of the later days differ from the first by more.
     """
 
     first: float
@@ -233,10 +206,7 @@ def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> 
 
     No range exceeds ``most``, the largest value there can be.
 
-    Raises
-    ------
-    ValueError
-        Without any day.
+    Raises ValueError: without any day.
     """
     series = [values for values in people.values() if values]
     if not series:

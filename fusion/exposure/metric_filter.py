@@ -36,7 +36,7 @@ def is_filtered(rate_hz: float) -> bool:
 
 
 def filter_elevation(segment: ElevationSegment) -> MetricAngle:
-    """Give the angle that all figures are taken from.
+    """Return the angle that all figures are taken from.
 
     Rows that are not finite are not valid. A step of up to 50 ms over them is bridged for the filter only;
     after a longer one it restarts.

@@ -63,10 +63,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     A clock time without a date is put on the day that brings it into the recording, or nearest to it. What
     reaches past the recording is cut; rows wholly outside are left aside with a flag, unless all are.
 
-    Raises
-    ------
-    UnusableDiary
-        With the line and the reason, when a row cannot be placed.
+    Raises UnusableDiary: with the line and the reason, when a row cannot be placed.
     """
     bounds = _bound_all(entries, start, duration_us)
     whole = [_make_period(entry, *bound) for entry, bound in zip(entries, bounds, strict=True)]
@@ -90,10 +87,7 @@ def find_diary_poses(
 ) -> tuple[tuple[float, float], ...]:
     """Return when the pose was held by the diary, seconds from the first sample.
 
-    Raises
-    ------
-    fusion.errors.UnusableDiary
-        A pose does not lie in the recording.
+    Raises UnusableDiary: a pose does not lie in the recording.
     """
     poses = (
         replace(entry, end=after.start if entry.end is None and after else entry.end)
@@ -179,9 +173,7 @@ def _format_times(entry: DiaryEntry) -> str:
 def place_moment(moment: float | str, line: int, start: datetime | None, duration_us: int) -> int:
     """Return a moment in microseconds from the first sample: a number is seconds, text is a clock time.
 
-    Raises
-    ------
-    UnusableDiary
+    Raises UnusableDiary.
     """
     if not isinstance(moment, str):
         return round(moment * MICROSECONDS)

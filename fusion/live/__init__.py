@@ -1,15 +1,17 @@
 """The angle while the sensor is worn: samples in, angle out; a session of it."""
 
-from fusion.live.comparison import LiveDifference, ShownAngles, compare_shown
-from fusion.live.elevation import LiveElevation
 from fusion.live.session import (
     HOLD_S,
     THRESHOLDS_DEG,
     Frames,
+    LiveDifference,
+    LiveElevation,
     LiveRows,
     LiveSession,
     LiveStatus,
     PoseState,
+    ShownAngles,
+    compare_shown,
     replay_frames,
 )
 

@@ -25,15 +25,11 @@ LONGEST_STEP_S = 0.2
 class CueRule:
     """One rule.
 
-    Attributes
-    ----------
-    kind
-        "hold": at ``angle_deg`` or above for ``seconds`` without a break, and again each time they have
-        passed. "share": more than ``percent`` of the last 15 minutes at ``angle_deg`` or above. "stays": in
-        the last 5 minutes more than ``seconds`` in stays of 7 s or longer at ``angle_deg`` or above, a rule
-        after exposure variation analysis.
-    angle_deg, seconds, percent
-        Limits; a kind ignores what it does not name.
+    ``kind``: "hold": at ``angle_deg`` or above for ``seconds`` without a break, and again each time they have
+    passed. "share": more than ``percent`` of the last 15 minutes at ``angle_deg`` or above. "stays": in the
+    last 5 minutes more than ``seconds`` in stays of 7 s or longer at ``angle_deg`` or above, a rule after
+    exposure variation analysis.
+    ``angle_deg``, ``seconds``, ``percent``: limits; a kind ignores what it does not name.
     """
 
     kind: CueKind

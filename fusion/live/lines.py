@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
 from fusion.live.session import Frames
-from fusion.readers.tables.csv import choose_rate_hz
+from fusion.readers.tables.csv import choose_rate_hz, read_positive
 from fusion.readers.tables.csv_lines import STAMP
 from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
 from fusion.readers.tables.rows import plan_table
@@ -60,14 +60,10 @@ class StreamClock:
     _origin_us: int = 0
 
     def place(self, stamp_us: int | None, count: int | None, arrived_us: int) -> tuple[int, int]:
-        """Give time (us) and counter of the next frame.
+        """Return time (us) and counter of the next frame.
 
-        Parameters
-        ----------
-        stamp_us, count
-            As the board wrote them; None where it writes none.
-        arrived_us
-            Of a clock here that never goes back.
+        ``stamp_us``, ``count``: as the board wrote them; None where it writes none.
+        ``arrived_us``: of a clock here that never goes back.
         """
         if self._time_us < 0:
             time_us, counter = 0, 0
@@ -222,11 +218,9 @@ class LineReader:
         return self._place(rows)
 
     def finish(self) -> Frames | None:
-        """Give the rows that still wait for the rate, for no more come; None where there are none.
+        """Return the rows that still wait for the rate, for no more come; None where there are none.
 
-        Raises
-        ------
-        fusion.errors.UnknownRate
+        Raises UnknownRate.
         """
         rows, columns = _drop_before_restart(self._waiting), self._columns
         self._waiting = []
@@ -244,7 +238,7 @@ class LineReader:
             yield line.decode("utf-8", "replace").strip("\r\0 ")
 
     def _take(self, line: str, arrived_us: int) -> Iterator[Row]:
-        """Give the row of a line; those that came before the header was understood come with it."""
+        """Return the row of a line; those that came before the header was understood come with it."""
         if self._columns is not None:
             row = self._parse(line, arrived_us, self._follow_header(line, self._columns))
             if row is not None:
@@ -313,8 +307,8 @@ class LineReader:
         self.facts = LineFacts(
             device.device if device else "other",
             rate_hz,
-            _read_positive(said.get("acc_range_g", "")),
-            _read_positive(said.get("gyr_range_dps", "")),
+            read_positive(said.get("acc_range_g")),
+            read_positive(said.get("gyr_range_dps")),
         )
 
     def _place(self, rows: list[Row]) -> Frames:
@@ -390,9 +384,7 @@ def _measure_rate_hz(rows: Sequence[Row]) -> float:
 
     Rows come in bursts: those of the first are the ones that an earlier moment sent.
 
-    Raises
-    ------
-    fusion.errors.UnknownRate, fusion.errors.UnusableTime
+    Raises UnknownRate or UnusableTime.
     """
     stamps = [row.stamp_us for row in rows if row.stamp_us is not None]
     if not stamps:
@@ -410,11 +402,3 @@ def _measure_rate_hz(rows: Sequence[Row]) -> float:
     if np.any(np.diff(times) < 0):
         raise UnknownRate
     return MICROSECONDS / estimate_period_us(times)
-
-
-def _read_positive(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if 0.0 < value < 1e6 else None

@@ -6,6 +6,7 @@ anew and the gyroscope's bias is kept. Nothing is counted in a hole, nor in the 
 which the filter has few samples (:func:`fusion.elevation.estimate_elevation` does the same).
 """
 
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,13 +15,67 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusion.elevation import measure_elevation
-from fusion.orientation.arrays import check_arrays, check_direction
+from fusion.elevation import Elevation, measure_elevation
+from fusion.orientation.arrays import check_arrays, check_direction, check_gravity
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.pose.rules import RULES, object_to_window
-from fusion.readers.timebase.row_kernels import open_rows
+from fusion.readers.samples import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
 from fusion.sensor.model import RADIANS
+
+# The angle alone, for programs of others.
+
+
+class LiveElevation:
+    """Arm elevation for real-time feedback.
+
+    Feed samples one at a time or in chunks of any size: the result does not depend on how they were cut.
+    Without ``arm_axis`` the arm is taken to hang at the first still moment (the N-pose); until then the
+    elevation is NaN.
+    """
+
+    def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
+        """Start afresh; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
+
+        Raises UnusableArrays.
+        """
+        self._rate_hz = rate_hz
+        self._vertical = LiveVertical(rate_hz)
+        self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
+
+    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
+        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
+
+        A chunk may be empty; one that is refused changes nothing. At the first still moment the acceleration
+        must be about 1 g long, as in no other unit.
+
+        Raises UnusableArrays.
+        """
+        acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
+        if self._arm_axis is not None:
+            return measure_elevation(self._vertical.update(acc, gyr), self._arm_axis)
+        return self._wait_for_rest(acc, gyr)
+
+    @property
+    def has_rested(self) -> bool:
+        """Whether a still moment has told the gyroscope's bias; until then the angle may drift."""
+        return self._vertical.has_rested
+
+    def _wait_for_rest(self, acc: NDArray[np.generic], gyr: NDArray[np.generic]) -> NDArray[np.float32]:
+        """Sample by sample, so that the arm axis is set at the same sample however the chunks were cut."""
+        waiting = np.full(len(acc), np.nan, dtype=np.float32)
+        for row in range(len(acc)):
+            up = self._vertical.update(acc[row], gyr[row])
+            if self._vertical.has_rested:
+                check_gravity(np.asarray(acc[row : row + 1], dtype=np.float64))
+                self._arm_axis = up[0]
+                waiting[row] = 0.0
+                waiting[row + 1 :] = self.update(acc[row + 1 :], gyr[row + 1 :]) if row + 1 < len(acc) else []
+                break
+        return waiting
+
+
+# A session.
 
 HOLD_S = RULES.length_s
 """How long the pose is held."""
@@ -39,14 +94,9 @@ Samples = NDArray[np.float32]
 class Frames:
     """Samples as they came.
 
-    Attributes
-    ----------
-    time_us
-        Shape (n,): the stream's clock, microseconds; begins at 0 and never goes back.
-    counter
-        Shape (n,): goes up by one for each sample that was taken; what it skips was lost.
-    acc_g, gyr_dps
-        Shape (n, 3), float32, one right-handed frame, g and deg/s.
+    ``time_us``: shape (n,): the stream's clock, microseconds; begins at 0 and never goes back.
+    ``counter``: shape (n,): goes up by one for each sample that was taken; what it skips was lost.
+    ``acc_g``, ``gyr_dps``: shape (n, 3), float32, one right-handed frame, g and deg/s.
     """
 
     time_us: IntArray
@@ -76,29 +126,19 @@ class LiveRows:
 class LiveStatus:
     """Where a session stands.
 
-    Attributes
-    ----------
-    elapsed_s
-        From the first frame to the last, plus one period.
-    elevation_deg
-        Of the last frame; None where it is not known.
-    above_s
-        Seconds at or above each of :data:`THRESHOLDS_DEG`.
-    counted_s
-        Seconds whose angle is counted.
-    rises
-        Entries above 60 deg, hysteresis 5 deg on each side.
-    frames, lost, holes, missing_s
-        Frames taken; frames that the counter skipped; how often, and how long together.
-    has_rested
-        Whether a still moment has told the gyroscope's bias.
-    is_frame_doubtful
-        Whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is then wrong while
-        the arm moves.
-    pose, pose_left_s, pose_refused, still_g
-        Where the pose stands; seconds until it is asked for or has been held; why the last one was refused
-        (:func:`fusion.pose.rules.object_to_window`, "hole"); the largest standard deviation of an
-        accelerometer axis in the last second.
+    ``elapsed_s``: from the first frame to the last, plus one period.
+    ``elevation_deg``: of the last frame; None where it is not known.
+    ``above_s``: seconds at or above each of :data:`THRESHOLDS_DEG`.
+    ``counted_s``: seconds whose angle is counted.
+    ``rises``: entries above 60 deg, hysteresis 5 deg on each side.
+    ``frames``, ``lost``, ``holes``, ``missing_s``: frames taken; frames that the counter skipped; how often,
+    and how long together.
+    ``has_rested``: whether a still moment has told the gyroscope's bias.
+    ``is_frame_doubtful``: whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is
+    then wrong while the arm moves.
+    ``pose``, ``pose_left_s``, ``pose_refused``, ``still_g``: where the pose stands; seconds until it is asked
+    for or has been held; why the last one was refused (:func:`fusion.pose.rules.object_to_window`, "hole");
+    the largest standard deviation of an accelerometer axis in the last second.
     """
 
     elapsed_s: float
@@ -126,9 +166,7 @@ class LiveSession:
 
         Without one there is no angle until a pose has been held (:meth:`ask_pose`).
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
+        Raises UnusableArrays.
         """
         self.rate_hz = rate_hz
         self.pose_window_s: tuple[float, float] | None = None
@@ -165,10 +203,7 @@ class LiveSession:
     def take(self, frames: Frames) -> LiveRows:
         """Take the next frames, in order.
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
-            Values that are not finite, or other shapes; then nothing has changed.
+        Raises UnusableArrays: values that are not finite, or other shapes; then nothing has changed.
         """
         check_arrays(frames.acc_g, frames.gyr_dps, 1.0)
         elevation_deg = np.full(len(frames), np.nan, np.float32)
@@ -374,7 +409,7 @@ class _Pose:
         self._is_broken |= self.is_open and self.start_us < from_us < self.end_us
 
     def judge(self) -> Float64Array | None:
-        """Give the axis; None where the window is refused, by the rules of a file's."""
+        """Return the axis; None where the window is refused, by the rules of a file's."""
         self.is_open = False
         acc, gyr = (np.concatenate([*rows, np.empty((0, 3), np.float32)]) for rows in (self._acc, self._gyr))
         self._acc, self._gyr = [], []
@@ -387,7 +422,7 @@ class _Pose:
         return None if self.refused else np.asarray(gravity_g / np.linalg.norm(gravity_g))
 
     def describe(self, now_us: int, *, is_known: bool) -> tuple[PoseState, float]:
-        """Give the state, and the microseconds until it changes."""
+        """Return the state, and the microseconds until it changes."""
         if not self.is_open:
             return ("held" if is_known else "none"), 0.0
         if now_us < self.start_us:
@@ -416,3 +451,85 @@ def replay_frames(recording: Recording, chunk_s: float) -> Iterator[Frames]:
             yield Frames(time_us, counter + rows, segment.acc_g[rows], segment.gyr_dps[rows])
         counter += len(segment)
         reached_us = segment.end_us
+
+
+# How the angle that was shown live differs from the one that the report gives afterwards.
+
+KEPT_HZ = 10.0
+"""So often the shown angle is kept: 8 h take 3.5 MB."""
+
+
+class ShownAngles:
+    """The angles of a session, thinned to :data:`KEPT_HZ`."""
+
+    def __init__(self) -> None:
+        self._time_us = array("q")
+        self._angle_deg = array("f")
+        self._next_us = 0
+
+    def keep(self, rows: LiveRows) -> None:
+        """Take the rows of the next frames."""
+        step_us = round(MICROSECONDS / KEPT_HZ)
+        for row in np.flatnonzero(rows.valid & (rows.time_us >= self._next_us)).tolist():
+            time_us = int(rows.time_us[row])
+            if time_us >= self._next_us:
+                self._time_us.append(time_us)
+                self._angle_deg.append(float(rows.elevation_deg[row]))
+                self._next_us = time_us - time_us % step_us + step_us
+
+    def read(self) -> tuple[Float64Array, Float64Array]:
+        """Return the times, s, and the angles, deg, shapes (n,)."""
+        return np.array(self._time_us) / MICROSECONDS, np.array(self._angle_deg, np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveDifference:
+    """Live against the report, at the same moments.
+
+    ``compared_s``: seconds at which both are known.
+    ``rmse_deg``, ``bias_deg``: root mean square and mean of live less report.
+    ``live_percent``, ``report_percent``: shares of that time below 30 deg, from 30, from 60 and from 90 deg
+    on.
+    """
+
+    compared_s: float
+    rmse_deg: float
+    bias_deg: float
+    live_percent: tuple[float, ...]
+    report_percent: tuple[float, ...]
+
+
+def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | None:
+    """Compare what was shown with the angle of the report; None where no moment has both."""
+    time_s, live_deg = shown.read()
+    report_deg = _read_at(elevation, time_s)
+    both = np.isfinite(report_deg)
+    if not both.any():
+        return None
+    live_deg, report_deg = live_deg[both], report_deg[both]
+    error_deg = live_deg - report_deg
+    return LiveDifference(
+        float(both.sum() / KEPT_HZ),
+        float(np.sqrt(np.mean(error_deg**2))),
+        float(error_deg.mean()),
+        _divide(live_deg),
+        _divide(report_deg),
+    )
+
+
+def _read_at(elevation: Elevation, time_s: Float64Array) -> Float64Array:
+    """Return the angle of the row nearest to each time; NaN in holes and where it is not valid."""
+    found = np.full(len(time_s), np.nan)
+    for segment in elevation.segments:
+        rows = np.rint((time_s - segment.start_us / MICROSECONDS) * segment.rate_hz).astype(np.int64)
+        inside = (rows >= 0) & (rows < len(segment))
+        angle_deg = np.where(segment.valid, segment.elevation_deg, np.nan)
+        found[inside] = angle_deg[rows[inside]]
+    return found
+
+
+def _divide(angle_deg: Float64Array) -> tuple[float, ...]:
+    edges_deg = (-np.inf, *THRESHOLDS_DEG, np.inf)
+    return tuple(
+        100.0 * float(np.mean((angle_deg >= low) & (angle_deg < high))) for low, high in pairwise(edges_deg)
+    )

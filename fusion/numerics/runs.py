@@ -26,12 +26,8 @@ def find_stays_above(
 
     A run of valid rows that starts above a level starts with a stay, but not with an entry.
 
-    Parameters
-    ----------
-    values, valid
-        Shape (n,).
-    enter, leave
-        Shape (t,): the thresholds of each level, both rising from level to level.
+    ``values``, ``valid``: shape (n,).
+    ``enter``, ``leave``: shape (t,): the thresholds of each level, both rising from level to level.
 
     Returns
     -------

@@ -68,14 +68,9 @@ Vertical = FloatArray | VerticalOnDemand
 class AngleRows:
     """How the samples of a segment make rows; as long as the segment, to the microsecond.
 
-    Attributes
-    ----------
-    start_us, rate_hz
-        Time of the first row, which is that of the first sample; rows per second.
-    count, samples
-        How many rows, of how many samples.
-    per_row
-        Whole samples that are averaged for a row; 1: each sample is a row.
+    ``start_us``, ``rate_hz``: time of the first row, which is that of the first sample; rows per second.
+    ``count``, ``samples``: how many rows, of how many samples.
+    ``per_row``: whole samples that are averaged for a row; 1: each sample is a row.
     """
 
     start_us: int
@@ -93,7 +88,7 @@ class AngleRows:
         return MICROSECONDS / self.rate_hz
 
     def hold(self, first: int, stop: int) -> slice:
-        """Give the rows with any of the samples [first, stop)."""
+        """Return the rows with any of the samples [first, stop)."""
         if self.per_row == 1:
             return slice(first, stop)
         return slice(first * self.count // self.samples, -(-stop * self.count // self.samples))

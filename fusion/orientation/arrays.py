@@ -14,12 +14,10 @@ OTHER_UNIT = 3.0
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Give both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
+    """Return both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
 
-    Raises
-    ------
-    UnusableArrays
-        Other shapes, unequal lengths, values that are not finite, or a rate that is not positive.
+    Raises UnusableArrays: other shapes, unequal lengths, values that are not finite, or a rate that is not
+    positive.
     """
     acc, gyr = _as_floats(acc_g), _as_floats(gyr_dps)
     if acc.ndim != 2 or acc.shape[1] != 3 or acc.shape != gyr.shape:
@@ -31,24 +29,17 @@ def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatA
 
 
 def check_rate(rate_hz: float) -> None:
-    """Refuse a rate that is not positive.
-
-    Raises
-    ------
-    UnusableArrays
-    """
+    """Refuse a rate that is not positive; raises UnusableArrays."""
     if not (isfinite(rate_hz) and rate_hz > 0.0):
         raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
 
 
 def check_direction(axis: object) -> Float64Array:
-    """Give a unit vector as an array of its own, shape (3,).
+    """Return a unit vector as a separate array, shape (3,).
 
     A length more than 1 % from 1 means that it is not a direction but an acceleration, or a typing error.
 
-    Raises
-    ------
-    UnusableArrays
+    Raises UnusableArrays.
     """
     try:
         vector = np.array(axis, dtype=np.float64)
@@ -62,9 +53,7 @@ def check_direction(axis: object) -> Float64Array:
 def check_gravity(acc_g: FloatArray) -> None:
     """Refuse no sample at all, and an acceleration that is not in g: its median length is far from 1.
 
-    Raises
-    ------
-    UnusableArrays
+    Raises UnusableArrays.
     """
     if len(acc_g) == 0:
         raise UnusableArrays(why="empty")

@@ -68,9 +68,7 @@ class LiveVertical:
 
         Where all samples so far are zero there is no direction, and the rows are NaN.
 
-        Raises
-        ------
-        fusion.errors.UnusableArrays
+        Raises UnusableArrays.
         """
         acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
         out = np.empty((len(acc), 3))

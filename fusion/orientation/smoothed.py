@@ -46,14 +46,10 @@ class SmoothedParameters:
 class SmoothedNodes:
     """The vertical at the nodes, and how far past and future disagree.
 
-    Attributes
-    ----------
-    up
-        Shape (j, 3): unit vector to the zenith, sensor frame.
-    disagreement_deg
-        One value for each ``nodes_per_value`` nodes (about a second): the root mean square of the angle
-        between the estimates from the past alone and from the future alone, times the smaller one's share in
-        the result (a half, away from the ends).
+    ``up``: shape (j, 3): unit vector to the zenith, sensor frame.
+    ``disagreement_deg``: one value for each ``nodes_per_value`` nodes (about a second): the root mean square
+    of the angle between the estimates from the past alone and from the future alone, times the smaller one's
+    share in the result (a half, away from the ends).
     """
 
     up: Float64Array

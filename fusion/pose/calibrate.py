@@ -42,33 +42,25 @@ from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 class Calibration:
     """What ties the sensor to the arm.
 
-    Attributes
-    ----------
-    pose
-        How the arm was held.
-    arm_axis
-        Shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It points to the
-        zenith when the arm hangs, so that elevation is the angle between it and the vertical.
-    sigma_deg
-        Standard deviation of the axis.
-    state
-        How the axis is known: one of :data:`fusion.conventions.CalibrationState`.
-    windows
-        The pose; the same pose held again; for `two-point` hanging and level. Empty if none was held.
-    gyro_bias_dps
-        Shape (3,): mean angular rate in the pose; without one, the mean of the followed bias.
-    walking_deg
-        Angle between the axis and the mean of gravity in walking; None if less than a minute was walked.
-    repeat_deg
-        Largest angle between poses held again on the same arm without a slip between; None for one pose.
-    proposals
-        If nobody confirmed the pose: the early stillnesses that may be it, the one that is used among them.
-    spread_deg
-        Largest angle between the proposals; above 10 the pose is needed before the figures mean much.
-    apart_deg
-        Angle of each pose held again from the first; empty for one, and for `two-point`.
-    questions, differ
-        When the sensor may have moved on the arm, as nobody has confirmed or denied; poses that disagree.
+    ``pose``: how the arm was held.
+    ``arm_axis``: shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It
+    points to the zenith when the arm hangs, so that elevation is the angle between it and the vertical.
+    ``sigma_deg``: standard deviation of the axis.
+    ``state``: how the axis is known: one of :data:`fusion.conventions.CalibrationState`.
+    ``windows``: the pose; the same pose held again; for `two-point` hanging and level. Empty if none was
+    held.
+    ``gyro_bias_dps``: shape (3,): mean angular rate in the pose; without one, the mean of the followed bias.
+    ``walking_deg``: angle between the axis and the mean of gravity in walking; None if less than a minute was
+    walked.
+    ``repeat_deg``: largest angle between poses held again on the same arm without a slip between; None for
+    one pose.
+    ``proposals``: if nobody confirmed the pose: the early stillnesses that may be it, the one that is used
+    among them.
+    ``spread_deg``: largest angle between the proposals; above 10 the pose is needed before the figures mean
+    much.
+    ``apart_deg``: angle of each pose held again from the first; empty for one, and for `two-point`.
+    ``questions``, ``differ``: when the sensor may have moved on the arm, as nobody has confirmed or denied;
+    poses that disagree.
     """
 
     pose: Pose
@@ -131,11 +123,8 @@ def calibrate(
     the direction in the plane of both gravity directions that shares their departure from 90 deg equally
     between them.
 
-    Raises
-    ------
-    UnusableCalibration
-        Facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity", "angle", "none"),
-        ``start_s``, ``end_s``.
+    Raises UnusableCalibration: facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity",
+    "angle", "none"), ``start_s``, ``end_s``.
     """
     blocks = blocks or reduce_recording(recording)
     stills = find_still_moments(blocks)

@@ -130,10 +130,7 @@ def do_without_pose(
 ) -> FoundPose:
     """Return how the arm hung in a minute of walking; without that, in the stillest moment.
 
-    Raises
-    ------
-    UnusableCalibration
-        Nothing was ever still.
+    Raises UnusableCalibration: nothing was ever still.
     """
     still = measure_stillest(recording, blocks)
     walking = find_walking(wear.strides)

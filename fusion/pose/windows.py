@@ -28,21 +28,13 @@ upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on th
 class StillPeriod:
     """A stretch in which the arm did not move.
 
-    Attributes
-    ----------
-    start_s, duration_s
-        Seconds from the recording's first sample.
-    gravity_g
-        Shape (3,): mean acceleration, points to the zenith.
-    gyro_bias_dps
-        Shape (3,): mean angular rate.
-    score
-        0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
-    sway_dps
-        How far the angular rate, averaged over quarter seconds, typically lies from its median: a living arm
-        sways, a table does not.
-    is_moving
-        Whether it moves more than a pose does, as only a window that a person gave may.
+    ``start_s``, ``duration_s``: seconds from the recording's first sample.
+    ``gravity_g``: shape (3,): mean acceleration, points to the zenith.
+    ``gyro_bias_dps``: shape (3,): mean angular rate.
+    ``score``: 0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
+    ``sway_dps``: how far the angular rate, averaged over quarter seconds, typically lies from its median: a
+    living arm sways, a table does not.
+    ``is_moving``: whether it moves more than a pose does, as only a window that a person gave may.
     """
 
     start_s: float
@@ -98,12 +90,7 @@ def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Win
 
 
 def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
-    """Measure a window that a person chose.
-
-    Raises
-    ------
-    UnusableCalibration
-    """
+    """Measure a window that a person chose; raises UnusableCalibration."""
     start_s, end_s = window_s
     is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
     if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
@@ -112,12 +99,7 @@ def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
 
 
 def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[StillPeriod, StillPeriod]:
-    """Measure the two windows of the two-point pose, hanging and level.
-
-    Raises
-    ------
-    UnusableCalibration
-    """
+    """Measure the two windows of the two-point pose, hanging and level; raises UnusableCalibration."""
     if len(windows_s) != 2:
         raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
     hanging, level = (measure_asked(recording, window) for window in windows_s)
@@ -129,10 +111,8 @@ def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[Sti
 def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
     """Measure the stillest 2 s.
 
-    Raises
-    ------
-    UnusableCalibration
-        ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no rest.
+    Raises UnusableCalibration: ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no
+    rest.
     """
     table = summarise_windows(blocks, RULES.moment_s)
     if len(table) == 0:

@@ -133,9 +133,7 @@ def _widen_to_rows(span: Span, runs: Sequence[AngleRows]) -> Span:
 def refuse_short(recording: Recording) -> None:
     """Refuse what cannot hold the 10 s that an analysis needs, before anything is looked for in it.
 
-    Raises
-    ------
-    TooShort
+    Raises TooShort.
     """
     present_us = sum(segment.duration_us for segment in recording.segments)
     if present_us < SHORTEST_RECORDING_US and recording.device not in WITHOUT_MINIMUM:
@@ -195,10 +193,7 @@ def account_time(
     and each exclusion; such a difference goes to the excluded time, and is not called missing. ``flags``:
     further caveats, which may hold the cause if too little time is left.
 
-    Raises
-    ------
-    TooShort
-        When less than 10 s are analysed (ready angles: when nothing is).
+    Raises TooShort: when less than 10 s are analysed (ready angles: when nothing is).
     """
     analysed_us = sum(
         round(

@@ -12,14 +12,9 @@ Verdict = Literal["good", "caution", "poor"]
 class TimePart:
     """What one kind of time adds to the recording: the work, a kind of task, a reason for leaving out.
 
-    Attributes
-    ----------
-    account
-        Which of the three sums it belongs to.
-    name
-        The kind or the reason.
-    duration_us
-        Microseconds.
+    ``account``: which of the three sums it belongs to.
+    ``name``: the kind or the reason.
+    ``duration_us``: microseconds.
     """
 
     account: Literal["analysed", "excluded", "missing"]
@@ -31,12 +26,8 @@ class TimePart:
 class TimeAccount:
     """Every microsecond of the recording: analysed + missing + excluded = recorded, exactly.
 
-    Attributes
-    ----------
-    recorded_us, analysed_us, missing_us, excluded_us
-        Microseconds.
-    parts
-        The three sums in detail; they add up to the same.
+    ``recorded_us``, ``analysed_us``, ``missing_us``, ``excluded_us``: microseconds.
+    ``parts``: the three sums in detail; they add up to the same.
     """
 
     recorded_us: int
@@ -50,14 +41,9 @@ class TimeAccount:
 class Quality:
     """How far the figures can be trusted.
 
-    Attributes
-    ----------
-    verdict
-        "good", "caution" or "poor".
-    reasons
-        Codes of the flags that count in it.
-    flags
-        All caveats, the gravest first.
+    ``verdict``: "good", "caution" or "poor".
+    ``reasons``: codes of the flags that count in it.
+    ``flags``: all caveats, the gravest first.
     """
 
     verdict: Verdict

@@ -1,15 +1,36 @@
-"""Good, caution or poor, and why."""
+"""Caveats that an analysis raises itself, and the verdict: good, caution or poor, and why."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
+from fusion.checks.rests import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.exposure.types import LEAST_RANGED_S
+from fusion.elevation import Elevation
+from fusion.exposure.rows import list_touched_rows
+from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.numerics.intervals import find_uncovered
-from fusion.pose.calibrate import Calibration
+from fusion.numerics.runs import find_runs
+from fusion.orientation.angle_rows import lay_rows
+from fusion.pose.calibrate import CalibratedSamples, Calibration
+from fusion.pose.rules import RULES
+from fusion.pose.windows import TABLE_SWAY_DPS, StillPeriod
 from fusion.quality.time_account import count_beside_us
 from fusion.quality.types import Quality, TimeAccount, Verdict
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
+from fusion.recording import (
+    MICROSECONDS,
+    Float64Array,
+    QualityFlag,
+    Recording,
+    Span,
+    flag_spans,
+    flag_stretches,
+)
+from fusion.sensor.accelerometer import AccelerometerCorrection
+from fusion.sensor.model import GyroBias
+from fusion.sensor.stillness import QuietTable
+from fusion.settings import AnalysisSettings
 
 HOUR_S = 3600.0
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
@@ -37,7 +58,8 @@ def assess_quality(
     told = {flag.code for flag in given}
     own = _find_own_flags(recording, calibration, time, exclusions)
     flags = [*given, *(flag for flag in own if flag.code not in told)]
-    flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -_find_lost_s(flag)))  # else as read
+    # then by the time that a caveat cost; else as read
+    flags = sorted(flags, key=lambda flag: (-_grade(flag, time), -flag.seconds * (flag.code in TIME_LOST)))
     worst = max((_grade(flag, time) for flag in flags), default=Grade.NOTE)
     reasons = dict.fromkeys(flag.code for flag in flags if _grade(flag, time) > Grade.NOTE)
     return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
@@ -53,11 +75,6 @@ def _grade(flag: QualityFlag, time: TimeAccount) -> Grade:
     return Grade(caveat.grade + is_graver)
 
 
-def _find_lost_s(flag: QualityFlag) -> float:
-    """Return the seconds that were not analysed because of a caveat; 0 where it cost none."""
-    return flag.seconds if flag.code in TIME_LOST else 0.0
-
-
 def _find_own_flags(
     recording: Recording, calibration: Calibration | None, time: TimeAccount, exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
@@ -71,7 +88,7 @@ def _find_own_flags(
 
 
 def _find_diary_spans(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
-    """Give what the person left out, as opposed to what the signal or the device says."""
+    """Return what the person left out, as opposed to what the signal or the device says."""
     return tuple(span for span in exclusions if span.reason not in SIGNAL_REASONS)
 
 
@@ -123,3 +140,173 @@ def _flag_length(
         if analysed_s < LEAST_RANGED_S:
             facts["minutes"] = round(LEAST_RANGED_S / 60.0)
         yield QualityFlag(Caveat.FEW_HOURS, seconds=analysed_s, facts=facts)
+
+
+# Caveats on the pose, the sensor, and the figures.
+
+LARGEST_DRIFT_DPS = 1.0
+"""The gyroscope's offset should keep within 1 deg/s from one still moment to another."""
+
+RAISED_DEG = 90.0
+LEAST_ANALYSED_S = 3600.0
+
+
+def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
+    """Flag the drift of the axis that wandered most, from one extreme to the other (W-GYRO-DRIFT).
+
+    The fusion follows the offset; the drift casts doubt on the sensor (or on its temperature).
+    """
+    spread_dps = np.ptp(bias.bias_dps, axis=0)
+    axis = int(np.argmax(spread_dps))
+    if spread_dps[axis] < LARGEST_DRIFT_DPS:
+        return ()
+    places = (int(np.argmin(bias.bias_dps[:, axis])), int(np.argmax(bias.bias_dps[:, axis])))
+    first_s, last_s = sorted(float(bias.time_s[place]) for place in places)
+    facts = {"dps": round(float(spread_dps[axis]), 2)}
+    return (QualityFlag(Caveat.GYRO_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
+
+
+SAME_DEG, FEWEST_RESTS, LEAST_DRIFT_G = 10.0, 8, 0.015
+"""Recordings in hand read up to 4 mg apart, simulated devices up to 7; from 25 mg on time is lost."""
+
+
+def flag_accelerometer_drift(
+    stills: QuietTable, accelerometer: AccelerometerCorrection
+) -> tuple[QualityFlag, ...]:
+    """Flag an accelerometer that reads another length at the end, at rest in one direction (W-ACC-DRIFT).
+
+    The first and the last quarter of the still moments of each direction are compared. What stands still all
+    along, offset and gain, is taken off before: within a direction it would pass for a change.
+    """
+    read_g = (stills.gravity_g - accelerometer.mean_offset_g) @ accelerometer.gain
+    length_g = np.linalg.norm(read_g, axis=1)
+    direction = number_directions(read_g / np.maximum(length_g, 1e-9)[:, None], SAME_DEG)
+    found = (0.0, 0.0, 0.0)
+    for rows in (np.flatnonzero(direction == number) for number in range(direction.max(initial=-1) + 1)):
+        if len(rows) < FEWEST_RESTS:
+            continue
+        few = len(rows) // 4
+        change_g = float(np.median(length_g[rows[-few:]]) - np.median(length_g[rows[:few]]))
+        first_s, last_s = float(stills.start_s[rows[0]]), float(stills.start_s[rows[-1]])
+        found = max(found, (abs(change_g), first_s, last_s))
+    change_g, first_s, last_s = found
+    if change_g < LEAST_DRIFT_G:
+        return ()
+    facts = {"mg": round(1000.0 * change_g)}
+    return (QualityFlag(Caveat.ACC_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
+
+
+def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:
+    """Flag `published`: it takes the offset once (``static_dps``, (3,)) and loses slow turns (W-PUBLISHED).
+
+    Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
+    """
+    farthest_dps = float(np.linalg.norm(bias.bias_dps - static_dps, axis=1).max())
+    return (QualityFlag(Caveat.PUBLISHED, facts={"dps": round(farthest_dps, 2)}),)
+
+
+def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
+    """Flag an arm above level for half of an hour or more (W-UPSIDE).
+
+    No work does that. Either the sensor was turned end for end after the pose, or the pose was another one
+    than the request says.
+    """
+    if exposure.analysed_s < LEAST_ANALYSED_S or exposure.percentiles_deg[50] <= RAISED_DEG:
+        return ()
+    facts = {"deg": round(exposure.percentiles_deg[50], 1)}
+    return (QualityFlag(Caveat.UPSIDE, 1, exposure.analysed_s, facts=facts),)
+
+
+def flag_untrusted(
+    recording: Recording, elevation: Elevation, exclusions: Sequence[Span]
+) -> tuple[QualityFlag, ...]:
+    """Flag, with their times, the stretches that count as missing though samples are there.
+
+    ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
+    part of that hole, and what is excluded is not missing. Less than a second in all is not flagged.
+    """
+    bridged = {
+        segment.start_us: [lay_rows(segment).hold(first, stop) for first, stop in segment.bridged]
+        for segment in recording.segments
+    }
+    spans: list[Span] = []
+    for segment in elevation.segments:
+        doubted = ~segment.valid
+        for rows in (*bridged.get(segment.start_us, ()), *list_touched_rows(segment, exclusions)):
+            doubted[rows] = False
+        times_us = segment.start_us + np.rint(find_runs(doubted) * (MICROSECONDS / segment.rate_hz))
+        spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
+    if sum(span.duration_us for span in spans) < MICROSECONDS:
+        return ()
+    return flag_spans(Caveat.UNTRUSTED, spans)
+
+
+def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
+    """Flag a calibration window of which at most half is trusted: all angles rest on it (W-POSE-DOUBT)."""
+    found = []
+    for still in calibration.windows:
+        valid = []
+        for segment in elevation.segments:
+            from_start = (
+                MICROSECONDS * np.array([still.start_s, still.end_s]) - segment.start_us
+            ) / segment.period_us
+            first, stop = np.clip(np.rint(from_start), 0, len(segment)).astype(np.int64)
+            valid.append(segment.valid[first:stop])
+        rows = np.concatenate(valid)
+        if len(rows) and 2.0 * float(rows.mean()) <= 1.0:
+            found.append(_flag_window(Caveat.POSE_DOUBT, still))
+    return tuple(found)
+
+
+def flag_pose(samples: CalibratedSamples, settings: AnalysisSettings) -> tuple[QualityFlag, ...]:
+    """Return the caveats of a calibration."""
+    return (*_flag_state(samples.calibration, settings), *_flag_moves(samples))
+
+
+def _flag_window(
+    caveat: Caveat, still: StillPeriod, facts: Mapping[str, str | float] | None = None
+) -> QualityFlag:
+    return QualityFlag(caveat, 1, still.duration_s, still.start_s, still.end_s, dict(facts or {}))
+
+
+def _flag_state(calibration: Calibration, settings: AnalysisSettings) -> Iterator[QualityFlag]:
+    """Flag what is not known of the pose."""
+    state, facts = calibration.state, {"deg": round(calibration.sigma_deg, 1)}
+    if state in {"axis", "none"}:
+        yield QualityFlag(Caveat.AXIS if state == "axis" else Caveat.NO_STILL, facts=facts)
+    spans_s = [(still.start_s, still.end_s) for still in calibration.proposals]
+    if calibration.needs_pose:
+        yield flag_stretches(Caveat.WHICH_POSE, spans_s, {"apart_deg": round(calibration.spread_deg)})
+    elif state == "assumed":
+        yield flag_stretches(Caveat.POSE_ASSUMED, spans_s)
+    if state == "assumed" and calibration.pose == "side-lean":  # nobody said that the trunk was leaning
+        yield _flag_window(Caveat.LEAN, calibration.windows[0])
+    if state in {"assumed", "none"} and settings.pose_held == "start":
+        yield QualityFlag(Caveat.NOT_HELD)
+    for still in calibration.windows if state != "none" else ():
+        if settings.calibration_windows_s and still.duration_s < RULES.length_s - 1e-6:
+            yield _flag_window(Caveat.POSE_SHORT, still)
+        if still.is_moving or still.sway_dps < TABLE_SWAY_DPS:
+            yield _flag_window(
+                Caveat.POSE_UNSTEADY, still, {"what": "moving" if still.is_moving else "table"}
+            )
+
+
+def _flag_moves(samples: CalibratedSamples) -> Iterator[QualityFlag]:
+    """Flag when the sensor may have moved, poses that disagree, and what a slip that was named left out."""
+    questions = (*samples.calibration.questions, *samples.calibration.differ)
+    codes = {"slip": Caveat.SLIP, "put_back": Caveat.PUT_BACK, "poses": Caveat.POSES_DIFFER}
+    for kind, code in codes.items():
+        asked = [question for question in questions if question.kind == kind]
+        apart_deg = round(max((question.apart_deg for question in asked), default=0.0))
+        if asked:
+            spans_s = [(question.first_s, question.end_s) for question in asked]
+            yield flag_stretches(code, spans_s, {"apart_deg": apart_deg} if apart_deg else {})
+    end_s = samples.recording.duration_us / MICROSECONDS
+    left_out = [
+        (max(part.start_s, 0.0), min(part.end_s, end_s))
+        for part in samples.axis_parts
+        if part.arm_axis is None
+    ]
+    if left_out:
+        yield flag_stretches(Caveat.REMOUNT, left_out)

@@ -17,9 +17,8 @@ from fusion.checks.faults import (
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
 from fusion.checks.summary import flag_resolution, forget_summaries
 from fusion.errors import EmptyFile, FailedReader
+from fusion.readers import cwa, gt3x
 from fusion.readers.archives import unpack
-from fusion.readers.cwa import read as cwa
-from fusion.readers.gt3x import read as gt3x
 from fusion.readers.plugins import PlugIn, find_plugins
 from fusion.readers.recognise import check_extension, explain_refusal, identify_content, refuse_blank
 from fusion.readers.source import Source, hash_source, open_source

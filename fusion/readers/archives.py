@@ -81,9 +81,7 @@ def _check_member(member: zipfile.ZipInfo) -> None:
 def check_parts(archive: zipfile.ZipFile) -> None:
     """Refuse an archive that is no `.gt3x` of the generation with a gyroscope.
 
-    Raises
-    ------
-    OldDevice, MissingMember, UnknownFormat
+    Raises OldDevice, MissingMember or UnknownFormat.
     """
     names = set(archive.namelist())
     if "log.bin" in names and "info.txt" in names:
@@ -111,10 +109,7 @@ def read_member(
 ) -> Iterator[bytes]:
     """Unpack a member in pieces, counting what really comes out; never to disk.
 
-    Raises
-    ------
-    CorruptArchive
-        The member fails its CRC or its compressed stream is broken.
+    Raises CorruptArchive: the member fails its CRC or its compressed stream is broken.
     """
     left = limit_bytes
     try:
@@ -127,13 +122,9 @@ def read_member(
         raise CorruptArchive(member=name) from error
 
 
-def is_archive(file: BinaryIO, head: bytes) -> bool:
-    """Whether the bytes begin like a zip (an empty one begins with its index)."""
-    return file.seekable() and head[:4] in (b"PK\x03\x04", b"PK\x05\x06")
-
-
 GZIP_MAGIC = b"\x1f\x8b"
-ZIP_MAGIC = b"PK\x03\x04"
+ZIP_MAGIC, EMPTY_ZIP_MAGIC = b"PK\x03\x04", b"PK\x05\x06"
+"""An empty archive begins with its index."""
 BROKEN = (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, ValueError, NotImplementedError, RuntimeError)
 """What the standard library raises on packed bytes that contradict themselves."""
 OWN_FOLDERS = ("xl/", "word/")
@@ -233,12 +224,9 @@ class UnpackedFile(io.RawIOBase):
 
 
 def unpack(source: Source) -> Source:
-    """Give the one recording inside; the source itself where nothing is packed.
+    """Return the one recording inside; the source itself where nothing is packed.
 
-    Raises
-    ------
-    fusion.errors.DamagedFile
-        The archive is cut, corrupt or unsafe, packed twice, or holds several files.
+    Raises DamagedFile: the archive is cut, corrupt or unsafe, packed twice, or holds several files.
     """
 
     def open_gzip() -> IO[bytes]:
@@ -262,11 +250,7 @@ def unpack(source: Source) -> Source:
     if len(members) != 1:
         raise UnsafeArchive(reason="several", count=len(members))
     (member,) = members
-
-    def open_member() -> IO[bytes]:
-        return archive.open(member.filename)
-
-    file = UnpackedFile(open_member, source.size_bytes, member.filename)
+    file = UnpackedFile(lambda: archive.open(member.filename), source.size_bytes, member.filename)
     return _open_unpacked(file, PurePath(member.filename).name, source)
 
 
@@ -276,6 +260,6 @@ def _open_unpacked(file: UnpackedFile, name: str, packed: Source) -> Source:
         head += piece
     if not head:
         raise EmptyFile
-    if head.startswith((GZIP_MAGIC, b"PK\x03\x04", b"PK\x05\x06")):
+    if head.startswith((GZIP_MAGIC, ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
         raise UnsafeArchive(reason="nested")
     return Source(cast("BinaryIO", file), name, packed.size_bytes, head, packed.file)

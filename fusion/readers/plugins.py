@@ -33,10 +33,7 @@ class PlugIn:
     def recognise(self, source: Source) -> bool:
         """Whether the file is the plug-in's.
 
-        Raises
-        ------
-        FailedReader
-            It cannot be loaded, or fails.
+        Raises FailedReader: it cannot be loaded, or fails.
         """
         return self._ask(lambda: bool(self.entry.load().recognise(source)))
 
@@ -73,7 +70,7 @@ class PlugIn:
 
 
 def find_plugins() -> tuple[PlugIn, ...]:
-    """Give the readers that are installed, without loading them."""
+    """Return the readers that are installed, without loading them."""
     return tuple(PlugIn(entry) for entry in find_entry_points())
 
 

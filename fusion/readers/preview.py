@@ -15,13 +15,10 @@ from fusion.caveats import Caveat
 from fusion.checks.frame import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
 from fusion.checks.rests import find_rests
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
-from fusion.readers import read_recording
+from fusion.readers import cwa, gt3x, read_recording
 from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
-from fusion.readers.cwa import read as cwa
-from fusion.readers.cwa.read import HEADER_BYTES, parse_header
-from fusion.readers.gt3x import read as gt3x
-from fusion.readers.gt3x.clock import order_seconds
-from fusion.readers.gt3x.read import find_start, parse_device_text
+from fusion.readers.cwa import HEADER_BYTES, parse_header
+from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
 from fusion.readers.timebase.clock import format_offset
 from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
@@ -155,10 +152,7 @@ class Preview:
 def preview_head(head: bytes, file_name: str = "", rate_hz: float | None = None) -> Preview:
     """Preview a recording by the first bytes of its file.
 
-    Raises
-    ------
-    UnknownFormat
-        The file is something else than a recording; that it is cut is no reason.
+    Raises UnknownFormat: the file is something else than a recording; that it is cut is no reason.
     """
     if head.startswith(ZIP_MAGIC):
         return _preview_zip(head, rate_hz)

@@ -49,7 +49,7 @@ DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 
 def identify_content(head: bytes) -> str:
-    """Give a short name of the content, the same in every language."""
+    """Return a short name of the content, the same in every language."""
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
@@ -64,12 +64,7 @@ def identify_content(head: bytes) -> str:
 
 
 def refuse_blank(source: Source) -> None:
-    """Refuse a file of zeros: a logger reserves room on its card before it writes.
-
-    Raises
-    ------
-    BlankFile
-    """
+    """Refuse a file of zeros: a logger reserves room on its card before it writes; raises BlankFile."""
     if any(source.head):
         return
     n_bytes = 0
@@ -139,9 +134,7 @@ def _explain_one_sensor(lines: Sequence[str]) -> FusionError | None:
 def check_extension(source: Source, own: str | None) -> None:
     """Refuse a name that contradicts the content; ``own``: the ending of a device's own format.
 
-    Raises
-    ------
-    WrongExtension
+    Raises WrongExtension.
     """
     named = source.extension
     if own is not None and named != own and named in (*TEXT_EXTENSIONS, *DEVICE_EXTENSIONS):

@@ -25,11 +25,8 @@ Item = TypeVar("Item", np.float32, np.int64)
 class Room(Generic[Item]):
     """Rows of a fixed width, filled from the first.
 
-    Attributes
-    ----------
-    values
-        Shape (rows,) or (rows, width). Every change of its length gives a new array; no view of the one
-        before may be used any more.
+    ``values``: shape (rows,) or (rows, width). Every change of its length gives a new array; no view of the
+    one before may be used any more.
     """
 
     def __init__(self, dtype: type[Item], rows: int, width: int | None = None) -> None:
@@ -88,6 +85,6 @@ class Room(Generic[Item]):
 
 
 def _find_folder() -> str | None:
-    """Give the folder of large temporary files; the one that ``TMPDIR`` names goes first."""
+    """Return the folder of large temporary files; the one that ``TMPDIR`` names goes first."""
     is_usable = not os.environ.get("TMPDIR") and os.access(LARGE_FILES, os.W_OK)
     return LARGE_FILES if is_usable else None

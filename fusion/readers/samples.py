@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
+from fusion.numba_kernels import njit
 from fusion.numerics.runs import find_runs
 from fusion.readers.room import Room
 from fusion.readers.source import Source
-from fusion.readers.timebase.row_kernels import open_rows
 from fusion.recording import QualityFlag
 
 FIRST_CAPACITY = 65_536
@@ -35,14 +35,10 @@ SECOND_ROW_BYTES = 24
 def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: float = LEAST_ROW_BYTES) -> None:
     """Refuse what cannot be a recording, or not one that fits in memory, before its rows fill the memory.
 
-    Parameters
-    ----------
-    rows
-        Those that the first ``read_bytes`` of the file hold; the number of all rows is estimated from them.
-    read_bytes, all_bytes
-        Of the file, packed as it may be.
-    least_row_bytes
-        The least that a row takes of the file.
+    ``rows``: those that the first ``read_bytes`` of the file hold; the number of all rows is estimated from
+    them.
+    ``read_bytes``, ``all_bytes``: of the file, packed as it may be.
+    ``least_row_bytes``: the least that a row takes of the file.
 
     Raises
     ------
@@ -68,15 +64,10 @@ class SampleColumns:
 
     ``source``: what the rows come from, where too many of them are to be refused.
 
-    Attributes
-    ----------
-    acc, gyr
-        Shape (capacity, 3), float32, in the units of the file times the reader's scale.
-    stamps
-        Shape (capacity,), int64: microseconds, or row numbers where the layout has no time. Empty where the
-        reader keeps time in another way.
-    rows
-        How many of them are filled.
+    ``acc``, ``gyr``: shape (capacity, 3), float32, in the units of the file times the reader's scale.
+    ``stamps``: shape (capacity,), int64: microseconds, or row numbers where the layout has no time. Empty
+    where the reader keeps time in another way.
+    ``rows``: how many of them are filled.
     """
 
     def __init__(self, source: Source | None = None, *, has_stamps: bool = True) -> None:
@@ -107,10 +98,8 @@ class SampleColumns:
 
         Grows by a sixteenth at least, so that the work stays linear.
 
-        Raises
-        ------
-        fusion.errors.UnsafeArchive, fusion.errors.TooLong, MemoryError
-            As :func:`check_rows`, by what has been read of the source.
+        Raises UnsafeArchive, TooLong or MemoryError: as :func:`check_rows`, by what has been read of the
+        source.
         """
         if self._source is not None:
             check_rows(self.rows, self._source.read_bytes, self._source.size_bytes)
@@ -130,7 +119,7 @@ class SampleColumns:
             self._resize(foreseen)
 
     def trim(self) -> None:
-        """Give back the room that was not used."""
+        """Return back the room that was not used."""
         self._resize(self.rows)
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:
@@ -161,6 +150,30 @@ class SampleColumns:
     def _resize(self, capacity_rows: int) -> None:
         for room in self._rooms:
             room.resize(capacity_rows)
+
+
+@njit(cache=True, nogil=True)
+def open_rows(values, n_rows, rows, added):  # type: ignore[no-untyped-def]
+    """Put rows in before each of ``rows`` by linear interpolation, in place, from the end backwards.
+
+    ``values`` has room for them after its ``n_rows``.
+    """
+    to = n_rows
+    for rows_added in added:
+        to += rows_added
+    source = n_rows
+    for hole in range(len(rows) - 1, -1, -1):
+        while source > rows[hole]:
+            source -= 1
+            to -= 1
+            for axis in range(3):
+                values[to, axis] = values[source, axis]
+        for k in range(added[hole], 0, -1):
+            weight = k / (added[hole] + 1)
+            to -= 1
+            for axis in range(3):
+                before, after = values[source - 1, axis], values[source, axis]
+                values[to, axis] = before * (1.0 - weight) + after * weight
 
 
 def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:

@@ -27,18 +27,11 @@ EARLY_END_S = 60.0
 class Source:
     """A file as the readers see it.
 
-    Attributes
-    ----------
-    file
-        Gives the content, unpacked where the file itself is packed.
-    name
-        Of the file or the member; only its extension is used.
-    size_bytes
-        Of the file itself.
-    head
-        The first 64 KiB of the content.
-    packed
-        The file itself, where ``file`` gives what is unpacked from it.
+    ``file``: gives the content, unpacked where the file itself is packed.
+    ``name``: of the file or the member; only its extension is used.
+    ``size_bytes``: of the file itself.
+    ``head``: the first 64 KiB of the content.
+    ``packed``: the file itself, where ``file`` gives what is unpacked from it.
     """
 
     file: BinaryIO

@@ -87,12 +87,8 @@ def hold_together(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array
 def solve_band(band: Float64Array, right: Float64Array) -> Float64Array:
     """Solve a symmetric positive definite band for each row of the right side, by Cholesky's factors.
 
-    Parameters
-    ----------
-    band
-        Shape (d, n): the diagonal, then what stands so many places below it.
-    right
-        Shape (m, n).
+    ``band``: shape (d, n): the diagonal, then what stands so many places below it.
+    ``right``: shape (m, n).
 
     Returns
     -------

@@ -189,13 +189,16 @@ def find_still_moments(blocks: Sequence[QuarterSeconds]) -> QuietTable:
     return table.select(np.array(chosen, dtype=np.intp))
 
 
-def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> Float64Array:
+QUIETEST_S = 2.0
+
+
+def find_quietest_rate(run: SensorRun) -> Float64Array:
     """Mean angular rate, shape (3,), of the moment in which both sensors varied least; nil where there is
     none.
 
     The gyroscope's variation in deg/s and the accelerometer's in hundredths of a g are added.
     """
-    table = summarise_windows([reduce_run(run)], duration_s, together=True)
+    table = summarise_windows([reduce_run(run)], QUIETEST_S, together=True)
     if len(table) == 0:
         return np.zeros(3)
     return np.asarray(table.gyro_dps[np.argmin(table.gyro_sd_dps + 100.0 * table.acc_sd_g)])

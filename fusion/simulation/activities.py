@@ -76,7 +76,7 @@ def draw_person(chance: np.random.Generator, *, is_brisk: bool | None = None) ->
 
 
 def shift_posture(deg: float, plane_deg: float, by_deg: float, towards_rad: float) -> tuple[float, float]:
-    """Give elevation and plane of a posture that lies ``by_deg`` from another, deg.
+    """Return elevation and plane of a posture that lies ``by_deg`` from another, deg.
 
     ``towards_rad``: 0 further from plumb in the same plane. Small angles are taken for lengths in a plane.
     """
@@ -144,7 +144,7 @@ class Choreography:
         )
 
     def finish(self) -> Motion:
-        """Give the score, in order of time."""
+        """Return the score, in order of time."""
         strokes = np.array(sorted(self._strokes, key=lambda row: row[1:]), dtype=np.float64).reshape(-1, 4)
         waves = np.array(sorted(self._waves, key=lambda row: row[1:]), dtype=np.float64).reshape(-1, 7)
         return Motion(strokes, waves)

@@ -78,7 +78,7 @@ def play(motion: Motion, first_sample: int, sample_count: int, rate_hz: float) -
 
 @njit(cache=True, nogil=True)
 def _ramp(x: float) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Give the minimum-jerk polynomial from 0 to 1 and its two derivatives; constant outside [0, 1]."""
+    """Return the minimum-jerk polynomial from 0 to 1 and its two derivatives; constant outside [0, 1]."""
     if x <= 0.0:
         return 0.0, 0.0, 0.0
     if x >= 1.0:

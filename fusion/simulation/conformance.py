@@ -41,7 +41,7 @@ class TestSignal:
     expected: tuple[Expected, ...]
 
     def sample(self) -> tuple[Float64Array, Float64Array]:
-        """Give times (s) and elevations (deg), both of shape (n,)."""
+        """Return times (s) and elevations (deg), both of shape (n,)."""
         count = round(self.duration_s * RATE_HZ)
         time_s = np.asarray((np.arange(count) + 0.5) / RATE_HZ, np.float64)
         return time_s, np.asarray(self.curve(time_s), np.float64)

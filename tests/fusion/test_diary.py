@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.diary import DiaryEntry, parse_clock, read_diary
+from fusion.diary import DiaryEntry, parse_clock, read_diary, read_tasks
 from fusion.errors import UnusableDiary
 from tests.clock_spellings import FRACTIONS, READ, REFUSED
 
@@ -189,3 +189,16 @@ def test_twenty_slips_are_told_and_the_others_counted() -> None:
 
     assert (facts["line_20"], facts["more"]) == (21, 3)
     assert "line_21" not in facts
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["unix", "windows", "old mac"])
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_the_lines_of_a_list_of_tasks_may_end_as_on_any_system(end: str, delimiter: str) -> None:
+    rows = ("name,start_s,end_s", "reach,0,10", "carry,10,20")
+
+    tasks = read_tasks("".join(row + end for row in rows).replace(",", delimiter).encode())
+
+    assert [(task.name, task.start_s, task.end_s) for task in tasks] == [
+        ("reach", 0.0, 10.0),
+        ("carry", 10.0, 20.0),
+    ]

@@ -4,19 +4,22 @@
 metric filter and stay within 0.15 percentage points and 0.1 s of the closed form.
 """
 
+from dataclasses import astuple
 from datetime import datetime
 
 import numpy as np
 import pytest
 
 from benchmarks.exposure_oracles import square, swing
+from benchmarks.exposure_oracles_sensor import CUBE
 from benchmarks.exposure_oracles_table import ALL_DAY, sample, tally
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import summarise_exposure
+from fusion.exposure import Velocity, summarise_exposure
 from fusion.exposure.bins import summarise_bins
 from fusion.exposure.cycles import CycleTally
 from fusion.exposure.episodes import find_stays, summarise_entries, summarise_episodes
 from fusion.exposure.parts import split_hours
+from fusion.recording import FloatArray
 from tests.factories import elevate
 
 
@@ -61,6 +64,22 @@ def test_17_an_arm_that_turns_with_the_body_or_about_the_vertical_has_no_speed_o
     assert generalised is not None
     assert inclination.p50_dps == 0.0
     assert generalised.p50_dps == pytest.approx(77.94, abs=0.05)  # 90 deg/s times the sine of 60 deg
+
+
+def test_24_no_speed_depends_on_how_the_sensor_is_mounted() -> None:
+    time_s = np.arange(6000) / 50.0
+    polar, plane = np.radians(50 + 30 * np.sin(0.7 * time_s)), np.radians(40 * np.sin(0.4 * time_s))
+    up = np.stack([np.sin(polar) * np.cos(plane), np.sin(polar) * np.sin(plane), np.cos(polar)], axis=1)
+
+    def move(turn: FloatArray) -> Velocity | None:
+        seen, valid = (up @ turn.T).astype(np.float32), np.ones(6000, np.bool_)
+        segment = ElevationSegment(0, 50.0, np.degrees(polar).astype(np.float32), valid, seen)
+        return summarise_exposure(Elevation((segment,), None)).velocity_dps["generalised"]
+
+    speeds = [astuple(velocity) for turn in CUBE if (velocity := move(turn)) is not None]
+
+    assert len(speeds) == 24
+    assert np.ptp(speeds, axis=0).max() < 1e-3
 
 
 def test_27_an_arm_held_at_50_deg_has_all_percentiles_there_and_never_moves() -> None:

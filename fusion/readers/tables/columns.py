@@ -258,9 +258,7 @@ class TimeUnit:
     def refuse_doubtful(self, columns: SampleColumns) -> None:
         """Refuse rows so slow by the header that only the readings can tell, where they do not.
 
-        Raises
-        ------
-        UnknownRate
+        Raises UnknownRate.
         """
         if self.stated_exponent is None or self.stated_hz >= SLOWEST_HZ:
             return

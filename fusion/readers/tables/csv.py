@@ -33,8 +33,14 @@ from fusion.readers.tables.rows import (
     read_table,
 )
 from fusion.readers.timebase.clock import flag_drift, hash_serial
-from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
-from fusion.readers.timebase.row_times import leave_out_repeats
+from fusion.readers.timebase.grid import (
+    FASTEST_HZ,
+    SLOWEST_HZ,
+    Grid,
+    cut_counted,
+    cut_stamped,
+    leave_out_repeats,
+)
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
 from fusion.units import name_unit_source
 
@@ -76,10 +82,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
 def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None = None) -> Recording:
     """Read a table whose columns a person has named; ``rate_hz`` goes before the profile's.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`read`.
+    Raises FusionError: as :func:`read`.
     """
     plan = plan_table(apply_profile(_read_layout(source, profile.date_order), profile))
     plan = replace(
@@ -112,6 +115,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     described, facts = _describe_columns(plan, is_in_g=is_added), layout.facts()
     pose, unread = _read_pose(facts)
     device = facts.get("device", "")
+    separator = " " if layout.is_single_spaced else layout.delimiter
     return build_recording(
         grid,
         find_clock(layout, time, first_us),
@@ -127,7 +131,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             **described,
             "time": time.describe(first_us),
             "time_exponent": str(time.unit.exponent),
-            "delimiter": _name_delimiter(layout),
+            "delimiter": {"\t": "tab", " ": "space"}.get(separator, separator),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(columns.rows),
         },
@@ -140,8 +144,8 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
         ),
         device=layout.device.device if layout.device else device if find_device_name(device) else "other",
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
-        acc_range_g=_read_positive(facts.get("acc_range_g")),
-        gyr_range_dps=_read_positive(facts.get("gyr_range_dps")),
+        acc_range_g=read_positive(facts.get("acc_range_g")),
+        gyr_range_dps=read_positive(facts.get("gyr_range_dps")),
         **pose,
     )
 
@@ -164,7 +168,7 @@ def _cut_rows(plan: TablePlan, columns: SampleColumns, rate_hz: float | None) ->
 
 
 def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
-    """Give the rate that the preamble states, if plausible; else the one that a person gives, in Hz."""
+    """Return the rate that the preamble states, if plausible; else the one that a person gives, in Hz."""
     stated_hz = _find_stated_hz(layout)
     return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
@@ -199,7 +203,8 @@ def _find_stated_hz(layout: TextLayout) -> float:
     return next((float(match.group(1)) for match in found if match), 0.0)
 
 
-def _read_positive(text: str | None) -> float | None:
+def read_positive(text: str | None) -> float | None:
+    """Return a number of a preamble; None for none, and for what no range can be."""
     try:
         value = float(text or "")
     except ValueError:
@@ -254,8 +259,3 @@ def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
     if device and device.left_gyr_factor != 1.0:
         described["left_gyr_factor"] = f"{device.left_gyr_factor:.5f}"
     return described
-
-
-def _name_delimiter(layout: TextLayout) -> str:
-    sign = " " if layout.is_single_spaced else layout.delimiter
-    return {"\t": "tab", " ": "space"}.get(sign, sign)

@@ -53,18 +53,11 @@ LARGEST_VALUE = 1e9
 class Rules(NamedTuple):
     """How the lines of a table are to be read.
 
-    Attributes
-    ----------
-    header
-        Bytes of the header line.
-    targets
-        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
-    columns, scales
-        Shape (7,): the column of each target, -1 for none, and its factor.
-    delimiter, decimal
-        Codes of the characters.
-    stamp_kind, stamp_exponent
-        Where the stamps come from, and the power of ten to microseconds.
+    ``header``: bytes of the header line.
+    ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    ``columns``, ``scales``: shape (7,): the column of each target, -1 for none, and its factor.
+    ``delimiter``, ``decimal``: codes of the characters.
+    ``stamp_kind``, ``stamp_exponent``: where the stamps come from, and the power of ten to microseconds.
     """
 
     header: Bytes

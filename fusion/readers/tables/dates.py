@@ -41,10 +41,7 @@ def order_dates(
     start date, if one order alone comes near it, then the header's date format. The format is last because a
     program that saves a file again writes the dates in another form and leaves the header as it was.
 
-    Raises
-    ------
-    UnusableTime
-        Day and month, or a year of two digits, cannot be told apart.
+    Raises UnusableTime: day and month, or a year of two digits, cannot be told apart.
     """
     open_to = find_orders(parts)
     if len(open_to) == 1:
@@ -174,11 +171,8 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
 
     ``order``: of day, month and year, as a person gives it.
 
-    Raises
-    ------
-    UnusableTime
-        Day and month cannot be told apart, a spreadsheet has cut the seconds off, a zone's name does not tell
-        its offset, or the stamps have a form that is not known.
+    Raises UnusableTime: day and month cannot be told apart, a spreadsheet has cut the seconds off, a zone's
+    name does not tell its offset, or the stamps have a form that is not known.
     """
     lines = {k: line for k, line in enumerate(head.split("\n")[:SNIFFED_LINES], 1) if _is_wide(line)}
     if not any(STAMP_LIKE.search(line) for line in lines.values()):
@@ -286,10 +280,7 @@ class OffsetChange:
 class StampWriter:
     """Rewrites the stamps of one table, from its first row on.
 
-    Attributes
-    ----------
-    changes
-        Where the offset from UTC changed.
+    ``changes``: where the offset from UTC changed.
     """
 
     def __init__(self, dialect: DateDialect) -> None:
@@ -334,7 +325,7 @@ class StampWriter:
         return moment.isoformat(timespec="microseconds")
 
     def _write_undated(self, found: re.Match[str]) -> str:
-        """Give a time of day the date that follows on: a step back of more than a few hours is midnight.
+        """Add the date that follows on to a time of day: a step back of more than a few hours is midnight.
 
         A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
         """

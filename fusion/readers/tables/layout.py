@@ -451,10 +451,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
 def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
     """Understand a table by its head and, where that leaves day and month open, by its last row.
 
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`find_layout`.
+    Raises FusionError: as :func:`find_layout`.
     """
     head = decode_head(source)
     first = find_open_date(head)
@@ -572,10 +569,7 @@ def read_line_pieces(pieces: Iterable[bytes]) -> Iterator[LinePiece]:
     Most lines are left where they lie. Only those at the seams are copied: a line that goes on in the next
     piece, and those too near the ends of the bytes for :mod:`fusion.readers.tables.csv_lines`.
 
-    Raises
-    ------
-    UnknownFormat
-        A line is longer than 64 KiB: not a table of samples.
+    Raises UnknownFormat: a line is longer than 64 KiB: not a table of samples.
     """
     carried = b""
     for piece in pieces:

@@ -28,7 +28,15 @@ from fusion.errors import (
     UnsafeArchive,
     UnusableTime,
 )
-from fusion.readers.archives import ANGULAR_RATE, TOTAL, find_pair, open_archive, read_member, read_text
+from fusion.readers.archives import (
+    ANGULAR_RATE,
+    TOTAL,
+    ZIP_MAGIC,
+    find_pair,
+    open_archive,
+    read_member,
+    read_text,
+)
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
@@ -69,7 +77,7 @@ class ThreeAxes:
 
 def recognise(source: Source) -> bool:
     """Whether it is an archive with one table of each sensor."""
-    if not source.head.startswith(b"PK\x03\x04"):
+    if not source.head.startswith(ZIP_MAGIC):
         return False
     return find_pair(open_archive(source).namelist()) is not None
 
@@ -160,10 +168,7 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
 def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[int]) -> Float64Array:
     """Read the columns at ``places``; lines that cannot be read become rows that are not numbers.
 
-    Raises
-    ------
-    UnreadableRows
-        They are more than 5 %.
+    Raises UnreadableRows: they are more than 5 %.
     """
 
     def read_points() -> Iterator[str]:

@@ -132,9 +132,7 @@ def check_pages(metadata: pq.FileMetaData, size_bytes: int) -> None:
 
     The index of a single column is not asked: pyarrow 26 ends the process where it is damaged.
 
-    Raises
-    ------
-    UnsafeArchive
+    Raises UnsafeArchive.
     """
     groups = (metadata.row_group(number) for number in range(metadata.num_row_groups))
     unpacked_bytes = sum(group.total_byte_size for group in groups)

@@ -42,29 +42,20 @@ CHOICES: Mapping[str, Sequence[object]] = {
 class ColumnProfile:
     """Which column of a table is what.
 
-    Attributes
-    ----------
-    acceleration, angular_rate
-        Columns of x, y and z; empty where ``sensor`` names them.
-    acceleration_unit, angular_rate_unit
-        As in :mod:`fusion.readers.tables.columns`; empty: found from the data.
-    acceleration_factor, angular_rate_factor
-        g and deg/s for one unit of the file; where given, the units do not count.
-    time
-        Column of the time; None where the rows hold none: then ``rate_hz`` is needed.
-    time_unit
-        Empty: found from the data.
-    rate_hz
-        Rows per second, for tables without time.
-    date_order
-        Tells "dmy" from "mdy"; None: found from the data.
-    name
-        What the profile is called.
-    sensor
-        Which sensor of a table of several is on the arm, by its name there.
-    pose_held
-        "start": in every recording with this profile the pose was held at the start of wear; "no": not so,
-        though a file's header states it. A profile may say this alone, of a device whose columns are known.
+    ``acceleration``, ``angular_rate``: columns of x, y and z; empty where ``sensor`` names them.
+    ``acceleration_unit``, ``angular_rate_unit``: as in :mod:`fusion.readers.tables.columns`; empty: found
+    from the data.
+    ``acceleration_factor``, ``angular_rate_factor``: g and deg/s for one unit of the file; where given, the
+    units do not count.
+    ``time``: column of the time; None where the rows hold none: then ``rate_hz`` is needed.
+    ``time_unit``: empty: found from the data.
+    ``rate_hz``: rows per second, for tables without time.
+    ``date_order``: tells "dmy" from "mdy"; None: found from the data.
+    ``name``: what the profile is called.
+    ``sensor``: which sensor of a table of several is on the arm, by its name there.
+    ``pose_held``: "start": in every recording with this profile the pose was held at the start of wear; "no":
+    not so, though a file's header states it. A profile may say this alone, of a device whose columns are
+    known.
     """
 
     acceleration: tuple[Place, ...] = ()
@@ -99,10 +90,7 @@ class ColumnProfile:
 def parse_profile(text: str) -> ColumnProfile:
     """Read a saved profile.
 
-    Raises
-    ------
-    UnusableProfile
-        It is not JSON, or a value in it cannot be.
+    Raises UnusableProfile: it is not JSON, or a value in it cannot be.
     """
     try:
         values = json.loads(text)

@@ -50,12 +50,7 @@ def recognise_text(source: Source) -> bool:
 
 
 def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (stamps tell it)
-    """Read 26-byte records.
-
-    Raises
-    ------
-    NoSamples, fusion.errors.UnusableTime, fusion.errors.UnknownRate
-    """
+    """Read 26-byte records; raises NoSamples, UnusableTime or UnknownRate."""
     columns = SampleColumns(source)
     carried = b""
     for chunk in read_chunks(source):
@@ -73,12 +68,7 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
 
 
 def read_text(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (stamps tell it)
-    """Read headerless register text.
-
-    Raises
-    ------
-    NoSamples, fusion.errors.UnreadableRows, fusion.errors.UnusableTime, fusion.errors.UnknownRate
-    """
+    """Read headerless register text; raises NoSamples, UnreadableRows, UnusableTime or UnknownRate."""
     layout = sniff_layout(source)
     assert layout is not None
     rows = read_table(source, TablePlan(layout, TEXT_TARGETS, UNIX_SECONDS))

@@ -37,8 +37,7 @@ from fusion.readers.tables.layout import (
     read_text_pieces,
 )
 from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
-from fusion.readers.timebase.grid import Grid
-from fusion.readers.timebase.row_times import repair_row_times
+from fusion.readers.timebase.grid import Grid, repair_row_times
 from fusion.recording import QualityFlag, Recording, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
 
@@ -54,19 +53,12 @@ WRAPPING_EXPONENTS = (0, 2, 3)
 class TimeColumn:
     """What the stamps of a table are: microseconds, or numbers of rows or packets.
 
-    Attributes
-    ----------
-    kind
-        "row number" if no column holds a time; "packet counter": the 16-bit number of a packet; "number": a
-        number in some unit; "calendar": a date with a time, or a time of day.
-    unit
-        That of a number, and whether the header states another.
-    offset_s
-        Seconds east of UTC that calendar stamps carry; None: a bare wall clock.
-    has_date
-        False for times of day.
-    is_doubtful
-        Day and month may be the other way round.
+    ``kind``: "row number" if no column holds a time; "packet counter": the 16-bit number of a packet;
+    "number": a number in some unit; "calendar": a date with a time, or a time of day.
+    ``unit``: that of a number, and whether the header states another.
+    ``offset_s``: seconds east of UTC that calendar stamps carry; None: a bare wall clock.
+    ``has_date``: False for times of day.
+    ``is_doubtful``: day and month may be the other way round.
     """
 
     kind: Literal["row number", "packet counter", "number", "calendar"] = "row number"
@@ -133,18 +125,11 @@ LONGEST_LIST = 400
 class TablePlan:
     """How a table is read: its layout, and which column goes where.
 
-    Attributes
-    ----------
-    layout
-        How the table is written.
-    targets
-        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
-    time
-        What the stamps are.
-    acc_scale, gyr_scale
-        Factors to g and deg/s.
-    gravity
-        Columns of the gravity that the acceleration may lack; None if it lacks none.
+    ``layout``: how the table is written.
+    ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    ``time``: what the stamps are.
+    ``acc_scale``, ``gyr_scale``: factors to g and deg/s.
+    ``gravity``: columns of the gravity that the acceleration may lack; None if it lacks none.
     """
 
     layout: TextLayout
@@ -170,9 +155,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
     A unit that the header does not state is left to :mod:`fusion.checks.physics`: the factor is then 1.
 
-    Raises
-    ------
-    NoGyroscope, NoGravity, SeveralSensors, UnknownColumns
+    Raises NoGyroscope, NoGravity, SeveralSensors or UnknownColumns.
     """
     layout = choose_sensor(layout)
     acc, gravity = choose_acceleration(layout.columns)
@@ -198,10 +181,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
 def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
     """Leave the columns of one sensor, where a table holds several.
 
-    Raises
-    ------
-    SeveralSensors
-        Nobody said which one is on the arm, or none has that name.
+    Raises SeveralSensors: nobody said which one is on the arm, or none has that name.
     """
     sensors = find_sensors(layout.columns)
     names = ", ".join(name for name in sensors if name)[:LONGEST_LIST]
@@ -417,10 +397,7 @@ def put_back_gravity(
     acceleration beside it is in the same unit. Rows without gravity are left out. Core Motion's readings, in
     g, are turned over: the sum is then what an accelerometer measures.
 
-    Raises
-    ------
-    NoGravity
-        The acceleration lacks gravity by its name, and the columns hold none.
+    Raises NoGravity: the acceleration lacks gravity by its name, and the columns hold none.
     """
     order = np.argsort(gravity.stamps, kind="stable")
     stamps = gravity.stamps[order]

@@ -44,7 +44,7 @@ def find_zone(display_name: str) -> ZoneInfo | None:
 def follow_zone(
     first_unix_s: int, duration_s: int, zone: ZoneInfo
 ) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """Give the start with the zone's offset at that time; flag a change of it before the end (W-DST)."""
+    """Return the start with the zone's offset at that time; flag a change of it before the end (W-DST)."""
 
     def read_offset(at_s: int) -> timedelta:
         moment = datetime.fromtimestamp(first_unix_s + at_s, UTC).astimezone(zone)

@@ -1,10 +1,7 @@
-"""From stamped rows to even segments: what is missing, what is bridged, where a segment ends.
+"""From stamped rows to even segments: their stamps repaired, what is missing, where a segment ends.
 
-:func:`cut_stamped` and :func:`cut_counted` go first; what they call follows in the order of the calls.
-
-A step longer than 1.5 periods is a hole. Compared to that rule, a step is not a hole where the
-stamps after it make up for it, because the row was then stamped late, not lost; and a clock too coarse for
-the rate (whole milliseconds at 952 Hz) is allowed its own step.
+:func:`repair_row_times` keeps a day-long log whole; :func:`cut_stamped` and :func:`cut_counted` lay rows on
+even grids.
 """
 
 import math
@@ -16,15 +13,9 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
+from fusion.numba_kernels import njit
 from fusion.readers.samples import PAUSE, SampleColumns
-from fusion.readers.timebase.row_kernels import (
-    find_long_steps,
-    find_stretches,
-    fit_line,
-    mend_stamps,
-    sort_windows,
-    spread_runs,
-)
+from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
@@ -35,6 +26,259 @@ from fusion.recording import (
     flag_gaps,
     flag_spans,
 )
+
+# Compiled passes over all rows and their stamps: one loop each, where numpy would need several arrays.
+
+LONGEST_DELAY_US = MICROSECONDS
+"""A row that comes later than this is no late row: its clock was set."""
+LONGEST_WINDOW_ROWS = 8192
+FULL_RUN = 0.1
+LATE_ROWS = 32
+"""How far to look for stamps that make up for a late one."""
+PACE_ROWS = 32
+LARGEST_CHANGE = 0.03
+"""A pace further from the usual one than this is another rate: no clock drifts so far."""
+EVEN_PART, SAME_PACE = 0.4, 0.02
+
+
+# Rows that came late.
+
+
+@njit(cache=True, nogil=True)
+def find_late_window(stamps, row):  # type: ignore[no-untyped-def]
+    """The rows among which ``row`` and what follows it belong: first, and first after; (row, row): none."""
+    highest = stamps[row - 1]
+    if highest - stamps[row] > LONGEST_DELAY_US:
+        return row, row
+    first = row - 1
+    while first > 0 and stamps[first - 1] > stamps[row]:
+        first -= 1
+    stop = row
+    while stop < len(stamps) and stamps[stop] < highest:
+        if stop - first > LONGEST_WINDOW_ROWS:
+            return row, row
+        stop += 1
+    return first, stop
+
+
+@njit(cache=True, nogil=True)
+def is_even(stamps, order, window, least_us):  # type: ignore[no-untyped-def]
+    """Whether the sorted window and its neighbours are never closer than ``least_us``."""
+    first, stop = window
+    before = stamps[first - 1] if first > 0 else stamps[first + order[0]] - 2 * np.int64(least_us) - 1
+    for k in order:
+        if stamps[first + k] - before < least_us:
+            return False
+        before = stamps[first + k]
+    return stop == len(stamps) or stamps[stop] - before >= least_us
+
+
+@njit(cache=True, nogil=True)
+def sort_windows(acc, gyr, stamps, least_us):  # type: ignore[no-untyped-def]
+    """Put rows that came late into their place, in place; return how many came late."""
+    late = 0
+    row = 1
+    while row < len(stamps):
+        if stamps[row] >= stamps[row - 1]:
+            row += 1
+            continue
+        first, stop = find_late_window(stamps, row)
+        if stop > first:
+            order = np.argsort(stamps[first:stop], kind="mergesort")
+            if is_even(stamps, order, (first, stop), least_us):
+                late += stop - row
+                stamps[first:stop] = stamps[first:stop][order]
+                acc[first:stop] = acc[first:stop][order]
+                gyr[first:stop] = gyr[first:stop][order]
+                row = stop
+                continue
+        row += 1
+    return late
+
+
+# Rows that share a stamp.
+
+
+@njit(cache=True, nogil=True)
+def find_equal_runs(stamps, shortest_rows):  # type: ignore[no-untyped-def]
+    """Rows that share a stamp, ``shortest_rows`` of them or more: first and first after, shape (m, 2).
+
+    In such a run some row at a multiple of half its least length has its like so many rows later.
+    """
+    half = max(1, shortest_rows // 2)
+    runs = np.empty((len(stamps) // max(shortest_rows, 1) + 1, 2), np.int64)
+    found = reached = 0
+    for row in range(0, len(stamps) - half, half):
+        if row < reached or stamps[row] != stamps[row + half]:
+            continue
+        first, stop = row, row
+        while first > 0 and stamps[first - 1] == stamps[row]:
+            first -= 1
+        while stop < len(stamps) and stamps[stop] == stamps[row]:
+            stop += 1
+        if stop - first >= shortest_rows:
+            runs[found, 0], runs[found, 1] = first, stop
+            found += 1
+        reached = max(stop, row + 1)
+    return runs[:found]
+
+
+@njit(cache=True, nogil=True)
+def spread_runs(stamps, edges, step_us, usual):  # type: ignore[no-untyped-def]
+    """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place.
+
+    ``usual``: how many rows such a run has where none is lost, one for each.
+    """
+    for run in range(len(edges) - 1):
+        first, stop = edges[run], edges[run + 1]
+        rows = stop - first
+        length_us = step_us
+        if stop < len(stamps) and 0 < stamps[stop] - stamps[first] < 1.5 * step_us:
+            length_us = float(stamps[stop] - stamps[first])
+        is_full = abs(rows - usual[run]) <= FULL_RUN * usual[run]
+        share_us = length_us / (rows if is_full or rows > usual[run] else usual[run])
+        began_within = run == 0 and rows < usual[run]
+        late = usual[run] - rows if began_within else 0.0
+        base = stamps[first]
+        for k in range(rows):
+            stamps[first + k] = base + np.int64(np.round((k + late) * share_us))
+
+
+# Rows on an even grid: single wrong stamps, holes, the line through the stamps, bridged rows.
+
+
+@njit(cache=True, nogil=True)
+def mend_stamps(stamps, period_us):  # type: ignore[no-untyped-def]
+    """Replace single stamps that both neighbours contradict, in place; return how many."""
+    mended = 0
+    for k in range(1, len(stamps) - 1):
+        around = stamps[k + 1] - stamps[k - 1]
+        is_outside = stamps[k] < stamps[k - 1] or stamps[k] > stamps[k + 1]
+        if is_outside and 0 < around <= 4 * period_us:
+            stamps[k] = stamps[k - 1] + around // 2
+            mended += 1
+    return mended
+
+
+@njit(cache=True, nogil=True)
+def is_made_up(stamps, row, period_us):  # type: ignore[no-untyped-def]
+    """Whether the rows after a long step come so fast that nothing was lost."""
+    for ahead in range(1, LATE_ROWS):
+        if row + ahead >= len(stamps):
+            return False
+        late_us = stamps[row + ahead] - stamps[row - 1] - (ahead + 1) * period_us
+        if late_us < -LONGEST_BRIDGE_US:
+            return False
+        if late_us <= 0.5 * period_us:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def find_long_steps(stamps, limit_us, period_us, rows):  # type: ignore[no-untyped-def]
+    """Write the rows before which time is missing or runs backwards; return how many there are in all."""
+    found = 0
+    for k in range(1, len(stamps)):
+        step = stamps[k] - stamps[k - 1]
+        if step < 0 or (step > limit_us and not is_made_up(stamps, k, period_us)):
+            if found < len(rows):
+                rows[found] = k
+            found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def fit_line(stamps, rows, added):  # type: ignore[no-untyped-def]
+    """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
+
+    Before each of ``rows`` the place grows by ``added``. What is fitted are the small distances from the line
+    through the first and the last stamp: sums over the stamps themselves would lose all their digits in a
+    long file.
+    """
+    n = len(stamps)
+    last = np.float64(n - 1)
+    for rows_added in added:
+        last += rows_added
+    guess = (stamps[n - 1] - stamps[0]) / last
+    sum_x = sum_y = sum_xx = sum_xy = sum_yy = 0.0
+    shift = np.int64(0)
+    for hole in range(len(rows) + 1):
+        first = rows[hole - 1] if hole > 0 else 0
+        shift += added[hole - 1] if hole > 0 else 0
+        for k in range(first, rows[hole] if hole < len(rows) else n):
+            x = (k + shift) - 0.5 * last
+            y = (stamps[k] - stamps[0]) - guess * (k + shift)
+            sum_x += x
+            sum_y += y
+            sum_xx += x * x
+            sum_xy += x * y
+            sum_yy += y * y
+    spread_xx, spread_xy = sum_xx - sum_x * sum_x / n, sum_xy - sum_x * sum_y / n
+    tilt = spread_xy / spread_xx
+    level = (sum_y - tilt * sum_x) / n
+    squares = max(0.0, sum_yy - sum_y * sum_y / n - tilt * spread_xy)
+    return level - 0.5 * tilt * last, guess + tilt, np.sqrt(squares / n)
+
+
+# Stretches whose rows come at a rate of their own.
+
+
+@njit(cache=True, nogil=True)
+def is_even_step(stamps, row, pace_us, quantum_us):  # type: ignore[no-untyped-def]
+    """Whether the step to ``row`` can be one of a sampling at this pace."""
+    return abs(stamps[row] - stamps[row - 1] - pace_us) <= EVEN_PART * pace_us + quantum_us
+
+
+@njit(cache=True, nogil=True)
+def is_even_run(stamps, row, pace_us, quantum_us):  # type: ignore[no-untyped-def]
+    """Whether two times ``PACE_ROWS`` rows come evenly at this pace: the change is not among them."""
+    later = row + PACE_ROWS
+    later_us = (stamps[later + PACE_ROWS] - stamps[later]) / PACE_ROWS
+    if abs(later_us - pace_us) > SAME_PACE * pace_us:
+        return False
+    for k in range(row + 1, later + PACE_ROWS + 1):  # noqa: SIM110 (numba takes no generator)
+        if not is_even_step(stamps, k, pace_us, quantum_us):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def is_own_step(stamps, row, pace_us, period_us, quantum_us):  # type: ignore[no-untyped-def]
+    """Whether the step to ``row`` is even at this pace, and nearer to it than to the usual one."""
+    step = stamps[row] - stamps[row - 1]
+    is_near = abs(step - pace_us) < abs(step - period_us)
+    return is_near and is_even_step(stamps, row, pace_us, quantum_us)
+
+
+@njit(cache=True, nogil=True)
+def find_stretches(stamps, period_us, quantum_us, found):  # type: ignore[no-untyped-def]
+    """Write stretches whose rows come evenly at another pace; return how many there are in all."""
+    least_us = max(LARGEST_CHANGE * period_us, 2 * quantum_us / PACE_ROWS)
+    count = reached = row = 0
+    while row + 2 * PACE_ROWS < len(stamps):
+        pace_us = (stamps[row + PACE_ROWS] - stamps[row]) / PACE_ROWS
+        is_usual = abs(pace_us - period_us) <= least_us or pace_us <= 0
+        if is_usual or not is_even_run(stamps, row, pace_us, quantum_us):
+            row += PACE_ROWS
+            continue
+        first, stop = row, row + PACE_ROWS + 1
+        while first > reached and is_own_step(stamps, first, pace_us, period_us, quantum_us):
+            first -= 1
+        while stop < len(stamps) and is_own_step(stamps, stop, pace_us, period_us, quantum_us):
+            stop += 1
+        if count < len(found):
+            found[count, 0], found[count, 1] = first, stop
+        count += 1
+        row = stop
+        reached = stop - 1  # that row belongs to the rate at which the next one follows
+    return count
+
+
+# The grid.
+#
+# A step longer than 1.5 periods is a hole. Compared to that rule, a step is not a hole where the stamps after
+# it make up for it, because the row was then stamped late, not lost; and a clock too coarse for the rate
+# (whole milliseconds at 952 Hz) is allowed its own step.
 
 LONGEST_GAP_US = 86_400 * MICROSECONDS
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
@@ -99,12 +343,9 @@ class FittedRun:
 
 
 def cut_stamped(columns: SampleColumns) -> Grid:
-    """Cut rows with stamps in microseconds that :mod:`fusion.readers.timebase.row_times` has repaired.
+    """Cut rows with stamps in microseconds that :func:`repair_row_times` has repaired.
 
-    Raises
-    ------
-    fusion.errors.UnusableTime, fusion.errors.UnknownRate
-        The stamps give no even sampling at a usable rate.
+    Raises UnusableTime or UnknownRate: the stamps give no even sampling at a usable rate.
     """
     stamps = columns.stamps
     mended = spread_coarse_stamps(stamps)
@@ -139,10 +380,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
     segment follows at once.
 
-    Raises
-    ------
-    UnknownRate
-        The rate is none that shows an arm's movement.
+    Raises UnknownRate: the rate is none that shows an arm's movement.
     """
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise UnknownRate(m=rate_hz)
@@ -235,7 +473,7 @@ EVEN_RUNS, SAME_COUNT = 10, 0.02
 
 
 def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
-    """Give the rows that share a stamp (whole seconds, say) times of their own, in place.
+    """Spread the rows that share a stamp (whole seconds, say) over the time until the next, in place.
 
     The n rows of a second T lie at T + k/n, as those of a `.gt3x` do; where clearly fewer than usual share a
     stamp, they keep the usual distance and the rest is a hole.
@@ -254,7 +492,7 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 
 
 def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Give the rows that a stamp has where none is lost: those of its stretch, if it is one of an even rate.
+    """Return the rows that a stamp has where none is lost: those of its stretch if that is of an even rate.
 
     Others take those of the even stretch before, or of the first one; without any, the median holds for all.
     """
@@ -366,10 +604,7 @@ LEAST_EVEN_PART = 0.5
 def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
     """Mark the rows of windows in which at most one row in ten begins a hole, shape (rows,).
 
-    Raises
-    ------
-    UnusableTime
-        They are fewer than half.
+    Raises UnusableTime: they are fewer than half.
     """
     windows = np.bincount(holes.row // WINDOW_ROWS, minlength=-(-rows // WINDOW_ROWS))
     is_even = np.repeat(windows <= MOST_HOLES_PART * WINDOW_ROWS, WINDOW_ROWS)[:rows]
@@ -391,7 +626,8 @@ def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
     """
     quantum_us = float(find_quantum_us(stamps))
     quantum_us *= quantum_us <= COARSE_CLOCK_US
-    found = np.empty((find_stretches(stamps, period_us, quantum_us, np.empty((0, 2), np.int64)), 2), np.int64)
+    count: int = find_stretches(stamps, period_us, quantum_us, np.empty((0, 2), np.int64))
+    found: Stretches = np.empty((count, 2), np.int64)
     if len(found) == 0:
         return found
     find_stretches(stamps, period_us, quantum_us, found)
@@ -402,7 +638,7 @@ def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
 
 
 def leave_stretches(holes: Holes, stretches: Stretches, rows: int) -> tuple[Holes, Stretches]:
-    """Give the holes outside the stretches, and the stretches without a last row that leads on elsewhere."""
+    """Return the holes outside the stretches, and the stretches without a last row that leads elsewhere."""
     kept = np.ones(len(holes.row), np.bool_)
     for first, stop in stretches:
         kept[np.searchsorted(holes.row, first, "right") : np.searchsorted(holes.row, stop)] = False
@@ -412,7 +648,7 @@ def leave_stretches(holes: Holes, stretches: Stretches, rows: int) -> tuple[Hole
 
 
 def choose_period_us(stamps: NDArray[np.int64], stretches: Stretches, period_us: float) -> float:
-    """Give the period that most rows have: that of the longest stretch, where stretches hold most rows."""
+    """Return the period that most rows have: that of the longest stretch, where stretches hold most rows."""
     rows = stretches[:, 1] - stretches[:, 0]
     if 2 * rows.sum() <= len(stamps):
         return period_us
@@ -432,3 +668,266 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
         Span(int(stamps[a] - stamps[0]), int(us)) for (a, _), us in zip(stretches, length_us, strict=True)
     ]
     return flag_spans(Caveat.RATE_CHANGE, spans, rate_hz=rate_hz)
+
+
+# Stamped rows before they are cut into segments: what keeps a day-long log whole, and nothing more.
+#
+# A counter that starts over, an hour of daylight saving, a copied block, a clock that stopped or left for a
+# while. Rows in any other order are not put right: the newest first is refused, and a piece in the wrong
+# place reads like a clock that was set (W-CLOCK-BACK). :func:`repair_row_times` stands first; the steps
+# follow in the order in which it takes them.
+
+
+def repair_row_times(
+    columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
+) -> tuple[QualityFlag, ...]:
+    """Mend the stamps of rows, in place, or leave rows out; give the caveats.
+
+    A table whose stamps only advance is passed once and left as it is.
+
+    ``columns``: rows with stamps in microseconds.
+    ``tick_us``: microseconds of one count, where the stamps are those of a counter that may start over; else
+    0.
+    ``is_wall_clock``: the stamps are those of a clock that may follow daylight saving.
+
+    Raises UnusableTime: the newest row stands first, or the clock stands still for most rows.
+    """
+    stamps = columns.stamps[: columns.rows]
+    backward = count_backward(stamps)
+    forward = np.count_nonzero(stamps[1:] > stamps[:-1]) if backward else 0
+    if len(stamps) >= 3 and backward and backward >= TURNED_SHARE * (backward + forward):
+        raise UnusableTime(why="reversed")
+    flags = undo_daylight_saving(columns.stamps) if is_wall_clock else ()
+    flags += unwrap_counter(columns.stamps, tick_us)
+    flags += leave_out_stopped(columns)
+    if count_backward(columns.stamps) == 0 and not has_outlying_ends(columns.stamps):
+        return flags
+    flags += leave_out_repeats(columns)
+    return flags + place_outliers(columns) + leave_out_ends(columns)
+
+
+TURNED_SHARE = 0.9
+"""So many of the steps run backwards in a table that was turned round."""
+
+
+# A wall clock that followed daylight saving.
+
+HOUR_US = 3600 * MICROSECONDS
+CHANGE_US = HOUR_US // 2
+"""Clocks are changed at a full hour; here and there at half past."""
+LONGEST_LOSS_US = 600 * MICROSECONDS
+CHANGE_TOLERANCE_US = 2 * MICROSECONDS
+FIRST_ROWS = 4097
+PART_ROWS = 1 << 14
+
+
+def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
+    """Take an hour's step out of wall-clock stamps where the clocks were changed, in place.
+
+    Only a step of one hour, at a moment at which the clocks of some zone step so, is taken for that; rows may
+    be lost around it for up to ten minutes. The stamps go on by the clock of the first row.
+    """
+    first_steps = np.diff(stamps[:FIRST_ROWS])
+    advances = first_steps[first_steps > 0]  # many rows share a coarse stamp
+    usual_us = float(np.median(advances)) if len(advances) else 0.0
+    flags: tuple[QualityFlag, ...] = ()
+    for place in _find_long_steps(stamps, HOUR_US // 2):
+        step_us = int(stamps[place + 1] - stamps[place])
+        hour_us = HOUR_US if step_us > 0 else -HOUR_US
+        lost_us = step_us - hour_us - usual_us
+        if not -max(1.5 * usual_us, 1.0) <= lost_us <= LONGEST_LOSS_US:
+            continue
+        next_us = int(stamps[place]) + round(usual_us)
+        changed_us = -(-next_us // CHANGE_US) * CHANGE_US if lost_us > CHANGE_TOLERANCE_US else next_us
+        reading = (
+            datetime_at_us(changed_us) if changed_us <= next_us + lost_us + CHANGE_TOLERANCE_US else None
+        )
+        if reading is None or not is_change_of_wall_clock(reading, hour_us // MICROSECONDS):
+            continue
+        at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS
+        stamps[place + 1 :] -= np.int64(hour_us)
+        flags += (QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
+    return flags
+
+
+def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int]:
+    """Rows after which the clock steps far either way; in parts, so that no array as long is made."""
+    return [
+        first + int(place)
+        for first in range(0, len(stamps), PART_ROWS)
+        for place in np.flatnonzero(np.abs(np.diff(stamps[first : first + PART_ROWS + 1])) > longer_than_us)
+    ]
+
+
+# Counters that start over: micros() and millis() of 32 bits.
+
+BITS = 32
+MARGIN_US = 60 * MICROSECONDS
+"""A wrap is one only near both ends of the counter: a logger that started again is none."""
+
+
+def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag, ...]:
+    """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 where stamps are no counts."""
+    if tick_us == 0 or count_backward(stamps) == 0:
+        return ()
+    wrap_us = 2**BITS * tick_us
+    is_wrap = (stamps[:-1] > wrap_us - MARGIN_US) & (stamps[1:] < MARGIN_US)
+    stamps[1:] += wrap_us * np.cumsum(is_wrap)
+    return flag_counts({Caveat.WRAP: int(is_wrap.sum())})
+
+
+# How the stamps advance, and the pieces between two long steps of the clock.
+
+USUAL_PACE_ROWS = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How the stamps of a table usually advance: from row to row on average, and in one step of the clock."""
+
+    period_us: float
+    step_us: float
+
+    @property
+    def longest_us(self) -> float:
+        """A longer step forward than this separates two pieces."""
+        return max(1.5 * self.step_us, LONGEST_BRIDGE_US)
+
+
+def measure_pace(stamps: NDArray[np.int64]) -> Pace:
+    """Measure how the stamps usually advance; zeros where they do not."""
+    steps = steps_between(stamps, 1)
+    paces = steps_between(stamps, min(USUAL_PACE_ROWS, max(1, len(stamps) // 8)))
+    usual = [float(np.median(found[found > 0])) if np.any(found > 0) else 0.0 for found in (paces, steps)]
+    return Pace(*usual)
+
+
+# A clock that stood still, and one that left for a while and came back.
+
+FAR_US = 60 * MICROSECONDS
+"""A single row at either end of a file, so far from the others, is an outlier."""
+LOOKED_AT_ROWS = 8193
+SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
+"""So long, and so many steps of the clock, rows bear one stamp only where the clock stopped."""
+LEAST_TIMED_PART = 0.5
+FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
+"""More than a few, and more than one a minute, are rows that came in bunches."""
+
+
+def leave_out_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Leave out rows of one and the same stamp: nobody can say when they were measured (W-ROWS-DROPPED).
+
+    Raises UnusableTime: most rows would be left out.
+    """
+    stamps = columns.stamps[: columns.rows]
+    pace = measure_pace(stamps)
+    if pace.period_us <= 0.0 or pace.step_us <= 0.0:
+        return ()
+    longest_us = max(SHORTEST_STOP_US, SHORTEST_STOP_STEPS * pace.step_us)
+    runs = find_equal_runs(stamps, int(longest_us / pace.period_us) + 1)
+    if not 0 < len(runs) <= FREE_STOPS + columns.rows * pace.period_us / BETWEEN_STOPS_US:
+        return ()
+    kept = np.ones(columns.rows, np.bool_)
+    for first, stop in runs.tolist():
+        kept[first:stop] = False
+    if np.count_nonzero(kept) < LEAST_TIMED_PART * columns.rows:
+        raise UnusableTime(why="constant")
+    return _leave_out(columns, kept)
+
+
+def has_outlying_ends(stamps: NDArray[np.int64]) -> bool:
+    """Whether the first stamps, or the last one, lie over a minute before or after the others."""
+    if len(stamps) < 3:
+        return False
+    differs = stamps[:LOOKED_AT_ROWS] != stamps[0]
+    second = int(np.argmax(differs)) if differs.any() else 1
+    return bool(stamps[second] - stamps[0] > FAR_US or stamps[-1] - stamps[-2] > FAR_US)
+
+
+def place_outliers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Put rows whose clock left for a while and came back after the rows before them (W-CLOCK-FWD).
+
+    They keep the distances of their own stamps, unless these stood still.
+    """
+    stamps = columns.stamps[: columns.rows]
+    pace = measure_pace(stamps)
+    steps = np.diff(stamps)  # rows at most a second late stay where they are
+    edges = np.flatnonzero((steps > pace.longest_us) | (steps < -LONGEST_DELAY_US)) + 1
+    first, stop = edges[:-1], edges[1:]  # pieces between two long steps of the clock
+    if len(first) == 0:
+        return ()
+    low_us, high_us = (extreme.reduceat(stamps, edges)[:-1] for extreme in (np.minimum, np.maximum))
+    before_us, after_us = stamps[first - 1], stamps[stop % len(stamps)]
+    span_us = high_us - low_us
+    is_outside = (high_us < before_us) | (low_us > after_us)
+    is_away = is_outside & (after_us - before_us - span_us >= pace.period_us)
+    for k in np.flatnonzero(is_away):
+        rows = int(stop[k] - first[k])
+        room_us = min(float(after_us[k] - before_us[k]), (rows + 1) * pace.period_us)
+        stood_still = span_us[k] < 0.5 * (rows - 1) * pace.period_us
+        even_us = np.linspace(0.0, room_us, rows + 2)[1:-1]
+        own_us = stamps[first[k] : stop[k]] - low_us[k] + min(pace.period_us, even_us[0])
+        stamps[first[k] : stop[k]] = before_us[k] + np.rint(even_us if stood_still else own_us).astype(
+            np.int64
+        )
+    return flag_counts({Caveat.CLOCK_FWD: int((stop - first)[is_away].sum())})
+
+
+def leave_out_ends(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Leave out a first or a last row that lies alone, over a minute from the others (W-ROWS-DROPPED)."""
+    stamps = columns.stamps[: columns.rows]
+    kept = np.ones(len(stamps), np.bool_)
+    if len(stamps) >= 3:
+        kept[0] = abs(stamps[1] - stamps[0]) <= FAR_US
+        kept[-1] = abs(stamps[-1] - stamps[-2]) <= FAR_US
+    return _leave_out(columns, kept)
+
+
+def _leave_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityFlag, ...]:
+    dropped = int(np.count_nonzero(~kept))
+    if dropped:
+        columns.keep(kept)
+    return flag_counts({Caveat.ROWS_DROPPED: dropped})
+
+
+# Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
+
+LEAST_ROWS = 10
+"""So many rows alike in all readings and in their stamps, and not all one, come about by copying only."""
+MOST_STEPS = 64
+"""Steps back that are looked into: each takes a look through the rows before it."""
+
+
+def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Take out, in place, rows that come again after a step back of the clock (W-DUP, in rows)."""
+    stamps = columns.stamps[: columns.rows]
+    count = count_backward(stamps)
+    if not 0 < count <= MOST_STEPS:
+        return ()
+    kept = np.ones(columns.rows, np.bool_)
+    for row in (np.flatnonzero(stamps[1:] < stamps[:-1]) + 1).tolist():
+        rows = _count_repeated(columns, row)
+        if rows >= LEAST_ROWS and np.ptp(columns.acc[row : row + rows], axis=0).any():
+            kept[row : row + rows] = False
+    repeated = columns.rows - int(kept.sum())
+    if repeated == 0:
+        return ()
+    columns.keep(kept)
+    return (QualityFlag(Caveat.DUP, repeated),)
+
+
+def _count_repeated(columns: SampleColumns, row: int) -> int:
+    """How many rows from ``row`` on repeat, stamps and readings, those from the first that is like it on."""
+    stamps, acc, gyr = columns.stamps[: columns.rows], columns.acc, columns.gyr
+    like = np.flatnonzero(stamps[:row] == stamps[row])
+    like = like[((acc[like] == acc[row]) & (gyr[like] == gyr[row])).all(axis=1)]
+    if len(like) == 0:
+        return 0
+    first, rows = int(like[0]), len(stamps) - row
+    differs = stamps[first : first + rows] != stamps[row:]
+    rows = int(np.argmax(differs)) if differs.any() else rows
+    is_same = (acc[first : first + rows] == acc[row : row + rows]) & (
+        gyr[first : first + rows] == gyr[row : row + rows]
+    )
+    differs = ~is_same.all(axis=1)
+    return int(np.argmax(differs)) if differs.any() else rows

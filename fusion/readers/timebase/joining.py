@@ -25,10 +25,7 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     Where the offset from UTC changes between two files, the first file's offset holds for all (W-DST, or
     W-OFFSET where no zone's clocks changed so at about that time).
 
-    Raises
-    ------
-    UnusableJoin
-        Nothing to join, no clock, several devices, more overlap, or a span of over a month.
+    Raises UnusableJoin: nothing to join, no clock, several devices, more overlap, or a span of over a month.
     """
     ordered = _order(recordings)
     starts = [_start_of(recording) for recording in ordered]

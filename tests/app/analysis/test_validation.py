@@ -19,7 +19,7 @@ from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
 from app.roads.validate import make_validation
 from fusion.agreement.pairs import WindowLag
-from fusion.task_windows import TaskWindow
+from fusion.diary import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 
 STATISTICS = {"r", "rmse_deg", "mean_absolute_error_deg", "bias_deg", "loa_low_deg", "loa_high_deg"}

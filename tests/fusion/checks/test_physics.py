@@ -1,16 +1,24 @@
 """Unit and hand are found from the samples and changed on strong evidence only; a scale is doubted."""
 
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.physics import are_exchanged, check_physics, refuse_impossible_rates
 from fusion.checks.rests import find_rests
-from fusion.errors import FusionError, MixedColumns, NoGravity, UnknownUnit, WrongScale
+from fusion.errors import ExchangedSensors, FusionError, MixedColumns, NoGravity, UnknownUnit, WrongScale
 from fusion.recording import Recording, Segment, Stated
-from tests.fusion.made_motion import rest_and_turn
+from fusion.simulation import simulate_shift
+from fusion.simulation.sensor import Device
+from tests.badfiles.arm import Matrix
+from tests.conftest import SHARED_DATA
+from tests.fusion.made_motion import rest_and_turn, tumble
+from tests.simulated_shifts import play_shift
+from tests.validation.broad import load_trials, resample_to_100_hz
 
 RATE_HZ = 100.0
 Array = NDArray[np.float64]
@@ -273,3 +281,78 @@ def test_an_acceleration_that_is_lively_and_never_at_rest_is_doubted() -> None:
     checked = check_physics(recording_of(waxing * acc, gyr, is_known=True, **STATED))
 
     assert "W-SCALE-DOUBT" in [flag.code for flag in checked.flags]
+
+
+# Acceleration and angular rate under each other's names are refused as such.
+
+
+def turning() -> tuple[Matrix, Matrix]:
+    """Two minutes of a sensor that is turned about all axes, with rests between."""
+    parts = [tumble(10.0, seed=seed, still_s=2.0) for seed in range(12)]
+    chance = np.random.default_rng(1)
+    acc_g, gyr_dps = np.vstack([part.acc_g for part in parts]), np.vstack([part.gyr_dps for part in parts])
+    return acc_g + chance.normal(0.0, 0.002, acc_g.shape), gyr_dps + chance.normal(0.0, 0.1, gyr_dps.shape)
+
+
+def record_both(acc: Matrix, gyr: Matrix, **stated: Any) -> Recording:
+    segment = Segment(0, 100.0, acc.astype(np.float32), gyr.astype(np.float32))
+    return Recording("other", "", None, None, segment.duration_us, (segment,), stated=Stated(**stated))
+
+
+def test_exchanged_columns_are_refused_with_their_cause() -> None:
+    acc_g, gyr_dps = turning()
+
+    with pytest.raises(ExchangedSensors):
+        check_physics(record_both(gyr_dps, acc_g, acc_unit="g", gyr_unit="dps"))
+
+
+@pytest.mark.real_recordings
+def test_real_recordings_do_not_look_exchanged_until_they_are() -> None:
+    paths = sorted((SHARED_DATA / "broad").glob("*.npz"))
+    if not paths:
+        pytest.skip("real recordings absent: broad")
+
+    for path in paths:
+        held = np.load(path)
+        assert not are_exchanged(record_both(held["acc_g"], held["gyr_dps"]).segments)
+        assert are_exchanged(record_both(held["gyr_dps"], held["acc_g"]).segments)
+
+
+# Recordings that are right stay as they are.
+
+STATED_UNITS = Stated("g", "dps")
+
+
+def record(rate_hz: float, acc_g: NDArray[np.floating], gyr_dps: NDArray[np.floating]) -> Recording:
+    segment = Segment(0, rate_hz, acc_g.astype(np.float32), gyr_dps.astype(np.float32))
+    return Recording("other", "0" * 64, None, None, segment.duration_us, (segment,), stated=STATED_UNITS)
+
+
+def simulate(device: Device, seed: int) -> Recording:
+    made = play_shift(simulate_shift(device, 0.5, seed))
+    return record(float(made.rate_hz), made.acc_g, made.gyr_dps)
+
+
+def assert_left_alone(recordings: Sequence[Recording]) -> None:
+    for recording in recordings:
+        before = [(segment.acc_g.copy(), segment.gyr_dps.copy()) for segment in recording.segments]
+        checked = check_physics(recording)
+        assert (checked.flags, checked.gyr_range_dps, checked.acc_range_g) == ((), None, None)
+        assert np.array_equal(checked.segments[0].acc_g, before[0][0])
+        assert np.array_equal(checked.segments[0].gyr_dps, before[0][1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("device", ["gt9x", "lsm9ds1"])
+def test_simulated_half_hours_are_left_alone(device: Device) -> None:
+    assert_left_alone([simulate(device, seed) for seed in range(1, 11)])
+
+
+@pytest.mark.real_recordings
+@pytest.mark.slow
+def test_the_trials_of_broad_are_left_alone(shared_data: Callable[[str], Path]) -> None:
+    trials = load_trials(shared_data("broad"))
+
+    assert_left_alone([record(trial.rate_hz, trial.acc_g, trial.gyr_dps) for trial in trials])
+    slower = [resample_to_100_hz(trial) for trial in trials]
+    assert_left_alone([record(trial.rate_hz, trial.acc_g, trial.gyr_dps) for trial in slower])

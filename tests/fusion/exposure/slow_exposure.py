@@ -13,7 +13,7 @@ Run = list[Row]
 
 
 def list_runs(elevation: Elevation) -> list[tuple[Run, float]]:
-    """Give the unbroken runs of valid rows, each with the length of a row."""
+    """Return the unbroken runs of valid rows, each with the length of a row."""
     runs: list[tuple[Run, float]] = []
     for segment in elevation.segments:
         period_s = 1 / segment.rate_hz
@@ -44,7 +44,7 @@ def count_entries(elevation: Elevation, threshold_deg: float) -> int:
 
 
 def list_episodes(elevation: Elevation, threshold_deg: float) -> list[tuple[float, float, bool]]:
-    """Give (start, duration, censored) in time order."""
+    """Return (start, duration, censored) in time order."""
     episodes = []
     for run, period_s in list_runs(elevation):
         stays: list[list[int]] = []
@@ -74,7 +74,7 @@ def median_episode(elevation: Elevation, threshold_deg: float) -> float | None:
 
 
 def find_worst_window(elevation: Elevation, length_s: int, duration_s: float) -> tuple[int, float] | None:
-    """Give (start, percent above 60) of the worst window; of equal ones the earliest."""
+    """Return (start, percent above 60) of the worst window; of equal ones the earliest."""
     rows = [(*row, period_s) for run, period_s in list_runs(elevation) for row in run]
     best: tuple[int, float] | None = None
     for start_s in range(int(duration_s) - length_s + 1):

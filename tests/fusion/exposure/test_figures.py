@@ -13,7 +13,11 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.metric_filter import filter_angle, filter_elevation
+from fusion.exposure.peaks import find_quarter_hours
+from fusion.exposure.speeds import BLOCK_ROWS, SpeedTally, filter_blocks
+from fusion.exposure.types import Velocity
 from fusion.numerics.low_pass import design_filter
+from fusion.recording import MICROSECONDS, Recording, Segment
 from tests.factories import elevate
 
 START = datetime(2026, 3, 2, 7, 12, 30)  # noqa: DTZ001 - a device's own clock, which has no zone
@@ -219,3 +223,123 @@ def test_an_arm_at_exactly_60_deg_is_above_60_deg_in_every_figure() -> None:
 
     assert exposure.time_above[1].percent == 100.0
     assert exposure.peak_windows[0].percent_above_60 == 100.0
+
+
+# The speeds that need more than the angle: of the vertical, of the accelerometer, of the gyroscope.
+
+NOTHING = np.zeros(3)
+
+
+def turn(rate_dps: float, seconds: float, rate_hz: float) -> tuple[Elevation, Recording]:
+    """Lift the arm at an even rate, with what a sensor without error would read."""
+    angle = 10.0 + rate_dps * np.arange(round(seconds * rate_hz)) / rate_hz
+    radians = np.radians(angle)
+    vertical = np.stack([np.sin(radians), np.zeros_like(radians), np.cos(radians)], axis=1).astype(np.float32)
+    rates = np.tile(np.array([0.0, -rate_dps, 0.0], np.float32), (len(angle), 1))
+    valid = np.ones(len(angle), np.bool_)
+    elevation = Elevation((ElevationSegment(0, rate_hz, angle.astype(np.float32), valid, vertical),), None)
+    segment = Segment(0, rate_hz, vertical, rates)
+    return elevation, Recording("gt9x", "0" * 64, None, None, segment.duration_us, (segment,))
+
+
+def speed(name: str, elevation: Elevation, recording: Recording, bias_dps: NDArray[np.float64]) -> Velocity:
+    velocity = summarise_exposure(elevation, None, recording, bias_dps).velocity_dps[name]
+    assert velocity is not None
+    return velocity
+
+
+@pytest.mark.parametrize("rate_hz", [99.87, 500.0])
+@pytest.mark.parametrize("name", ["inclination", "generalised", "generalised_accelerometer", "gyroscope"])
+def test_a_slow_lift_has_its_own_speed_in_all_four_kinds(name: str, rate_hz: float) -> None:
+    elevation, recording = turn(9.0, 15.0, rate_hz)
+
+    assert speed(name, elevation, recording, NOTHING).p50_dps == pytest.approx(9.0, abs=0.02)
+
+
+def test_the_gyroscopes_offset_is_taken_off_and_without_it_there_is_no_speed() -> None:
+    elevation, recording = turn(9.0, 15.0, 100.0)
+
+    velocity = speed("gyroscope", elevation, recording, np.array([0.0, -2.0, 0.0]))
+
+    assert velocity.p50_dps == pytest.approx(7.0, abs=0.02)
+    assert summarise_exposure(elevation, None, recording).velocity_dps["gyroscope"] is None
+
+
+def test_without_samples_and_vertical_only_the_inclination_has_a_speed() -> None:
+    segment = ElevationSegment(0, 100.0, np.full(1000, 40.0, np.float32), np.ones(1000, np.bool_))
+
+    velocity = summarise_exposure(Elevation((segment,), None)).velocity_dps
+    assert {name for name, value in velocity.items() if value is not None} == {"inclination"}
+
+
+@pytest.mark.parametrize("name", ["inclination", "generalised", "generalised_accelerometer", "gyroscope"])
+def test_no_speed_is_taken_across_rows_that_are_not_trusted(name: str) -> None:
+    elevation, recording = turn(9.0, 15.0, 100.0)
+    elevation.segments[0].valid[500:1000] = False
+    elevation.segments[0].elevation_deg[700:] += 40.0  # a jump while nobody trusts the angle
+    elevation.segments[0].vertical[700:, 1] += 0.5  # type: ignore[index]
+
+    assert speed(name, elevation, recording, NOTHING).p90_dps == pytest.approx(9.0, abs=0.6)
+
+
+def test_filtering_in_blocks_is_filtering_the_whole() -> None:
+    noise = np.random.default_rng(3).normal(0, 1, (2 * BLOCK_ROWS + 777, 3)).astype(np.float32)
+    blocks = list(filter_blocks(noise, 500.0))
+
+    whole = sosfiltfilt(butter(2, 5, fs=500, output="sos"), noise.astype(np.float64), axis=0)
+    joined = np.concatenate([blocks[0][1], *(block[1:] for _, block in blocks[1:])])
+    assert joined == pytest.approx(whole, abs=1e-10)
+
+
+@pytest.mark.parametrize("rows", [1, BLOCK_ROWS, BLOCK_ROWS + 1])
+def test_blocks_share_one_row_and_miss_none(rows: int) -> None:
+    blocks = list(filter_blocks(np.ones((rows, 3), np.float32), 100.0))
+
+    ends = [first + len(block) for first, block in blocks]
+    assert ends[-1] == rows
+    assert all(end - 1 == first for end, (first, _) in zip(ends, blocks[1:], strict=False))
+
+
+def test_each_row_of_the_gyroscope_counts_once_however_many_blocks_there_are() -> None:
+    elevation, recording = turn(0.001, (2 * BLOCK_ROWS + 777) / 100.0, 100.0)
+    speeds = SpeedTally()
+    speeds.add_gyroscope(recording.segments[0], NOTHING, elevation.segments[0].valid)
+
+    assert speeds.cell_s.sum() == pytest.approx(len(recording.segments[0]) / 100.0, abs=1e-6)
+
+
+# The three quarter hours with the most time above 60 deg.
+
+HOUR_S = 3600
+
+
+def find_in(
+    above: dict[int, float], *, length_s: int = 2 * HOUR_S
+) -> list[tuple[float | None, float | None]]:
+    """Return start and share of the quarter hours where ``above[s]`` seconds from ``s`` lie above 60 deg."""
+    seconds = np.zeros((length_s, 2))
+    seconds[:, 0] = 1.0
+    for start_s, duration_s in above.items():
+        seconds[start_s : start_s + int(duration_s), 1] = 1.0
+    windows = find_quarter_hours(seconds, length_s * MICROSECONDS)
+    return [(window.start_s, window.percent_above_60) for window in windows]
+
+
+def test_the_three_stand_in_the_order_of_their_time_above() -> None:
+    found = find_in({0: 90, 2700: 450, 5400: 180, 6500: 45})
+
+    assert [percent for _, percent in found] == [50.0, 20.0, 10.0]
+
+
+def test_none_of_them_overlap() -> None:
+    found = find_in({1000: 2700})
+
+    assert sorted(start_s for start_s, _ in found if start_s is not None) == [1000, 1900, 2800]
+
+
+def test_a_quarter_hour_without_time_above_is_none() -> None:
+    assert find_in({600: 90}) == [(0.0, 10.0)]
+
+
+def test_less_than_a_quarter_hour_holds_none() -> None:
+    assert find_in({0: 300}, length_s=899) == []

@@ -23,7 +23,7 @@ def summarise(*runs: NDArray[np.float64], rate_hz: float = 10.0) -> Exposure:
 
 
 def hold(*parts: tuple[float, float]) -> NDArray[np.float64]:
-    """Give (angle, seconds) at 10 Hz."""
+    """Return (angle, seconds) at 10 Hz."""
     return np.concatenate([np.full(round(seconds * 10), angle) for angle, seconds in parts])
 
 

@@ -1,16 +1,25 @@
 """The rows of a diary find their place on the recording, and the parts of the day make the whole."""
 
+import io
 from datetime import UTC, datetime, timedelta
 from typing import Any
 from zoneinfo import ZoneInfo
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from fusion.diary import KINDS, DiaryEntry, Kind
-from fusion.errors import UnusableDiary
+from fusion.errors import TooShort, UnusableDiary
+from fusion.exposure import DayDivision, PartExposure, summarise_exposure
+from fusion.exposure.intervals import describe_hours, draw_variation
 from fusion.exposure.periods import Period, Placed, divide_day, place_diary
+from fusion.exposure.resampling import find_intervals
+from fusion.pipeline import Analysis, analyse, analyse_angles
+from fusion.quality import TimePart
+from fusion.settings import AnalysisSettings
+from tests.factories import elevate, hold
 
 SECOND = 1_000_000
 HOUR = 3600 * SECOND
@@ -196,3 +205,195 @@ def test_every_row_that_cannot_be_placed_is_told() -> None:
         place_diary(entries, None, 300_000_000)
     facts = refusal.value.facts
     assert (facts["line"], facts["why"], facts["line_2"], facts["why_2"]) == (2, "end first", 4, "no clock")
+
+
+# What a diary does to an analysis: breaks leave the denominator, nothing is lost, nothing counted twice.
+
+MINUTE = 60_000_000
+
+
+def analyse_hours(
+    *diary: DiaryEntry, seconds: int = 600, rate_hz: int = 10, hole: slice = slice(0, 0)
+) -> Analysis:
+    """Analyse ready angles: 10 deg, but 70 deg from the second to the fourth minute."""
+    rows = np.arange(seconds * rate_hz)
+    angle = np.where((rows >= 120 * rate_hz) & (rows < 240 * rate_hz), 70, 10)
+    kept = np.delete(rows, hole)
+    lines = (f"{i / rate_hz:.6f},{angle[i]}\n" for i in kept)
+    return analyse_angles(io.BytesIO(f"time_s,elevation_deg\n{''.join(lines)}".encode()), diary=diary)
+
+
+def parts_of(analysis: Analysis) -> dict[tuple[str, str], int]:
+    return {(part.account, part.name): part.duration_us for part in analysis.time.parts}
+
+
+def test_a_break_leaves_the_denominator_and_its_angle_stays_valid() -> None:
+    analysis = analyse_hours(DiaryEntry(0.0, 120.0, "break"))
+
+    assert analysis.exposure.time_above[1].percent == pytest.approx(25.0)  # 2 of 8 minutes
+    assert all(segment.valid.all() for segment in analysis.elevation.segments)
+
+
+def test_a_stay_ends_at_a_break_and_the_arm_that_is_up_after_it_has_not_come_up_again() -> None:
+    exposure = analyse_hours(DiaryEntry(180.0, 200.0, "break")).exposure
+
+    stays = exposure.episodes[1]
+    assert (stays.count, stays.longest_s, stays.censored) == (2, 60.0, 1)
+    assert exposure.entries[1].count == 1
+
+
+def test_each_period_has_its_figures() -> None:
+    first, second, rest = analyse_hours(
+        DiaryEntry(0.0, 180.0, "task", "Boxes"), DiaryEntry(180.0, 300.0, "seated")
+    ).exposure.by_period
+
+    assert (first.label, first.analysed_s) == ("Boxes", 180.0)
+    assert first.percent_above[60] == pytest.approx(100 / 3)
+    assert (second.kind, second.percent_above[60]) == ("seated", 50.0)
+    assert (rest.kind, rest.label, rest.analysed_s, rest.percent_above[60]) == ("work", "", 300.0, 0.0)
+
+
+def test_a_task_that_a_break_cuts_is_told_once_with_the_time_that_is_left() -> None:
+    diary = DiaryEntry(60.0, 300.0, "task"), DiaryEntry(120.0, 180.0, "break")
+
+    task, pause, _ = analyse_hours(*diary).exposure.by_period
+
+    assert (task.start_s, task.end_s, task.recorded_s, task.analysed_s) == (60.0, 300.0, 180.0, 180.0)
+    assert (pause.reason, pause.recorded_s, pause.analysed_s) == ("break", 60.0, 0.0)
+    assert pause.percentiles_deg == {}
+
+
+def test_the_parts_of_the_day_are_named() -> None:
+    analysis = analyse_hours(
+        DiaryEntry(60.0, 540.0, "shift"),
+        DiaryEntry(60.0, 180.0, "task", "Boxes"),
+        DiaryEntry(180.0, 240.0, "break"),
+        DiaryEntry(240.0, 300.0, "not_worn"),
+    )
+
+    assert analysis.time.parts == (
+        TimePart("analysed", "shift", 4 * MINUTE),
+        TimePart("analysed", "task", 2 * MINUTE),
+        TimePart("excluded", "outside", 2 * MINUTE),
+        TimePart("excluded", "break", MINUTE),
+        TimePart("excluded", "not-worn", MINUTE),
+    )
+
+
+@pytest.mark.parametrize(("start_s", "missing_s"), [(300.0, 0), (0.0, 20)], ids=["in a break", "at work"])
+def test_a_hole_is_missing_at_work_and_part_of_a_break_in_it(start_s: float, missing_s: int) -> None:
+    analysis = analyse_hours(DiaryEntry(start_s, start_s + 100.0, "break"), hole=slice(3200, 3400))
+
+    assert analysis.time.missing_us == missing_s * 1_000_000
+    assert parts_of(analysis)["analysed", "work"] == (500 - missing_s) * 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("shift_s", "hole", "told"), [(200.0, slice(0, 0), False), (400.0, slice(100, 2500), True)]
+)
+def test_the_coverage_is_that_of_the_shift(shift_s: float, hole: slice, told: bool) -> None:
+    analysis = analyse_hours(DiaryEntry(0.0, shift_s, "shift"), hole=hole)
+
+    assert ("W-LOWCOVER" in [flag.code for flag in analysis.quality.flags]) is told
+
+
+def test_without_a_diary_all_analysed_time_is_work_without_periods() -> None:
+    analysis = analyse_hours()
+
+    assert parts_of(analysis) == {("analysed", "work"): 10 * MINUTE}
+    assert analysis.exposure.by_period == ()
+
+
+def test_a_recording_from_a_sensor_follows_its_diary_too() -> None:
+    recording = hold((0, 20), (70, 20), (0, 20)).recording
+    analysis = analyse(recording, AnalysisSettings(diary=(DiaryEntry("07:00:40", None, "break"),)))
+
+    assert analysis.exposure.time_above[1].percent == pytest.approx(50.0, abs=2.0)
+    assert parts_of(analysis) == {("analysed", "work"): 40_000_000, ("excluded", "break"): 20_000_000}
+
+
+@st.composite
+def diaries(draw: st.DrawFn) -> tuple[DiaryEntry, ...]:
+    kinds: list[Kind] = draw(st.lists(st.sampled_from(KINDS), max_size=5, unique=True))
+    bounds = [sorted(draw(st.tuples(st.floats(0, 99), st.floats(1, 100)))) for _ in kinds]
+    return tuple(DiaryEntry(a, b + 0.5, kind) for (a, b), kind in zip(bounds, kinds, strict=True))
+
+
+@settings(max_examples=40, deadline=None)
+@given(diaries(), st.sampled_from([7, 25, 64]), st.integers(0, 60), st.integers(0, 30))
+def test_the_parts_add_up_to_the_recording_to_the_microsecond(
+    diary: tuple[DiaryEntry, ...], rate_hz: int, hole_s: int, length_s: int
+) -> None:
+    hole = slice(1 + hole_s * rate_hz, 1 + (hole_s + length_s) * rate_hz)
+    try:
+        analysis = analyse_hours(*diary, seconds=100, rate_hz=rate_hz, hole=hole)
+    except TooShort:
+        reject()
+
+    time = analysis.time
+    told_s = sum(part.analysed_s for part in analysis.exposure.by_period)
+    assert sum(part.duration_us for part in time.parts) == time.recorded_us
+    assert time.analysed_us + time.missing_us + time.excluded_us == time.recorded_us
+    assert not diary or round(told_s * 1e6) == round(analysis.exposure.analysed_s * 1e6)
+    assert length_s or time.missing_us <= 1  # no sample is lost at the edge of a period
+
+
+# Parts of the day: tasks pooled from the rows of a diary, and ranges of the differences between hours.
+
+SECOND_US = 1_000_000
+
+
+def divide(*rows: tuple[int, int, str, str]) -> DayDivision:
+    """Divide an hour by rows of (start_s, end_s, label, reason)."""
+    periods = tuple(
+        Period(start * SECOND_US, end * SECOND_US, "task", label, reason)
+        for start, end, label, reason in rows
+    )
+    return DayDivision(periods, divide_day(periods, 3600 * SECOND_US))
+
+
+def test_rows_of_one_label_are_one_task_of_their_pooled_time_and_what_no_row_names_is_work() -> None:
+    angles = np.full(3600, 100.0)
+    angles[:600], angles[1200:1500] = 10.0, 70.0
+    division = divide((0, 600, "a", ""), (600, 900, "b", ""), (1200, 1500, "a", ""))
+
+    tasks = summarise_exposure(elevate(angles, rate_hz=1.0), division=division).by_task
+
+    told = [(part.kind, part.label, part.periods, part.recorded_s) for part in tasks]
+    assert told == [("task", "a", 2, 900.0), ("task", "b", 1, 300.0), ("work", "", 1, 2400.0)]
+    assert round(tasks[0].percentiles_deg[50]) == 10  # two thirds of the pooled time
+    assert tasks[0].percent_above[60] == pytest.approx(100 / 3)
+
+
+def test_a_row_that_is_left_out_is_not_pooled_with_those_that_are_analysed() -> None:
+    division = divide((0, 600, "a", ""), (1200, 1500, "a", "task"))
+    day = elevate(np.full(3600, 40.0), rate_hz=1.0)
+    day.segments[0].valid[1200:1500] = False
+
+    tasks = summarise_exposure(day, division=division).by_task
+
+    told = [(part.label, part.reason, part.recorded_s, part.analysed_s) for part in tasks]
+    assert told == [("a", "", 600.0, 600.0), ("a", "task", 300.0, 0.0), ("", "", 2700.0, 2700.0)]
+
+
+def test_the_ranges_of_the_differences_between_hours_hold_them() -> None:
+    # blocks that differ at random: hours drawn again differ more than the hours themselves
+    blocks = np.random.default_rng(1).normal(50.0, 8.0, 48)
+    exposure = summarise_exposure(elevate(np.repeat(blocks, 300), rate_hz=1.0), bias_sigma_deg=0.0)
+
+    figure = exposure.hour_variation["elevation_p50_deg"]
+    spread = exposure.intervals["by_hour_elevation_p50_deg_spread"]
+    coefficient = exposure.intervals["by_hour_elevation_p50_deg_coefficient_percent"]
+    assert spread.low < figure.spread < spread.high
+    assert figure.coefficient_percent is not None
+    assert coefficient.low < figure.coefficient_percent < coefficient.high
+
+
+def test_the_draws_of_a_spread_are_moved_to_lie_about_it() -> None:
+    # hours alike but for their sampling: drawn again, they differ more, all 200 times
+    drawn = [{"elevation_p50_deg": 40.0 + k * np.linspace(4.0, 6.0, 200)} for k in range(2)]
+    hours = [PartExposure("", 0.0, 3600.0, 3600.0, {50: 40.0 + 2 * k}, {60: 0.0}, 0.0) for k in range(2)]
+    figures = {"elevation_p50_deg": describe_hours(hours)["elevation_p50_deg"]}
+
+    spread = find_intervals(draw_variation(hours, drawn, figures))["by_hour_elevation_p50_deg_spread"]
+    assert (spread.low + spread.high) / 2 == pytest.approx(2.0)

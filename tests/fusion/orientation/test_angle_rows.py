@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.exposure.rows import find_valid_samples
-from fusion.orientation.angle_rows import lay_rows, read_rows
+from fusion.orientation.angle_rows import VerticalOnDemand, lay_rows, read_rows
+from fusion.orientation.smoothed import smooth_nodes
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
@@ -166,3 +167,23 @@ def test_a_sample_counts_where_all_rows_that_it_reaches_into_are_valid() -> None
     valid = np.array([True, False, True, True])
 
     assert find_valid_samples(valid, 10).tolist() == [True] * 2 + [False] * 3 + [True] * 5
+
+
+# The vertical at the samples, worked out for the slice that is asked for.
+
+
+def make() -> VerticalOnDemand:
+    samples = calibrate(hold((0.0, 6.0), (70.0, 4.02)).recording)
+    calibrated = samples.run_of(samples.recording.segments[0])
+    nodes = calibrated.nodes
+    return VerticalOnDemand(calibrated.run.gyr_dps, calibrated.run.rate_hz, nodes, smooth_nodes(nodes).up)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 1002), st.integers(0, 1002))
+def test_a_slice_is_the_same_however_it_is_cut(first: int, stop: int) -> None:
+    assert np.array_equal(VERTICAL[first:stop], WHOLE[first:stop])
+
+
+VERTICAL = make()
+WHOLE = VERTICAL[:]

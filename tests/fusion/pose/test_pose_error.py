@@ -159,7 +159,7 @@ def test_swings_to_60_deg_enter_above_60_deg_in_the_draws_that_raise_them_beyond
 
 
 def find_pose_end(exposure: Exposure) -> float | None:
-    """Give the upper end with the pose of the time above 60 deg."""
+    """Return the upper end with the pose of the time above 60 deg."""
     interval = exposure.time_above[1].interval
     assert interval is not None
     return interval.high_pose

@@ -12,7 +12,7 @@ from fusion.pipeline import adopt_stated
 from fusion.pose.axes import choose_apart, estimate_repeated_sigma
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.pose.poses import propose_poses
-from fusion.quality.flags import flag_pose
+from fusion.quality.verdict import flag_pose
 from fusion.recording import QualityFlag, Recording, Segment
 from fusion.settings import AnalysisSettings
 from tests.factories import record

@@ -1,5 +1,6 @@
 """What is left out and why, where the time goes, and what that makes of the verdict."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -7,16 +8,32 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fusion.caveats import Caveat
 from fusion.conventions import CalibrationState, Pose
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import summarise_exposure
 from fusion.orientation.angle_rows import lay_rows
+from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import Calibration
 from fusion.quality import Quality, TimeAccount
-from fusion.quality.time_account import account_time, find_exclusions, leave_out, make_disjoint
-from fusion.quality.verdict import assess_quality
-from fusion.recording import QualityFlag, Recording, Segment, Span
+from fusion.quality.time_account import (
+    account_time,
+    divide_time,
+    find_exclusions,
+    leave_out,
+    make_disjoint,
+    propose_nonwear,
+)
+from fusion.quality.verdict import assess_quality, flag_gyro_drift, flag_untrusted, flag_upside_down
+from fusion.readers import read_recording
+from fusion.readers.preview import inspect_recording
+from fusion.recording import Float64Array, QualityFlag, Recording, Segment, Span, flag_spans
+from fusion.sensor.model import GyroBias
+from tests.badfiles.gt3x_files import replaced, second
+from tests.badfiles.order_files import ordered, thinned_at_random
+from tests.badfiles.table_files import stalls
+from tests.factories import elevate
 
 HOUR_US = 3_600_000_000
 
@@ -307,3 +324,181 @@ def test_an_n_pose_that_was_held_is_named_as_reading_up_to_15_deg_low(
     flag = assess(record(rest(70)), calibration).get("W-NPOSE")
 
     assert (flag.facts if flag else None) == ({"reads_low_by_up_to_deg": 15} if warned else None)
+
+
+# A gyroscope that wandered, and an arm that would have been raised most of the day.
+
+
+def wander(*last_axis_dps: float) -> GyroBias:
+    bias_dps = np.zeros((len(last_axis_dps), 3))
+    bias_dps[:, 2] = last_axis_dps
+    return GyroBias(np.linspace(0.0, 600.0 * (len(bias_dps) - 1), len(bias_dps)), bias_dps)
+
+
+def test_an_offset_that_wanders_by_1_dps_is_flagged_from_one_extreme_to_the_other() -> None:
+    (flag,) = flag_gyro_drift(wander(0.2, 0.5, -0.5, 0.1))
+
+    assert (flag.code, flag.first_s, flag.last_s, flag.facts) == ("W-GYRO-DRIFT", 600, 1200, {"dps": 1.0})
+
+
+@pytest.mark.parametrize(
+    "offset_dps", [(0.0, 0.99), (12.0, 12.0)], ids=["wanders by less", "large but steady"]
+)
+def test_a_smaller_wander_and_a_large_steady_offset_are_no_drift(offset_dps: tuple[float, ...]) -> None:
+    assert flag_gyro_drift(wander(*offset_dps)) == ()
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "seconds", "codes"),
+    [(91.0, 3600, ["W-UPSIDE"]), (89.9, 3600, []), (91.0, 3599, [])],
+)
+def test_an_arm_above_level_for_most_of_an_hour_is_a_sensor_upside_down(
+    angle_deg: float, seconds: int, codes: list[str]
+) -> None:
+    exposure = summarise_exposure(elevate(np.full(seconds, angle_deg), rate_hz=1.0))
+
+    assert [flag.code for flag in flag_upside_down(exposure)] == codes
+
+
+# What `inspect` calls missing is what the analysis calls missing: one count.
+
+
+def missing_s(analysis: Analysis) -> dict[str, float]:
+    """The missing time by what it consists of."""
+    return {part.name: part.duration_us / 1e6 for part in analysis.time.parts if part.account == "missing"}
+
+
+@pytest.mark.parametrize(
+    ("content", "name"),
+    [
+        (ordered(thinned_at_random(2000, 4000)).encode(), "shift.csv"),
+        (stalls().encode(), "shift.csv"),
+        (replaced(59, second(59, stamp=59 + 3600))(), "shift.gt3x"),
+        (replaced(30, second(30, n_rows=60))(), "shift.gt3x"),
+    ],
+    ids=["pieces under 1 s", "stalls", "last second an hour late", "60 rows in a second"],
+)
+def test_inspect_and_analysis_count_alike(content: bytes, name: str) -> None:
+    recording = read_recording(io.BytesIO(content), file_name=name)
+
+    told = inspect_recording(recording, find_exclusions(recording))
+
+    assert missing_s(analyse(recording)).get("missing", 0.0) == pytest.approx(told["missing_s"], abs=1e-4)
+
+
+@pytest.mark.parametrize("place", [0, 59])
+def test_one_second_alone_makes_no_hole_of_an_hour(place: int) -> None:
+    stamp = -3600 if place == 0 else 3659
+    content = replaced(place, second(place, stamp=stamp))()
+
+    recording = read_recording(io.BytesIO(content), file_name="shift.gt3x")
+
+    assert recording.duration_us == 60_000_000
+    assert [flag.code for flag in recording.flags] == ["W-CLOCK-FWD"]
+    assert f"{recording.start:%H:%M:%S}" == "08:00:00"
+
+
+@pytest.mark.parametrize(
+    ("holes_us", "told"),
+    [
+        (5_000_000, {"missing": 5_000_000}),
+        (4_500_000, {"missing": 5_000_000}),
+        (3_000_000, {"missing": 3_000_000, "untrusted": 2_000_000}),
+    ],
+    ids=["only holes", "less than a second", "two seconds that are not trusted"],
+)
+def test_what_was_recorded_and_is_not_trusted_is_a_part_of_its_own(
+    holes_us: int, told: dict[str, int]
+) -> None:
+    time = TimeAccount(65_000_000, 60_000_000, 5_000_000, 0)
+
+    parts = divide_time(time, {"work": 60_000_000}, (), holes_us).parts
+
+    assert {part.name: part.duration_us for part in parts if part.account == "missing"} == told
+
+
+# A sensor on a desk is proposed as not worn; an arm at rest for a while is not, and nothing is left out.
+
+MINUTE = 60_000_000
+
+
+def lie(*, still_min: float, noise_g: float = 0.005, moving_min: float = 10.0) -> Recording:
+    """Move, lie still, move again; 20 samples a second."""
+    random, parts = np.random.default_rng(0), []
+    for minutes, spread_g in ((moving_min, 0.2), (still_min, noise_g), (moving_min, 0.2)):
+        parts.append(random.normal(0, spread_g, (round(minutes * 1200), 3)) + np.array([0, 0, 1]))
+    acc_g = np.concatenate(parts).astype(np.float32)
+    segment = Segment(0, 20.0, acc_g, np.zeros_like(acc_g))
+    return Recording("other", "", None, None, segment.duration_us, (segment,))
+
+
+@pytest.mark.parametrize(
+    ("still_min", "proposed"), [(10, (Span(10 * MINUTE, 10 * MINUTE, "not-worn"),)), (9, ())]
+)
+def test_ten_minutes_without_movement_are_proposed(still_min: int, proposed: tuple[Span, ...]) -> None:
+    assert propose_nonwear(lie(still_min=still_min)) == proposed
+
+
+@pytest.mark.parametrize(("swing_g", "count"), [(0.0129, 1), (0.0131, 0)])
+def test_still_is_a_standard_deviation_under_0_013_g(swing_g: float, count: int) -> None:
+    recording = lie(still_min=30, noise_g=0.0)
+    recording.segments[0].acc_g[12_000:48_000, 0] += np.tile([swing_g, -swing_g], 18_000).astype(np.float32)
+
+    assert len(propose_nonwear(recording)) == count
+
+
+@pytest.mark.parametrize(
+    ("axis", "added_g", "count"),
+    [(1, np.tile([0.02, -0.02], 18_000), 0), (2, np.linspace(0, 0.1, 36_000), 1)],
+    ids=["one axis moves", "a slow drift of temperature"],
+)
+def test_one_axis_that_moves_is_enough_and_a_drift_is_no_movement(
+    axis: int, added_g: Float64Array, count: int
+) -> None:
+    recording = lie(still_min=30)
+    recording.segments[0].acc_g[12_000:48_000, axis] += added_g.astype(np.float32)
+
+    assert len(propose_nonwear(recording)) == count
+
+
+@pytest.mark.parametrize(("end_min", "count"), [(20, 0), (14, 1)], ids=["all of it", "a part of it"])
+def test_what_the_diary_leaves_out_already_is_not_proposed(end_min: int, count: int) -> None:
+    left_out = (Span(5 * MINUTE, (end_min - 5) * MINUTE, "break"),)
+
+    assert len(propose_nonwear(lie(still_min=15), left_out)) == count
+
+
+def test_a_caveat_tells_where_its_stretches_lie() -> None:
+    (flag,) = flag_spans(Caveat.GAP, [Span(0, 2_000_000), Span(5_000_000, 1_000_000)])
+
+    assert flag == QualityFlag("W-GAP", 2, 3.0, 0.0, 6.0, spans_s=((0.0, 2.0), (5.0, 6.0)))
+
+
+def test_of_many_stretches_the_hundred_longest_are_told() -> None:
+    (flag,) = flag_spans(Caveat.GAP, [Span(1000 * k, k + 1) for k in range(150)])
+
+    assert (flag.count, len(flag.spans_s), flag.spans_s[0][0]) == (150, 100, 0.05)
+
+
+def flag_distrust(
+    *rows: slice, bridged: bool = False, left_out: tuple[Span, ...] = ()
+) -> tuple[QualityFlag, ...]:
+    recording = lie(still_min=1, moving_min=1)
+    valid = np.ones(len(recording.segments[0]), np.bool_)
+    for stretch in rows:
+        valid[stretch] = False
+    if bridged:
+        recording = replace(recording, segments=(replace(recording.segments[0], bridged=((100, 140),)),))
+    segment = ElevationSegment(0, 20.0, np.zeros(len(valid), np.float32), valid)
+    return flag_untrusted(recording, Elevation((segment,), None), left_out)
+
+
+def test_stretches_whose_direction_was_not_trusted_are_told_with_their_times() -> None:
+    (flag,) = flag_distrust(slice(100, 140), slice(200, 300))
+
+    assert (flag.code, flag.seconds, flag.spans_s) == ("W-UNTRUSTED", 7.0, ((5.0, 7.0), (10.0, 15.0)))
+
+
+def test_a_bridged_hole_and_what_is_left_out_are_not_distrust() -> None:
+    assert flag_distrust(slice(100, 140), bridged=True) == ()
+    assert flag_distrust(slice(100, 140), left_out=(Span(5_000_000, 2_000_000, "break"),)) == ()

@@ -1,5 +1,6 @@
 """Layouts of known devices, made of one motion: each is read unaided, to the same samples."""
 
+import gzip
 import io
 import re
 from datetime import UTC
@@ -12,7 +13,7 @@ import pytest
 
 from fusion.devices import KNOWN_DEVICES, find_device_name, find_known_device
 from fusion.errors import NoGravity, SeveralSensors, UnknownRate
-from fusion.readers import ColumnProfile, read_recording
+from fusion.readers import ColumnProfile, identify_header, read_recording
 from fusion.readers.preview import Preview, preview_head
 from fusion.recording import Recording
 from fusion.units import STANDARD_GRAVITY
@@ -304,3 +305,47 @@ def test_parquet_puts_gravity_back_too() -> None:
     (segment,) = read_recording(file).segments
 
     np.testing.assert_allclose(segment.acc_g, UP + STEP_G, atol=2e-6)
+
+
+# The identity of a table's header: the same names in the same order, whatever the rows hold.
+
+HEADER = "t;a;b;c;d;e;f"
+
+
+def write_table(header: str, first: int = 0, delimiter: str = ";") -> bytes:
+    rows = [f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3" for k in range(first, first + 300)]
+    return "\n".join([*([header] if header else []), *rows]).replace(";", delimiter).encode()
+
+
+def identify(content: bytes) -> str:
+    return identify_header(io.BytesIO(content))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        write_table(HEADER, 500),
+        b"# serial: A1\n" + write_table(HEADER),
+        gzip.compress(write_table(HEADER)),
+    ],
+    ids=["other rows", "lines before the header", "packed"],
+)
+def test_only_the_header_counts(content: bytes) -> None:
+    assert identify(content) == identify(write_table(HEADER))
+
+
+@pytest.mark.parametrize(
+    ("header", "delimiter"), [("t;b;a;c;d;e;f", ";"), ("t;a;b;c;d;e;g", ";"), (HEADER, ",")]
+)
+def test_another_name_order_or_delimiter_is_another_header(header: str, delimiter: str) -> None:
+    assert identify(write_table(header, delimiter=delimiter)) != identify(write_table(HEADER))
+
+
+def test_a_table_without_names_is_known_by_a_dash() -> None:
+    assert identify(write_table("")).startswith("-")
+    assert not identify(write_table(HEADER)).startswith("-")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a table", b"\x89PNG\r\n"])
+def test_what_is_no_table_has_none(content: bytes) -> None:
+    assert identify(content) == ""

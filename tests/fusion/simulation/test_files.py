@@ -58,7 +58,7 @@ def split_log(path: Path) -> list[Record]:
 
 
 def read_rows(path: Path) -> list[Any]:
-    """Give the rows of each second."""
+    """Return the rows of each second."""
     return [np.frombuffer(payload[2:], ROW) for kind, _, payload in split_log(path) if kind == 25]
 
 

@@ -1,13 +1,26 @@
 """The day: its plan, its repeatability, and that it looks like work."""
 
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
 from typing import get_args
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from fusion.simulation import simulate_shift
-from fusion.simulation.sensor import Device
-from tests.simulated_shifts import make_perfect, play_shift
+from fusion.simulation import SimulatedShift, simulate_shift
+from fusion.simulation.body import ArmState
+from fusion.simulation.sensor import (
+    GT9X,
+    LSM9DS1,
+    Device,
+    draw_errors,
+    quantise,
+    sense,
+)
+from tests.simulated_shifts import draw_perfect, make_perfect, play_shift
+from tests.simulated_tasks import CALIBRATION_S, LOWERING_S, TASKS, simulate_session, simulate_task
 
 DEVICES = get_args(Device)
 
@@ -72,3 +85,130 @@ def test_an_imperfect_sensor_reads_whole_steps_of_its_resolution() -> None:
     gyr_dps = play_shift(simulate_shift("lsm9ds1", 0.005, 4)).gyr_dps.astype(np.float64)
 
     assert np.abs(gyr_dps / 0.070 - np.rint(gyr_dps / 0.070)).max() < 1e-3
+
+
+# The imperfect sensor: what it adds, and where it stops.
+
+TIME_S = np.arange(6000) / 100.0
+
+
+def hang_still() -> ArmState:
+    up, still = np.zeros((6000, 3)), np.zeros((6000, 3))
+    up[:, 2] = 1.0
+    return ArmState(up, still, still, np.zeros(6000))
+
+
+def test_a_perfect_sensor_reads_the_arm_through_its_mounting() -> None:
+    errors = draw_perfect(60.0, np.random.default_rng(1))
+
+    readings = sense(hang_still(), errors, TIME_S, np.random.default_rng(2))
+
+    assert np.allclose(readings.acc_g, errors.mounting[:, 2], atol=1e-12)
+
+
+def test_a_mounting_is_a_rotation_with_the_arm_near_the_sensors_y_axis() -> None:
+    mountings = [draw_perfect(60.0, np.random.default_rng(seed)).mounting for seed in range(50)]
+
+    assert all(np.linalg.det(turn) == pytest.approx(1.0) and turn[1, 2] > 0.95 for turn in mountings)
+
+
+def test_at_rest_the_gyroscope_reads_its_offset_and_the_wander_between_two_knots() -> None:
+    errors = draw_errors(LSM9DS1, 100.0, 60.0, np.random.default_rng(1))
+    errors = replace(errors, acc_noise_g=0.0, gyr_noise_dps=0.0)
+
+    readings = sense(hang_still(), errors, TIME_S, np.random.default_rng(2))
+
+    first, second = errors.gyr_wander_dps[:2]
+    assert readings.gyr_dps[0] == pytest.approx(errors.gyr_offset_dps + first)
+    assert readings.gyr_dps[3000] == pytest.approx(errors.gyr_offset_dps + (first + second) / 2)
+
+
+def test_noise_has_the_stated_size() -> None:
+    errors = draw_errors(GT9X, 100.0, 60.0, np.random.default_rng(1))
+
+    readings = sense(hang_still(), errors, TIME_S, np.random.default_rng(2))
+
+    assert np.diff(readings.acc_g, axis=0).std() / np.sqrt(2) == pytest.approx(errors.acc_noise_g, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("value", "counts"), [(0.00024, 0), (0.00025, 1), (-1.0, -2048), (17.0, 32767), (-17, -32767)]
+)
+def test_counts_are_rounded_to_the_step_and_cut_at_full_scale(value: float, counts: int) -> None:
+    assert quantise(np.array([value]), GT9X.acc_g_per_lsb, GT9X.acc_range_g)[0] == counts
+
+
+def test_the_lsm9ds1_stops_at_2000_dps_though_its_counts_could_go_on() -> None:
+    counts = quantise(np.array([2100.0]), LSM9DS1.gyr_dps_per_lsb, LSM9DS1.gyr_range_dps)
+
+    assert counts[0] * LSM9DS1.gyr_dps_per_lsb == pytest.approx(2000.0, abs=0.07)
+
+
+# The ten tasks of the paper, each by itself and all in one session.
+
+TRUNK_FLEXION, THROWS = 7, 10
+
+
+@pytest.fixture(scope="module")
+def session() -> SimulatedShift:
+    return simulate_session(1, "gt9x")
+
+
+@pytest.fixture(scope="module")
+def elevation_deg(session: SimulatedShift) -> NDArray[np.float64]:
+    return play_shift(session).elevation_deg
+
+
+def at(session: SimulatedShift, time_s: float) -> int:
+    return round(time_s * session.rate_hz)
+
+
+def test_a_session_holds_each_task_as_often_as_the_paper_asks(session: SimulatedShift) -> None:
+    names = Counter(entry.name for entry in session.plan)
+    rests = [entry.end_s - entry.start_s for entry in session.plan if entry.name == "rest"]
+
+    assert names == {
+        "calibration": 1, "rest": len(TASKS),
+        **{f"repetition {number}": 9 if number == THROWS else 5 for number in TASKS},
+    }  # fmt: skip
+    assert (session.plan[0].start_s, session.plan[0].end_s) == (0.0, CALIBRATION_S)
+    assert all(before.end_s <= after.start_s for before, after in pairwise(session.plan))
+    assert min(rests) >= 20.0
+
+
+def test_the_arm_hangs_when_it_has_been_lowered(
+    session: SimulatedShift, elevation_deg: NDArray[np.float64]
+) -> None:
+    ends_s = [entry.end_s + LOWERING_S for entry in session.plan if entry.name.startswith("repetition")]
+
+    lowered_deg = elevation_deg[[at(session, end_s) for end_s in ends_s]]
+
+    assert lowered_deg.max() < 10.0
+
+
+@pytest.mark.parametrize(
+    ("number", "lowest_deg", "highest_deg"), [(2, 70.0, 110.0), (TRUNK_FLEXION, 0.0, 15.0)]
+)
+def test_the_arm_stays_about_level_while_it_rotates_and_plumb_while_the_trunk_bends(
+    session: SimulatedShift,
+    elevation_deg: NDArray[np.float64],
+    number: int,
+    lowest_deg: float,
+    highest_deg: float,
+) -> None:
+    first = next(entry for entry in session.plan if entry.name == f"repetition {number}")
+
+    task_deg = elevation_deg[at(session, first.start_s + 1.0) : at(session, first.end_s)]
+
+    assert lowest_deg <= task_deg.min() <= task_deg.max() <= highest_deg
+
+
+def test_a_person_does_a_task_alike_in_a_session_and_alone_and_people_differ(session: SimulatedShift) -> None:
+    alone, together = (
+        [entry.end_s - entry.start_s for entry in shift.plan if entry.name == name]
+        for shift, name in ((simulate_task(8, 1, "gt9x"), "repetition"), (session, "repetition 8"))
+    )
+
+    assert together == pytest.approx(alone)
+    assert simulate_session(2, "gt9x").plan != session.plan
+    assert np.array_equal(simulate_session(1, "lsm9ds1").motion.strokes, session.motion.strokes)

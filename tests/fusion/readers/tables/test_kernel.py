@@ -11,12 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fusion.readers.samples import SampleColumns
+from fusion.readers.samples import SampleColumns, open_rows
 from fusion.readers.source import HashedFile, open_source
 from fusion.readers.tables.csv_lines import NOT_PLAIN, fold_words, gather_words, spread_mark, take_plain
 from fusion.readers.tables.layout import decode_head, find_layout, read_line_pieces
 from fusion.readers.tables.rows import plan_table, read_table
-from fusion.readers.timebase.row_kernels import fit_line, open_rows
+from fusion.readers.timebase.grid import fit_line
 from tests.fusion.readers.tables.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)

@@ -1,17 +1,25 @@
 """Stamps in the forms that people and loggers write: offsets, UTC, epochs, times of day, names of zones."""
 
 import io
+from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta, timezone
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from numpy.typing import NDArray
 
 from fusion.errors import UnusableTime
 from fusion.readers import read_recording
+from fusion.readers.samples import SampleColumns
+from fusion.readers.timebase.grid import leave_out_stopped
 from fusion.recording import Recording
+from tests.badfiles.arm import minute
+from tests.badfiles.order_files import CALENDAR, ordered, stray, wall_clock
+from tests.badfiles.table_files import MICROS
 from tests.fusion.readers.seen import codes
-from tests.fusion.readers.tables.table_builder import line, read_text
+from tests.fusion.readers.tables.table_builder import HEADER, line, read_text, table
 
 NAMES = "timestamp,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n"
 ROWS = 2000
@@ -279,3 +287,202 @@ def test_rows_that_came_late_over_midnight_are_put_right() -> None:
 
     assert (recording.duration_us, len(recording.segments)) == (TWENTY_S, 1)
     assert "W-ORDER" in codes(recording)
+
+
+# Rows come to stand in the order in which they were measured, or nobody claims that they do.
+
+ACC_G, GYR_DPS = minute()
+
+
+def assert_is_the_minute(recording: Recording) -> None:
+    """Every sample stands where it was measured, once."""
+    (segment,) = recording.segments
+    assert recording.duration_us == 60_000_000
+    np.testing.assert_allclose(segment.acc_g, ACC_G, atol=1e-4)
+    np.testing.assert_allclose(segment.gyr_dps, GYR_DPS, atol=1e-3)
+
+
+def test_pieces_that_overlap_and_differ_are_a_clock_that_was_set() -> None:
+    stamps = [*range(0, 20_000_000, 10_000), *range(10_000_000, 30_000_000, 10_000)]
+
+    recording = read_text(table(stamps))
+
+    assert codes(recording) == ["W-CLOCK-BACK"]
+    assert recording.duration_us == 40_000_000
+
+
+def test_the_hour_that_comes_twice_in_fall_is_no_piece_that_goes_on() -> None:
+    first = datetime(2026, 11, 1, 1, 30)  # noqa: DTZ001
+    moments = [first + timedelta(seconds=k / 10, hours=-1 if k >= 18_000 else 0) for k in range(36_000)]
+    rows = [f"{moment.isoformat(timespec='milliseconds')},{line(k)}" for k, moment in enumerate(moments)]
+
+    recording = read_text(CALENDAR + "\n" + "\n".join(rows) + "\n")
+
+    assert codes(recording) == ["W-DST"]
+    assert recording.start == first
+
+
+@pytest.mark.parametrize("digits", [23, 19], ids=["milliseconds", "whole seconds"])
+def test_a_table_with_its_newest_row_first_is_refused_with_that_cause(digits: int) -> None:
+    with pytest.raises(UnusableTime) as refusal:
+        read_text(ordered(range(5999, -1, -1), wall_clock(digits=digits), CALENDAR))
+
+    assert refusal.value.facts == {"why": "reversed"}
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [[0] * 50, range(0, 500_000, 10_000), [9_000_000_000] * 50, range(7, 57)],
+    ids=["at 0", "from 0", "far ahead", "nearly still"],
+)
+def test_stamps_that_their_neighbours_contradict_cost_nothing(stamps: Iterable[int]) -> None:
+    recording = read_text(stray(list(stamps)))
+
+    (flag,) = recording.flags
+    assert_is_the_minute(recording)
+    assert (flag.code, flag.count) == ("W-CLOCK-FWD", 50)
+
+
+@pytest.mark.parametrize("place", [0, -1], ids=["first", "last"])
+def test_a_lone_stamp_at_an_end_makes_no_hole_of_an_hour(place: int) -> None:
+    stamps = [10_000_000_000 + us for us in MICROS]
+    stamps[place] += 3_600_000_000 if place else -3_600_000_000
+
+    recording = read_text(ordered(range(6000), stamps))
+
+    assert (recording.duration_us, codes(recording)) == (59_990_000, ["W-ROWS-DROPPED"])
+
+
+# Rows that stand in a table twice are counted once.
+
+REPEATED_ROWS = len(ACC_G)
+PERIOD_US = 10_000
+
+
+def row(k: int, stamp_us: int) -> str:
+    values = (*ACC_G[k], *GYR_DPS[k])
+    return ",".join([str(stamp_us), *(f"{value:.6f}" for value in values)]) + "\n"
+
+
+def read_rows(numbers: Iterable[int]) -> Recording:
+    return read_text(HEADER + "\n" + "".join(row(k, PERIOD_US * k) for k in numbers))
+
+
+def accelerations(recording: Recording) -> NDArray[np.float32]:
+    return np.concatenate([segment.acc_g for segment in recording.segments])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "repeated"),
+    [
+        ([*range(REPEATED_ROWS), *range(REPEATED_ROWS)], REPEATED_ROWS),
+        ([*range(3000), *range(2000, REPEATED_ROWS)], 1000),
+        ([*range(3000), *range(2970, REPEATED_ROWS)], 30),
+        ([*range(3000), *range(2000, 3000), *range(2000, REPEATED_ROWS)], 2000),
+    ],
+    ids=["a file put after itself", "ten seconds again", "0.3 s again", "ten seconds thrice"],
+)
+def test_rows_that_come_again_are_counted_once(numbers: list[int], repeated: int) -> None:
+    recording = read_rows(numbers)
+
+    once = read_rows(range(REPEATED_ROWS))
+    assert recording.duration_us == once.duration_us
+    assert np.array_equal(accelerations(recording), accelerations(once))
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-DUP", repeated)]
+
+
+def test_a_counter_that_starts_over_with_other_readings_repeats_nothing() -> None:
+    rows = [row(k, PERIOD_US * (k % 3000)) for k in range(REPEATED_ROWS)]
+
+    recording = read_text(HEADER + "\n" + "".join(rows))
+
+    assert recording.duration_us == PERIOD_US * REPEATED_ROWS
+    assert "W-DUP" not in codes(recording)
+
+
+def test_a_held_value_that_a_clock_set_back_stamps_again_is_no_copy() -> None:
+    rows = [row(min(k, 2900), PERIOD_US * (k if k < 3000 else k - 50)) for k in range(3040)]
+
+    recording = read_text(HEADER + "\n" + "".join(rows))
+
+    assert codes(recording)[0] == "W-CLOCK-BACK"
+
+
+# A clock that stops while the sensor goes on: rows with one and the same stamp, for seconds.
+
+SECOND_US = 1_000_000
+STOPPED_ROWS = 6000
+"""A minute at 100 Hz."""
+
+
+def stopped(first: int, stop: int, stamp_us: int | None = None, hole_us: int = 0) -> list[int]:
+    """A minute whose clock stops at a row, shows one stamp up to another, and goes on as if nothing was."""
+    held = 10_000 * first if stamp_us is None else stamp_us
+    return [held if first <= k < stop else 10_000 * k + hole_us * (k >= stop) for k in range(STOPPED_ROWS)]
+
+
+@pytest.mark.parametrize("rows", [60, 2400])
+def test_rows_of_a_stopped_clock_are_missing_time(rows: int) -> None:
+    recording = read_text(table(stopped(3000, 3000 + rows)))
+
+    assert sum(len(segment) for segment in recording.segments) == STOPPED_ROWS - rows
+    assert recording.duration_us == 60 * SECOND_US
+    assert codes(recording) == ["W-ROWS-DROPPED", "W-GAP"]
+
+
+def test_rows_of_a_stopped_clock_beside_a_hole_are_missing() -> None:
+    recording = read_text(table(stopped(3000, 4000, hole_us=15 * SECOND_US)))
+
+    assert [(s.start_us, len(s)) for s in recording.segments] == [(0, 3000), (55 * SECOND_US, 2000)]
+    assert codes(recording) == ["W-ROWS-DROPPED", "W-GAP"]
+
+
+@pytest.mark.parametrize("stamp_us", [None, 0])
+def test_a_clock_that_stops_before_the_end_leaves_the_rest_as_it_was(stamp_us: int | None) -> None:
+    """Before, the rows had another rate than the sensor's, or division by zero ended the reading."""
+    recording = read_text(table(stopped(4000, STOPPED_ROWS, stamp_us)))
+
+    assert [(len(s), round(s.rate_hz, 6)) for s in recording.segments] == [(4000, 100.0)]
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-ROWS-DROPPED", 2000)]
+
+
+@pytest.mark.parametrize("offset_us", [0, 10**12])
+@pytest.mark.parametrize("rows", [60, 2900])
+def test_a_clock_that_starts_after_the_sensor_gives_no_time_before(rows: int, offset_us: int) -> None:
+    stamps = [0] * rows + [offset_us + 10_000 * k for k in range(rows, STOPPED_ROWS)]
+
+    recording = read_text(table(stamps))
+
+    assert [(len(s), round(s.rate_hz, 6)) for s in recording.segments] == [(STOPPED_ROWS - rows, 100.0)]
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-ROWS-DROPPED", rows)]
+
+
+@pytest.mark.parametrize("rows_in_a_second", [4, 100, 130])
+def test_a_clock_of_whole_seconds_has_not_stopped(rows_in_a_second: int) -> None:
+    seconds = [k // 100 for k in range(STOPPED_ROWS)]
+    seconds[3000 : 3000 + rows_in_a_second] = [30] * rows_in_a_second
+
+    recording = read_text(table(SECOND_US * s for s in seconds))
+
+    assert "W-CLOCK-FWD" not in codes(recording)
+    assert "W-ROWS-DROPPED" not in codes(recording)
+
+
+def test_rows_in_uneven_bunches_are_no_stopped_clock() -> None:
+    """Without knowing when each was measured there is nothing to time them by."""
+    lengths = np.random.default_rng(5).geometric(1 / 40, 400)
+    stamps = 10_000 * np.repeat(np.cumsum(lengths), lengths)
+    columns = SampleColumns()
+    rows = columns.extend(len(stamps))
+    columns.stamps[rows] = stamps
+
+    flags = leave_out_stopped(columns)
+
+    assert flags == ()
+    assert columns.stamps[: columns.rows].tolist() == stamps.tolist()
+
+
+@pytest.mark.parametrize("stamps", [stopped(1000, STOPPED_ROWS), [0]], ids=["most rows", "one row"])
+def test_a_clock_that_stands_most_of_the_time_is_refused(stamps: list[int]) -> None:
+    with pytest.raises(UnusableTime):
+        read_text(table(stamps))

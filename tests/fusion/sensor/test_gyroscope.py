@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.sensor.gyroscope import find_jumps
-from fusion.sensor.model import GyroBias, SensorRun
+from fusion.recording import Float64Array
+from fusion.sensor.gyroscope import GyroScale, find_jumps
+from fusion.sensor.model import GyroBias, SensorRun, solve_band
+from fusion.sensor.self_calibration import calibrate_sensor
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
 from tests.estimates import estimate_gyro_bias
-from tests.fusion.made_motion import Motion, tumble
+from tests.fusion.made_motion import Motion, rest_and_turn, tumble
 from tests.simulated_shifts import make_perfect, play_shift
 
 OFFSET = np.array([10.0, -20.0, 15.0])
@@ -113,3 +115,60 @@ def test_an_offset_that_changes_by_little_is_one_line(size_dps: float) -> None:
     jumps_s = find_jumps(find_still_moments([reduce_run(run)]))
 
     assert jumps_s == []
+
+
+# Gyroscope scale from still moments in different directions.
+
+GAIN = np.array([1.01, 0.985, 1.006])
+
+
+def find_scale(motion: Motion, change: Float64Array, offset_dps: Float64Array | float = 0.0) -> GyroScale:
+    run = SensorRun(0.0, motion.rate_hz, motion.acc_g, motion.gyr_dps @ change.T + offset_dps)
+    blocks = [reduce_run(run)]
+    return calibrate_sensor([run], blocks, find_still_moments(blocks))[0].gyro_scale
+
+
+SKEW = np.array([[1.0, 0.004, 0.0], [0.0, 1.0, -0.003], [0.002, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "offset_dps"),
+    [(np.diag(GAIN), OFFSET), (SKEW, np.zeros(3)), (np.eye(3), np.zeros(3))],
+    ids=["gain and offset", "axes that are not square", "a good gyroscope"],
+)
+def test_the_scale_is_found_from_rests_between_turns(change: Float64Array, offset_dps: Float64Array) -> None:
+    found = find_scale(rest_and_turn(200, seed=1), change, offset_dps)
+
+    assert found.gain == pytest.approx(np.linalg.inv(change), abs=5e-4)
+    assert found.pairs == 199
+
+
+@pytest.mark.parametrize(
+    "motion", [rest_and_turn(6, seed=2), tumble(60.0, still_s=0.0)], ids=["six turns", "no rests"]
+)
+def test_with_little_evidence_the_scale_is_left_alone(motion: Motion) -> None:
+    assert find_scale(motion, np.diag(GAIN), OFFSET).gain.tolist() == np.eye(3).tolist()
+
+
+# Equations whose unknowns are tied to their neighbours only: their matrix is a band.
+
+# 4 2 0     the diagonal, then the one below it
+# 2 5 2
+# 0 2 5
+BAND = np.array([[4.0, 5.0, 5.0], [2.0, 2.0, 0.0]])
+
+
+def test_each_row_of_the_right_side_is_solved_by_itself_and_what_is_given_stays() -> None:
+    band, right = BAND.copy(), np.array([[8.0, 18.0, 19.0], [4.0, 2.0, 0.0]])
+    given = right.copy()
+
+    solved = solve_band(band, right)
+
+    assert solved == pytest.approx(np.array([[1.0, 2.0, 3.0], [1.0, 0.0, 0.0]]), abs=1e-14)
+    assert (band == BAND).all()
+    assert (right == given).all()
+
+
+def test_a_band_that_is_not_positive_definite_is_refused() -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_band(np.array([[1.0, 1.0], [2.0, 0.0]]), np.ones((1, 2)))

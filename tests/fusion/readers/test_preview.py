@@ -1,5 +1,6 @@
 """What the first bytes of a file tell."""
 
+import json
 import struct
 from contextlib import suppress
 
@@ -8,12 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.errors import FusionError, NoGyroscope
-from fusion.readers.preview import preview_head
+from fusion.readers import read_recording
+from fusion.readers.preview import inspect_recording, preview_head
 from tests.fusion.readers.cwa.cwa_builder import START as CWA_START
 from tests.fusion.readers.cwa.cwa_builder import blocks as cwa_blocks
 from tests.fusion.readers.cwa.cwa_builder import header as cwa_header
 from tests.fusion.readers.cwa.cwa_builder import log_of as cwa_log_of
 from tests.fusion.readers.gt3x.gt3x_builder import INFO, log_of, pack
+from tests.fusion.readers.tables.table_builder import PREAMBLE, read_text, table
 
 HEAD = pack(log_of(range(20)), INFO).getvalue()[:22_000]
 
@@ -58,3 +61,26 @@ def test_a_cwa_without_a_gyroscope_is_refused_at_its_first_bytes() -> None:
 
 def test_the_header_of_a_cwa_alone_names_the_device() -> None:
     assert preview_head(cwa_header(), "shift.cwa").device == "ax6"
+
+
+# What `inspect` tells can be written as JSON, and its seconds add up.
+
+
+def test_a_gap_is_told_with_start_and_length() -> None:
+    recording = read_recording(pack(log_of([*range(20), *range(80, 100)])))
+
+    told = inspect_recording(recording)
+
+    assert told["gaps"] == [{"start_s": 20.0, "length_s": 60.0}]
+    assert (told["recorded_s"], told["present_s"], told["missing_s"]) == (100.0, 40.0, 60.0)
+    assert told["start"] == "2026-03-02T08:00:00-05:00"
+
+
+def test_everything_told_is_json() -> None:
+    recording = read_text(PREAMBLE + table(range(0, 20_000_000, 2000)))
+
+    told = json.loads(json.dumps(inspect_recording(recording)))
+
+    assert told["rate_hz"] == pytest.approx(500.0)
+    assert told["jitter_us"] == 0.0
+    assert told["understood"]["acceleration_unit"] == "g"

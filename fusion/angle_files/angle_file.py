@@ -1,22 +1,92 @@
-"""From the rows of a file to an elevation on even grids; the arm's axis from the pose where it is unknown.
+"""What a file holds that gives angles without a fusion of ours, and its elevation on even grids.
 
 An orientation R turns the segment's frame into a world frame whose z points to the zenith, as Xsens exports
 it (MVN: global frame z up; MT Manager and DOT: ENU). The zenith in the segment's frame is then the third row
 of R, whatever the heading: elevation needs no more of an orientation than that.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.angle_files.types import AngleFile, Up
 from fusion.angle_series import AngleRows, resample_angles
 from fusion.caveats import Caveat
 from fusion.conventions import NPOSE_ERROR_DEG
 from fusion.elevation import Elevation, measure_elevation
 from fusion.errors import UnknownAxis
+from fusion.readers.source import Source, hash_source
 from fusion.recording import Float64Array, FloatArray, QualityFlag, Recording
+
+Up = NDArray[np.float32]
+"""The unit vector to the zenith in the frame of the segment or sensor, shape (n, 3)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AngleFile:
+    """Rows in the file's own clock, missing ones absent.
+
+    ``device``: "mvn", "dot", "other" (MT Manager) or "angles".
+    ``time_s``: shape (n,), rising. The file's own time column; where it has none, seconds from its first row.
+    ``first_s``, ``last_s``: the file's clock at its first and its last row, missing ones counted.
+    ``elevation_deg``: shape (n,), float32: 0 hanging, 90 level, 180 overhead; None as long as the arm's axis
+    is not known.
+    ``up``: shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None
+    where the file holds ready angles.
+    ``axis``: shape (3,), unit: along the upper arm towards the shoulder in that frame; None where it is not
+    known.
+    ``understood``: what the reader took the file for, for people.
+    """
+
+    device: str
+    sha256: str
+    time_s: Float64Array
+    first_s: float
+    last_s: float
+    elevation_deg: NDArray[np.float32] | None = None
+    up: Up | None = None
+    axis: Float64Array | None = None
+    start: datetime | None = None
+    flags: tuple[QualityFlag, ...] = ()
+    understood: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class AngleFileOptions:
+    """What the person says about a file.
+
+    ``side``: which arm of an MVNX, the right one where nothing is said; ``rate_hz``: for files without time.
+    """
+
+    side: str | None = None
+    rate_hz: float | None = None
+
+
+def keep_orientation(
+    device: str,
+    source: Source,
+    time_s: Float64Array,
+    up: Up,
+    understood: Mapping[str, str],
+    start: datetime | None = None,
+) -> AngleFile:
+    """Keep the rows, times (n,) and zenith (n, 3), that hold an orientation."""
+    present = np.isfinite(up).all(axis=1)
+    return AngleFile(
+        device=device,
+        sha256=hash_source(source),
+        time_s=time_s[present],
+        first_s=float(time_s[0]),
+        last_s=float(time_s[-1]),
+        up=up[present],
+        start=start,
+        understood=understood,
+    )
+
+
+# From the rows of a file to an elevation; the arm's axis from the pose where it is unknown.
 
 SHORTEST_QUATERNION = 0.5
 """Quaternions shorter than this are no rotation: the row is missing. Xsens writes unit ones to 1e-6."""
@@ -68,10 +138,7 @@ def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Eleva
 def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
     """Take the direction of the vertical while the arm hung (file's clock) as the arm's axis.
 
-    Raises
-    ------
-    UnknownAxis
-        No row in that time, or the sensor turned.
+    Raises UnknownAxis: no row in that time, or the sensor turned.
     """
     if file.up is None:
         return file
@@ -87,10 +154,7 @@ def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
 def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...]) -> AngleFile:
     """Return an orientation with its arm axis: at the time asked for, else in its first still 2 s.
 
-    Raises
-    ------
-    UnknownAxis
-        The sensor did not hang still in the time asked for, or never.
+    Raises UnknownAxis: the sensor did not hang still in the time asked for, or never.
     """
     if file.elevation_deg is not None:
         return file

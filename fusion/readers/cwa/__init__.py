@@ -1,1 +1,0 @@
-"""The .cwa file of an Axivity AX6: blocks and their clock."""
