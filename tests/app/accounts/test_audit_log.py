@@ -57,13 +57,6 @@ def do_one_job(bench: Callable[..., Bench], add_job: AddJob) -> Job:
 # A line in the commit of its act.
 
 
-def test_storing_and_asking_leave_a_line_each(store: JobStore, add_job: AddJob) -> None:
-    job = add_job()
-
-    lines = [(line.act, line.recording_id, line.analysis_id) for line in read(store)]
-    assert lines == [("recording.stored", job.recording_id, ""), ("analysis.asked", job.recording_id, job.id)]
-
-
 @on_both_databases
 def test_a_rollback_drops_the_line_with_the_act_and_logs_nothing(
     store: JobStore, caplog: pytest.LogCaptureFixture
@@ -339,16 +332,13 @@ def test_the_lines_are_exported_as_a_table_and_as_json_lines_with_a_line_each_ti
     assert len(_find_by(house, "auditor", "trail.exported")) == 3
 
 
-@pytest.mark.parametrize(("language", "title"), [("en", "Audit log"), ("fr", "Journal d’audit")])
-def test_the_page_shows_names_and_no_values(
-    house: House, caller: TestClient, language: str, title: str
-) -> None:
+def test_the_page_shows_names_and_no_values(house: House, caller: TestClient) -> None:
     job = _store_job(house, "CANARY-7")
     caller.get(f"/analyses/{job.id}", headers=dict(house.log_in("clinician")))
 
-    page = caller.get(f"/trail?lang={language}", headers=dict(house.log_in("auditor"))).text
+    page = caller.get("/trail?lang=en", headers=dict(house.log_in("auditor"))).text
 
-    assert f"<h1>{title}</h1>" in page
+    assert "<h1>Audit log</h1>" in page
     assert "Clinician" in page
     assert "CANARY" not in page
 
@@ -456,14 +446,6 @@ def test_the_next_window_begins_anew(clock: Clock) -> None:
     clock.wait(WINDOW_S)
 
     assert lines.take("per_1", is_stranger=False) == "line"
-
-
-def test_many_addresses_together_leave_no_more_than_all_strangers_may() -> None:
-    lines = RefusedLines()
-
-    taken = [lines.take(f"192.0.2.{number}", is_stranger=True) for number in range(2 * MOST_OF_STRANGERS)]
-
-    assert taken == ["line"] * MOST_OF_STRANGERS + ["more"] + ["none"] * (MOST_OF_STRANGERS - 1)
 
 
 def test_strangers_use_up_nothing_of_who_is_logged_in() -> None:

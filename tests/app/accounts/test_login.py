@@ -358,10 +358,6 @@ def test_the_next_start_has_the_same_secret_unless_it_was_deleted(settings: Sett
     assert first == second != read_or_create_secret(settings.data_dir).bearer
 
 
-def test_what_is_public_is_answered(guarded: TestClient) -> None:
-    assert [guarded.get(path).status_code for path in ("/healthz", "/readyz", "/login")] == [200] * 3
-
-
 def test_a_stranger_is_not_told_what_lies_in_the_trash(guarded: TestClient) -> None:
     answer = guarded.get("/nowhere/an_0123456789abcdef", headers={"accept": "text/html"})
 

@@ -68,12 +68,10 @@ def test_without_the_key_no_code_is_compared_and_the_log_names_the_cure(
     assert "--second-factor" in caplog.text
 
 
-@pytest.mark.parametrize("language", ["en", "fr"])
 def test_without_the_key_the_page_says_that_the_second_step_cannot_be_read(
-    person: Person, settings: Settings, visit: Visit, language: str
+    person: Person, settings: Settings, visit: Visit
 ) -> None:
     visitor = visit()
-    visitor.client.cookies.set("acromion_lang", language)
     ticket = read_ticket(visitor.give_password("clara"))
     ServerSecret(settings.data_dir).file.unlink()
 

@@ -291,11 +291,3 @@ def test_whoever_may_not_read_is_led_to_what_he_may_use(
     add_person("clara", role)
 
     assert enter().get("/").headers["location"] == place
-
-
-def test_the_head_of_each_page_says_who_is_logged_in(person: Person, enter: Enter, visit: Visit) -> None:
-    page = enter().get("/").text
-
-    assert '<a href="/account">Clara</a>' in page
-    assert 'action="/logout"' in page
-    assert "/logout" not in visit().get("/login").text

@@ -12,8 +12,6 @@ from app.report.findings import Kept
 from app.report.model import Report, format_brief
 from app.report.pairs import build_comparison, describe_comparison, encode_document, refuse_no_comparison
 from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf, spell_uncovered
-from app.report.words.wording import LANGUAGES, Language
 from fusion.conventions import CalibrationState
 from tests.app.analysis.days_factory import MONDAY, make_day
 from tests.app.report.report_reading import plain
@@ -39,8 +37,8 @@ def held(kept: Kept, state: CalibrationState) -> Kept:
     return analysed_otherwise(kept, "calibration", state=state)
 
 
-def report_of(after: Kept, language: Language = "en") -> Report:
-    return build_comparison(BEFORE, after, language)
+def report_of(after: Kept) -> Report:
+    return build_comparison(BEFORE, after, "en")
 
 
 def test_a_change_above_the_least_detectable_one_is_called_larger() -> None:
@@ -53,16 +51,6 @@ def test_a_change_above_the_least_detectable_one_is_called_larger() -> None:
     )
 
 
-def test_a_change_below_it_is_not() -> None:
-    sentence = plain(report_of(kept_with(13.1), "fr").sentences[0])
-
-    assert sentence == (
-        "Le temps au-dessus de 60° est passé de 7,6 % à 13,1 % du temps analysé (+5,5 points). "
-        "Le changement ne dépasse pas la variation habituelle d'un jour à l'autre "
-        "(changement minimal détectable, 95 % : 5,5 points)."
-    )
-
-
 def test_like_is_compared_with_like_and_the_error_of_the_pose_stands_there_once() -> None:
     report = report_of(kept_with())
 
@@ -70,41 +58,24 @@ def test_like_is_compared_with_like_and_the_error_of_the_pose_stands_there_once(
     assert report.pose_caution.count("15° low") == 1
 
 
-@pytest.mark.parametrize(
-    ("part", "changes", "told"),
-    [
-        ("method", {"name": "published"}, "the method or its version"),
-        ("calibration", {"pose": "side-lean"}, "the calibration pose"),
-    ],
-)
-def test_what_differs_besides_the_work_is_named(part: Any, changes: dict[str, str], told: str) -> None:
-    verdict = report_of(analysed_otherwise(kept_with(), part, **changes)).verdict
+def test_what_differs_besides_the_work_is_named() -> None:
+    verdict = report_of(analysed_otherwise(kept_with(), "calibration", pose="side-lean")).verdict
 
     assert verdict.level == "caution"
-    assert verdict.reason == f"The two differ in more than the work: {told}."
+    assert verdict.reason == "The two differ in more than the work: the calibration pose."
 
 
-@pytest.mark.parametrize(
-    ("language", "first"),
-    [
-        ("en", "A change cannot be told from an error of the pose."),
-        ("fr", "Un changement ne peut pas être distingué d'une erreur de la pose."),
-    ],
-)
-def test_a_pose_that_nobody_confirmed_comes_first_and_no_change_is_judged(
-    language: Language, first: str
-) -> None:
+def test_a_pose_that_nobody_confirmed_comes_first_and_no_change_is_judged() -> None:
     after = held(kept_with(13.2), "assumed")
-    report = report_of(after, language)
+    report = report_of(after)
     answer, page = plain(format_brief(report).decode()), plain(render_html(report).decode())
 
-    pose = {
-        "en": "After: calibration pose assumed, not confirmed.",
-        "fr": "Après : pose d'étalonnage supposée, non confirmée.",
-    }[language]
-    assert answer.splitlines()[0] == f"{pose} {first}"
-    assert f"{pose} {first}" in page.replace("&#39;", "'")
-    for told in ("larger than the usual day-to-day", "Like with like", "dépasse la", "conditions égales"):
+    first = (
+        "After: calibration pose assumed, not confirmed. A change cannot be told from an error of the pose."
+    )
+    assert answer.splitlines()[0] == first
+    assert first in page
+    for told in ("larger than the usual day-to-day", "Like with like"):
         assert told not in answer
     document = describe_comparison(BEFORE, after)
     assert document["differences"] == ["unconfirmed pose"]
@@ -118,12 +89,6 @@ def test_a_strapped_axis_needs_no_confirmed_pose_and_a_day_without_a_pose_does()
     assert told[1].startswith("After: no calibration pose found, none confirmed.")
 
 
-def test_a_figure_without_published_variation_has_no_verdict() -> None:
-    rows = {row[0]: row for row in report_of(kept_with()).sections[0].tables[0].rows}
-
-    assert rows["P90 of elevation"][4:] == ("–", "not known")
-
-
 def test_the_document_holds_the_same_change_as_the_page() -> None:
     document = describe_comparison(BEFORE, kept_with(13.2))
 
@@ -133,18 +98,6 @@ def test_the_document_holds_the_same_change_as_the_page() -> None:
     other_arm = json.loads(encode_document(describe_comparison(BEFORE, kept_with(side="left"))))
     assert (other_arm["before"]["side"], other_arm["after"]["side"]) == ("right", "left")
     assert other_arm["differences"] == ["side"]
-
-
-@pytest.mark.parametrize(
-    ("subject", "stated", "one_person"),
-    [("S012", False, "codes"), ("", True, "person"), ("S013", True, "no")],
-)
-def test_the_document_says_whether_both_days_are_of_one_person(
-    subject: str, stated: bool, one_person: str
-) -> None:
-    document = describe_comparison(BEFORE, kept_with(subject=subject), same_subject=stated)
-
-    assert document["one_person"] == one_person
 
 
 def test_a_missing_code_is_said_beside_the_change() -> None:
@@ -166,7 +119,7 @@ def why_refused(after: Kept, before: Kept = BEFORE, *, mixed_methods: bool = Fal
     [
         (kept_with(30.0), None),
         (kept_with(subject="S999"), "subjects"),
-        *((kept_with(subject=nobody), "person") for nobody in ("", "NA", "?")),
+        (kept_with(subject=""), "person"),
         (analysed_otherwise(kept_with(), "recording", start=MONDAY), "same hours"),
         (analysed_otherwise(kept_with(side="left"), "recording", start=MONDAY), None),
         (BEFORE, "same"),
@@ -182,24 +135,6 @@ def test_two_methods_are_compared_if_that_is_asked_for() -> None:
     assert why_refused(analysed_otherwise(kept_with(), "method", version="999"), mixed_methods=True) is None
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Language) -> None:
-    report = report_of(kept_with(13.2), language)
-
-    assert f'<html lang="{language}">' in render_html(report).decode()
-    assert render_pdf(report, {"comparison.json": b"{}\n"}).startswith(b"%PDF-")
-    assert "[U+" not in spell_uncovered(str(report))
-    before, after = (kept_with(subject="<script>alert(1)</script>", day=day) for day in (0, 1))
-    assert "<script" not in render_html(build_comparison(before, after, language)).decode()
-
-
-def test_the_french_plural_begins_at_two() -> None:
-    told = [plain(report_of(kept_with(above), "fr").sentences[0]) for above in (9.5, 9.6)]
-
-    assert "(+1,9 point)" in told[0]
-    assert "(+2,0 points)" in told[1]
-
-
 def test_its_date_is_the_end_of_the_later_recording() -> None:
     after = kept_with()
     recording = after.findings.recording
@@ -210,17 +145,12 @@ def test_its_date_is_the_end_of_the_later_recording() -> None:
     assert report.made_of == recording.start + timedelta(days=1, microseconds=recording.duration_us)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_a_recording_beside_itself_is_said_to_be_no_change(language: Language) -> None:
-    report = build_comparison(kept_with(7.6), kept_with(20.0), language)
+def test_a_recording_beside_itself_is_said_to_be_no_change() -> None:
+    report = build_comparison(kept_with(7.6), kept_with(20.0), "en")
 
-    told = plain(f"{report.verdict.label} {report.verdict.reason} {report.sentences[0]}")
-    plainly = {
-        "en": "Not two days. Both are the same recording.",
-        "fr": "Les deux sont le même enregistrement.",
-    }
-    assert plainly[language] in told
-    assert {"en": "no judgement is made", "fr": "aucune conclusion n'est tirée"}[language] in told
+    told = plain(f"{report.verdict.label} {report.verdict.reason}")
+    assert told.startswith("Not two days. Both are the same recording.")
+    assert "no judgement is made" in report.sentences[0]
 
 
 def test_the_left_arm_beside_the_right_is_said_to_be_no_change() -> None:

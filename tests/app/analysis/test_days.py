@@ -16,9 +16,7 @@ from app.report.days.people import MeasuredDay, Stage, StudiedDays, group_days
 from app.report.days.report import build_days
 from app.report.model import Report
 from app.report.pairs import encode_document
-from app.report.render.html import render_html
-from app.report.render.pdf import render_pdf, spell_uncovered
-from app.report.words.wording import LANGUAGES, Language
+from app.report.words.wording import Language
 from fusion.days import ClockBand
 from fusion.exposure.types import Interval
 from tests.app.analysis.days_factory import MONDAY, change_findings, change_recording, make_day
@@ -80,10 +78,7 @@ LATER = MONDAY.replace(hour=15)  # the first day lasts 7 h 59 min from 8 h on
         ([make_day(0, stage="before"), change_recording(make_day(1, stage="after"), start=MONDAY)], "hours"),
         ([make_day(0), make_day(1, subject="S013"), make_day(2, subject="")], "codes"),
         ([make_day(0), by_another_method(make_day(1))], "methods"),
-        *(
-            ([make_day(0, subject=code), make_day(1, subject="")], "person")
-            for code in ("S012", "", "NA", "-", "unknown")
-        ),
+        ([make_day(0), make_day(1, subject="")], "person"),
         (group_of(4), "few"),
         ([*group_of(4), short(make_day(0, subject="S99"))], "few"),
     ],
@@ -154,15 +149,6 @@ def figures_of(studied: StudiedDays) -> dict[str, Any]:
     return figures
 
 
-def test_the_document_holds_mean_and_spread_of_the_days() -> None:
-    figures = figures_of(group_days(week(*FIVE)))
-
-    # squares 4 and 4 over 4 degrees of freedom; t(4; 0.975) = 2.7764 x sqrt(2) / sqrt(5)
-    assert (figures["days"], figures["mean"]) == (5, 6.0)
-    assert figures["sd"] == pytest.approx(sqrt(2), abs=1e-6)
-    assert figures["mean_range"] == pytest.approx([6 - 1.75597, 6 + 1.75597], abs=1e-4)
-
-
 def with_pose(day: MeasuredDay, high_pose: float) -> MeasuredDay:
     exposure = day.kept.findings.exposure
     above = tuple(
@@ -181,71 +167,22 @@ def test_the_error_of_the_pose_is_the_mean_of_the_days_and_unknown_if_one_has_an
     assert "up to 13.0 % with the N-pose's error" in plain(report_of(days).sentences[0])
 
 
-@pytest.mark.parametrize(
-    ("percents", "sd_from", "days", "detectable"),
-    [
-        # 1.96 sqrt(2/k) sqrt(2): 3.92, 2.77 with 2 days, less than half of 6; 1.75 with all 5
-        (FIVE, "person", 2, 1.96 * sqrt(2 / 5) * sqrt(2)),
-        # mean 12, half of it 6: 5.54 points with one day on each side; 3.92 with both
-        ((10.0, 14.0), "published", 1, 1.96 * 2.0),
-    ],
-)
-def test_days_are_judged_by_the_persons_own_deviation_from_five_on(
-    percents: tuple[float, ...], sd_from: str, days: int, detectable: float
-) -> None:
-    telling = describe_profile(group_days(week(*percents)))["arms"][0]["telling"]
-
-    assert (telling["sd_from"], telling["days"], telling["more_days"]) == (sd_from, days, 0)
-    assert telling["detectable"] == pytest.approx(detectable, abs=1e-6)
-
-
-def trend_of(*percents: float) -> dict[str, Any]:
-    trend: dict[str, Any] = describe_profile(group_days(week(*percents)))["arms"][0]["trend"]
-    return trend
-
-
-def test_the_last_day_is_set_against_the_first_by_what_two_single_days_differ() -> None:
-    trend = trend_of(10.0, 16.0, 5.0, 14.0)
-
-    # 1.96 sqrt(2) 2.0 = 5.54: the second day lies 6 above the first, the third 5 below
-    assert (trend["first"], trend["last"], trend["change"]) == (10.0, 14.0, 4.0)
-    assert trend["detectable"] == pytest.approx(1.96 * sqrt(2) * 2.0, abs=1e-6)
-    assert (trend["sd_from"], trend["outside"]) == ("published", 1)
-
-
 def test_from_five_days_on_the_trend_is_judged_by_the_persons_own_deviation() -> None:
-    trend = trend_of(*FIVE)  # deviation sqrt(2): 1.96 sqrt(2) sqrt(2) = 3.92, and 8 is 4 above the first
+    (arm,) = describe_profile(group_days(week(*FIVE)))["arms"]
+    trend = arm["trend"]  # deviation sqrt(2): 1.96 sqrt(2) sqrt(2) = 3.92, and 8 is 4 above the first
 
     assert (trend["sd_from"], trend["outside"]) == ("person", 1)
     assert trend["detectable"] == pytest.approx(3.92, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("language", "told", "judged", "outside"),
-    [
-        (
-            "en",
-            "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points.",
-            (
-                "That is larger than the usual variation between two single days (5.5 points, by the "
-                "published deviation)."
-            ),
-            "Of the 2 later days 1 differs from the first by more.",
-        ),
-        (
-            "fr",
-            "Du 2 mars 2026 (10,0 %) au 4 mars 2026 (16,0 %) : +6,0 points.",
-            "C'est plus que l'écart habituel entre deux jours (5,5 points, d'après l'écart publié).",
-            "Sur les 2 jours suivants, 1 s'écarte davantage du premier.",
-        ),
-    ],
-)
-def test_the_answer_tells_the_way_from_the_first_day_to_the_last(
-    language: Language, told: str, judged: str, outside: str
-) -> None:
-    sentences = build_days(group_days(week(10.0, 12.0, 16.0)), language).sentences
+def test_the_answer_tells_the_way_from_the_first_day_to_the_last() -> None:
+    sentences = build_days(group_days(week(10.0, 12.0, 16.0)), "en").sentences
 
-    assert plain(sentences[2]) == f"{told} {judged} {outside}"
+    assert plain(sentences[2]) == (
+        "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points. That is larger than the usual "
+        "variation between two single days (5.5 points, by the published deviation). Of the 2 later days 1 "
+        "differs from the first by more."
+    )
 
 
 def test_every_day_is_drawn_by_its_date_with_what_days_differ_by() -> None:
@@ -299,37 +236,24 @@ def test_no_change_is_given_of_four_people_of_five_or_without_a_day_on_both_side
     )
 
 
-def changed(before: list[float], after: list[float]) -> dict[str, Any]:
-    first = [make_day(day, value, stage="before") for day, value in enumerate(before)]
-    second = [make_day(30 + day, value, stage="after") for day, value in enumerate(after)]
-    (change,) = describe_profile(group_days([*first, *second]))["change"]
-    figures: dict[str, Any] = change["figures"]["time_above_60_percent"]
-    return figures
+def test_one_persons_change_is_judged_by_their_own_deviation_from_four_degrees_of_freedom_on() -> None:
+    days = [*week(9.0, 10.0, 11.0, stage="before")]
+    days += [make_day(30 + day, 7.0 + day, stage="after") for day in range(3)]
 
+    (change,) = describe_profile(group_days(days))["change"]
 
-@pytest.mark.parametrize(
-    ("before", "after", "change", "detectable"),
-    [
-        ([10.0, 12.0], [5.0], -6.0, 1.96 * 2.0 * sqrt(1.5)),  # published: sqrt(1/2 + 1)
-        ([9.0, 10.0, 11.0], [7.0, 8.0, 9.0], -2.0, 1.96 * sqrt(2 / 3)),  # four degrees: pooled SD 1
-    ],
-)
-def test_one_persons_change_is_judged_by_their_own_deviation_from_four_degrees_of_freedom_on(
-    before: list[float], after: list[float], change: float, detectable: float
-) -> None:
-    told = changed(before, after)
-
-    assert (told["change"], told["verdict"]) == (change, "larger")
-    assert told["detectable"] == pytest.approx(detectable, abs=1e-6)
+    told = change["figures"]["time_above_60_percent"]
+    assert (told["change"], told["verdict"]) == (-2.0, "larger")
+    assert told["detectable"] == pytest.approx(1.96 * sqrt(2 / 3), abs=1e-6)  # pooled SD 1
 
 
 def test_a_groups_change_is_judged_by_its_own_range() -> None:
     (change,) = describe_profile(group_days(group_of(5, both_sides=5)))["change"]
 
     above = change["figures"]["time_above_60_percent"]
-    assert (above["people"], above["change"], above["verdict"]) == (5, 3.0, "larger")
     # changes of 2.0, 2.5, 3.0, 3.5 and 4.0: 2.776 x 0.7906 / sqrt(5)
     assert above["change_range"] == pytest.approx([2.018, 3.982], abs=1e-3)
+    assert above["verdict"] == "larger"
 
 
 # ------------------------------------------------------------------ tables
@@ -420,15 +344,6 @@ def test_time_with_too_few_days_is_left_white_and_each_time_has_its_number_of_da
 
     assert drawing.wide.count('class="median"') == 3  # two runs, and the key of the legend
     assert [row[1:3] for row in drawing.table.rows] == [("08:00", "5"), ("08:15", "1"), ("08:45", "4")]
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Language) -> None:
-    report = report_of([*week(*FIVE), *week(5.0, 6.0, side="left")], language)
-
-    assert 'id="answer"' in render_html(report).decode()
-    assert render_pdf(report, {"profile.json": b"{}\n"}).startswith(b"%PDF-")
-    assert "[U+" not in spell_uncovered(str(report))
 
 
 def test_the_same_days_give_the_same_bytes_in_whatever_order() -> None:

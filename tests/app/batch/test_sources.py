@@ -137,18 +137,6 @@ def test_what_names_no_slice_is_refused(text: str) -> None:
         parse_shard(text)
 
 
-def test_a_recording_without_report_or_failure_is_not_done(tmp_path: Path) -> None:
-    ShardRecord(tmp_path / "out", Shard(1, 2), plan(tmp_path, "a.csv", "b.csv"), ASKED).begin()
-
-    collected = collect_outcomes(tmp_path / "out")
-
-    assert [(o.task.name, o.code) for o in collected.outcomes] == [
-        ("a.csv", "E-INTERRUPTED"),
-        ("b.csv", "E-INTERRUPTED"),
-    ]
-    assert collected.request == ASKED
-
-
 def report_failure(tmp_path: Path, shard: Shard, tasks: list) -> None:  # type: ignore[type-arg]
     """Leave what a slice writes whose first recording failed."""
     record = ShardRecord(tmp_path / "out", shard, tasks, ASKED)

@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -49,12 +48,3 @@ def test_the_example_with_pandas_does(angle_folder: Path, capsys: pytest.Capture
 
     assert (names["time_s"].tolist(), names["elevation_deg"].tolist()) == ([0.0, 0.02], [10.0, 70.0])
     assert capsys.readouterr().out == "50.0 % above 60°\n"
-
-
-if find_spec("polars") is not None:  # of the benchmarks' extra, which the tests do without
-
-    def test_the_example_with_polars_does(angle_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        table = run_example("polars", angle_folder)["angles"]
-
-        assert table.to_dict(as_series=False) == {"time_s": [0.0, 0.02], "elevation_deg": [10.0, 70.0]}
-        assert capsys.readouterr().out == "50.0 % above 60°\n"

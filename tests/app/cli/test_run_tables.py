@@ -109,15 +109,6 @@ def test_a_run_that_was_cut_leaves_the_summary_so_far_and_nothing_half_made(cut:
     assert folders == [row["file_name"][0] for row in rows[:done]]
 
 
-def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: Cut) -> None:
-    (fix,) = {row["fix"] for row in read_table(cut[1] / "problems.csv")}
-
-    assert fix == (
-        "Ask for the analysis again. After acromion run, give the same command again: it goes on from here, "
-        "and what is done is not done twice."
-    )
-
-
 def test_what_an_earlier_run_has_done_stays_in_the_tables_of_one_that_was_cut(
     shift_gt3x: Path, tmp_path: Path
 ) -> None:

@@ -116,19 +116,12 @@ def test_a_slice_or_a_folder_that_is_none_is_a_usage_error_and_one_without_recor
     assert run(*asked, "2/2").exit_code == 0
 
 
-@pytest.mark.parametrize(
-    ("language", "total"),
-    [
-        ("en", "failed: 1, listed in problems.csv after acromion collect."),
-        ("fr", "en échec : 1, dans problems.csv après acromion collect."),
-    ],
-)
-def test_a_slice_with_a_failure_says_that_collect_lists_it(tmp_path: Path, language: str, total: str) -> None:
+def test_a_slice_with_a_failure_says_that_collect_lists_it(tmp_path: Path) -> None:
     (tmp_path / "broken.gt3x").write_bytes(b"no recording")
 
-    result = run("run", tmp_path, "-o", tmp_path / "out", "--lang", language, "--shard", "1/1")
+    result = run("run", tmp_path, "-o", tmp_path / "out", "--shard", "1/1")
 
-    assert total in " ".join(result.stderr.replace("\u202f", " ").replace("\xa0", " ").split())
+    assert "failed: 1, listed in problems.csv after acromion collect." in " ".join(result.stderr.split())
     assert not (tmp_path / "out" / "problems.csv").exists()
 
 

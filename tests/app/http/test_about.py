@@ -96,13 +96,6 @@ def test_every_code_stands_once_in_the_help(shared: TestClient, language: str) -
     assert codes == sorted({refusal.code for refusal in list_refusals()} | set(find_flag_codes()))
 
 
-def test_what_happened_to_a_file_comes_first_in_the_help(shared: TestClient) -> None:
-    page = shared.get("/help?lang=en").text
-
-    assert page.index("A file is not taken for a recording") < page.index("For those who run Acromion")
-    assert "it refuses nothing" in page
-
-
 def test_the_page_of_a_warning_offers_no_cure(shared: TestClient) -> None:
     page = shared.get("/problems/W-DUP-UPLOAD").text
 

@@ -150,7 +150,6 @@ ANALYZE = (
 @pytest.mark.parametrize(
     ("address", "allowed"),
     [
-        ("/analyses/an_1?wait=abc", "0 … 60"),
         ("/analyses/an_1?wait=61", "0 … 60"),
         ("/analyses/an_1?wait=nan", "0 … 60"),
         ("/analyses?limit=0", "1 … 500"),
@@ -173,7 +172,6 @@ def test_a_question_with_a_value_that_cannot_be(shared: TestClient, address: str
     [
         ("/analyze?rate_hz=abc", "x", "1 … 10000"),
         ("/analyze?rate_hz=0", "x", "1 … 10000"),
-        ("/analyze?rate_hz=1e9", "x", "1 … 10000"),
         ("/analyze?again=x", "x", "true, false"),
         ("/analyze?side=up", "x", "left, right"),
         ("/analyze?sied=left", "x", ANALYZE),

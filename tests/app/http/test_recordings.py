@@ -541,17 +541,6 @@ def test_a_number_that_does_not_say_seconds_is_refused(
     assert "start_s" in problem["fix"]
 
 
-@pytest.mark.parametrize("start", ["07:02", "07.02", "07,02", "0702", "7h02", "7 h 02"])
-def test_a_clock_time_is_stored_alike_in_every_spelling(shared: TestClient, address: str, start: str) -> None:
-    answer = shared.put(address, json=[{"start": start, "end": "0704", "kind": "break"}])
-
-    assert [(row["start"], row["end"]) for row in answer.json()] == [("07:02:00", "07:04:00")]
-
-
-def test_a_time_without_its_row_s_start_is_refused(shared: TestClient, address: str) -> None:
-    assert shared.put(address, json=[{"end_s": 30, "kind": "task"}]).json()["code"] == "E-DIARY"
-
-
 def test_what_is_refused_changes_nothing(shared: TestClient, address: str) -> None:
     shared.put(address, json=[INSIDE])
 

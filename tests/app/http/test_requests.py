@@ -97,14 +97,6 @@ def test_settings_that_cannot_be_are_refused(shared: TestClient, wished: dict[st
     assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
 
 
-def test_several_recordings_give_an_analysis_each(client: TestClient) -> None:
-    recordings = [keep(client, bytes([k])) for k in range(3)]
-
-    items = ask(client, *recordings)["items"]
-
-    assert [item["recording_id"] for item in items] == recordings
-
-
 def test_the_same_question_twice_gives_the_same_analysis(client: TestClient, bench: OpenBench) -> None:
     recording = keep(client)
     first = ask(client, recording)
@@ -180,18 +172,6 @@ def test_analyses_are_found_by_state_and_recording(client: TestClient, bench: Op
 
     assert found(state="succeeded") == [first["id"]]
     assert found(recording_id=recordings[1]) == [second["id"]]
-
-
-def test_pages_of_analyses_follow_one_another(client: TestClient) -> None:
-    asked = ask(client, *[keep(client, bytes([k])) for k in range(5)])["items"]
-    seen, address = [], f"{URL}?limit=2"
-
-    while address:
-        answer = client.get(address)
-        seen += [item["id"] for item in answer.json()["items"]]
-        address = answer.links.get("next", {}).get("url", "")
-
-    assert sorted(seen) == sorted(item["id"] for item in asked)
 
 
 def test_a_full_queue_refuses_more(settings: Settings) -> None:
@@ -378,11 +358,6 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
     first_two = [store.claim() for _ in range(2)]
 
     assert single in [job.id for job in first_two if job]
-
-
-def test_a_batch_that_is_not_there_is_not_found(shared: TestClient) -> None:
-    assert shared.get(f"{BATCHES}/ba_none").status_code == 404
-    assert shared.get(f"{BATCHES}/ba_none/summary.csv").status_code == 404
 
 
 def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBench) -> None:

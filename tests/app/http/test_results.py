@@ -125,13 +125,6 @@ def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
     assert names == ["two.csv", "one.csv"]
 
 
-def test_the_bundle_holds_every_file_as_it_is_stored(shared: TestClient, finished: str) -> None:
-    bundle = zipfile.ZipFile(io.BytesIO(shared.get(f"{finished}/bundle.zip").content))
-
-    assert bundle.read("results.json") == stand_ins.RESULTS
-    assert len(bundle.namelist()) == 2 + len(stand_ins.EXPORTS) + 2 * 3 + 1  # the crate
-
-
 def test_the_bundle_is_a_crate_whose_tables_keep_their_schema(
     client: TestClient, bench: OpenBench, small_gt3x: bytes, tmp_path: Path
 ) -> None:

@@ -12,10 +12,8 @@ from fastapi.testclient import TestClient
 import app.report.words.wording
 import app.web
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
 from app.web.views import format_size
-from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench
+from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next
 
 HOSTILE = (
@@ -44,22 +42,6 @@ class Elements(HTMLParser):
         return sum(found == tag for found, _ in self.found)
 
 
-def test_an_empty_list_says_what_to_do(client: TestClient) -> None:
-    page = client.get("/?lang=en").text
-
-    assert "Nothing here yet" in page
-    assert "Add a recording above" in page
-
-
-def test_the_file_field_takes_many_files_and_can_be_reached_by_keyboard(shared: TestClient) -> None:
-    fields = [attributes for tag, attributes in Elements(shared.get("/").text).found if tag == "input"]
-
-    files, folder = [field for field in fields if field["type"] == "file"]
-    assert "multiple" in files
-    assert "webkitdirectory" in folder
-    assert "hidden" not in files | folder
-
-
 def test_a_choice_of_language_is_remembered(shared: TestClient) -> None:
     asked = shared.get("/?lang=fr-CA").text
 
@@ -80,19 +62,6 @@ def test_a_choice_of_language_is_remembered(shared: TestClient) -> None:
 )
 def test_without_a_choice_the_browsers_language_is_taken(shared: TestClient, asked: str, given: str) -> None:
     assert f'<html lang="{given}"' in shared.get("/", headers={"accept-language": asked}).text
-
-
-@pytest.mark.parametrize(("address", "bars"), [("/analyses/{id}", 2), ("/rows", 1)])
-def test_a_waiting_recording_shows_how_far_it_is_and_can_be_cancelled(
-    client: TestClient, add_job: AddJob, address: str, bars: int
-) -> None:
-    job = add_job(file_name="shift.gt3x")
-
-    page = client.get(address.format(id=job.id), params={"lang": "en"}).text
-
-    assert Elements(page).count("progress") == bars
-    assert "You can close this page" in page
-    assert "Cancel shift.gt3x" in page
 
 
 @pytest.mark.parametrize(
@@ -137,15 +106,6 @@ def test_a_plain_form_cancels_without_a_script(client: TestClient, add_job: AddJ
     assert "Cancelled" in client.get("/rows?lang=en").text
 
 
-def test_a_finished_recording_links_to_its_report_in_the_pages_language(
-    shared: TestClient, finished: str
-) -> None:
-    page = shared.get("/rows?lang=fr").text
-
-    assert f"{finished.removeprefix('/api/v1')}/report.html?lang=fr" in page
-    assert "Rapport prêt" in page
-
-
 def test_the_analysis_page_shows_the_figures_as_the_report_writes_them_and_gives_every_file(
     shared: TestClient, finished: str
 ) -> None:
@@ -155,19 +115,6 @@ def test_the_analysis_page_shows_the_figures_as_the_report_writes_them_and_gives
     assert "7\u202fh\u00a042\u202fmin" in page
     for name in ("results.json", "summary.csv", "elevation.parquet", "report.pdf?lang=en"):
         assert f"{finished}/{name}" in page
-
-
-@pytest.mark.parametrize(("language", "title"), [("en", "What to do"), ("fr", "Que faire")])
-def test_a_failed_recording_says_what_happened_and_what_to_do(
-    client: TestClient, add_job: AddJob, bench: OpenBench, language: str, title: str
-) -> None:
-    job = add_job()
-    run_next(bench(stand_ins.refuse))
-
-    for path in ("/rows", f"/analyses/{job.id}"):
-        page = client.get(path, params={"lang": language}).text
-        assert title in page
-        assert "E-SHORT" in page
 
 
 def test_an_attempt_that_failed_is_withdrawn_by_a_click_and_its_report_stays(

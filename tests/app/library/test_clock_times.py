@@ -12,6 +12,7 @@ from app.web.recording.analysis import pair_tasks
 from app.web.recording.day import DayClock, build_hours, correct_request, place_rows, read_rows, write_csv
 from fusion.diary import read_diary
 from fusion.errors import UnusableCalibration, UnusableDiary
+from tests.app.report.report_reading import plain
 
 START = datetime(2026, 3, 2, 22, tzinfo=timezone(timedelta(hours=-5)))
 NIGHT = DayClock(START, 8 * 3600 * 1_000_000)
@@ -155,15 +156,8 @@ def test_without_a_clock_the_fields_take_seconds_alone(text: str) -> None:
 # The hours of a day as the page lists them.
 
 
-def test_an_hour_of_which_nothing_was_analysed_has_no_figures() -> None:
+def test_an_hour_has_its_median_its_p90_and_its_time_above_60_deg_if_anything_was_analysed() -> None:
     begun = {"label": "2026-03-02T15:00", "analysed_s": 0.0, "entries_above_60_per_h": None}
-
-    (row,) = build_hours({"exposure": {"by_hour": [begun]}}, "en")
-
-    assert row == ("2026-03-02 15:00", "0\u202fs", "–", "–", "–")
-
-
-def test_an_hour_has_its_median_its_p90_and_its_time_above_60_deg() -> None:
     hour = {
         "label": "2026-03-02T07:00",
         "analysed_s": 3600.0,
@@ -172,14 +166,10 @@ def test_an_hour_has_its_median_its_p90_and_its_time_above_60_deg() -> None:
         "time_above_60_percent": 5.0,
     }
 
-    (row,) = build_hours({"exposure": {"by_hour": [hour]}}, "en")
+    rows = build_hours({"exposure": {"by_hour": [hour, begun]}}, "en")
 
-    assert [cell.replace("\u202f", " ").replace("\u00a0", " ") for cell in row[1:]] == [
-        "1 h",
-        "21°",
-        "48°",
-        "5.0 %",
-    ]
+    assert [plain(cell) for cell in rows[0][1:]] == ["1 h", "21°", "48°", "5.0 %"]
+    assert rows[1] == ("2026-03-02 15:00", "0\u202fs", "–", "–", "–")
 
 
 def test_a_task_of_which_nothing_was_analysed_has_no_figure() -> None:

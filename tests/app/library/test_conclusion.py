@@ -1,11 +1,9 @@
 """A clinician's conclusion: in the report as it was typed, with name and date; never in the figures."""
 
-import io
 import json
 from dataclasses import replace
 from typing import Any
 
-import pypdf
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
@@ -18,8 +16,7 @@ from app.jobs.listing import HeadlineFigures
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
 from app.report.analysis.report import build_report
-from app.report.export.results import build_results, decode_results, encode_results, identify_report
-from app.report.render.pdf import render_pdf
+from app.report.export.results import build_results, identify_report
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ConclusionDraft, ReportRequest
 from app.web.recording.analysis import describe_draft, read_conclusion
@@ -47,15 +44,6 @@ def test_the_report_shows_each_paragraph_with_name_and_date() -> None:
     assert build_report(make_analysis(), make_subject(), "en").conclusion is None
 
 
-def test_the_conclusion_stands_on_page_2_of_the_pdf() -> None:
-    pdf = render_pdf(build_report(make_analysis(), concluded(), "en"), {})
-
-    pages = [page.extract_text() for page in pypdf.PdfReader(io.BytesIO(pdf)).pages]
-
-    assert "Overhead work is the load." in pages[1]
-    assert "M. Tremblay" in pages[1]
-
-
 def test_a_report_with_a_conclusion_has_an_id_of_its_own() -> None:
     findings = make_analysis()
 
@@ -75,13 +63,6 @@ def test_the_conclusion_moves_no_figure() -> None:
     }
     assert without.pop("conclusion") is None
     assert json.dumps(with_it) == json.dumps(without)
-
-
-def test_results_json_and_a_stored_request_hold_the_conclusion() -> None:
-    request = ReportRequest("shift.gt3x", conclusion=TWO_LINES)
-
-    assert decode_results(encode_results(make_analysis(), concluded())).subject.conclusion == TWO_LINES
-    assert ReportRequest.from_json(request.to_json()) == request
 
 
 @pytest.mark.parametrize(
@@ -181,13 +162,6 @@ def test_a_subject_code_that_chooses_other_rows_of_the_diary_changes_the_diary(
     assert fifth.draft.changes == ("subject", "diary")
 
 
-def test_a_confirmed_conclusion_leaves_no_draft(store: JobStore, second: Job) -> None:
-    third = correct(store, second, side="left")
-    fourth = finish(store, store.conclude(third, SAID)).request
-
-    assert (fourth.version, fourth.conclusion, fourth.draft) == (4, SAID, None)
-
-
 def test_a_dismissed_draft_is_in_no_later_version(store: JobStore, second: Job) -> None:
     third = correct(store, second, side="left")
 
@@ -244,12 +218,6 @@ def test_a_change_of_many_recordings_and_an_analysis_by_a_script_have_the_draft(
     script = store.add_analysis((second.recording_id, second.sha256), plain).request
 
     assert many.draft == script.draft == ConclusionDraft(SAID, 2, ("side",))
-
-
-def test_a_stored_request_holds_the_draft() -> None:
-    request = ReportRequest("shift.gt3x", draft=ConclusionDraft(SAID, 2, ("side", "engine")))
-
-    assert ReportRequest.from_json(request.to_json()) == request
 
 
 def test_a_side_file_holds_the_draft_which_makes_no_other_work(store: JobStore, second: Job) -> None:

@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
-from app.jobs.batches import BatchStore, identify_study
+from app.jobs.batches import identify_study
 from app.jobs.database.tables import saved_views
 from app.jobs.job import Job, JobState
 from app.jobs.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter, SavedViews, summarise_day
@@ -156,19 +156,6 @@ def test_a_report_whose_repetition_runs_is_offered_to_be_compared(
     (other,) = library.find_others(first)
 
     assert other.job.id == second.id
-
-
-def test_a_batch_shows_its_own_analyses_and_no_other(
-    library: Library, store: JobStore, add_job: AddJob
-) -> None:
-    add_job(b"alone")
-    row = RecordingStore(store.engine, store.reader).get(add_job(b"in it").recording_id)
-    asked = [(row, ReportRequest("shift.gt3x", side="left"))]
-    batch = BatchStore(store.engine, store.reader).add("spring", asked)
-
-    (entry,) = library.find_page(LibraryFilter(batch=batch.id), 10)
-
-    assert entry.job.batch_id == batch.id
 
 
 def test_recordings_are_sorted_by_name_whatever_the_case(library: Library, add_job: AddJob) -> None:
@@ -351,18 +338,6 @@ def test_reports_of_an_older_method_are_a_group_and_are_all_analysed_again(
     assert [job.recording_id for job in store.find_newest(1)] == [old.recording_id]
     finish_by(store)
     assert library.count(LibraryFilter())["older"] == 0
-
-
-def test_what_is_deleted_is_taken_back(client: TestClient, library: Library, add_job: AddJob) -> None:
-    jobs = [add_job(name.encode(), file_name=name) for name in ("a", "b")]
-
-    told = do(client, "delete", *jobs)
-
-    assert "2 recordings are in the trash." in told
-    assert all(f'value="{job.recording_id}"' in told for job in jobs)
-    assert list_names(library, LibraryFilter()) == set()
-    do(client, "restore", *jobs)
-    assert list_names(library, LibraryFilter()) == {"a", "b"}
 
 
 def test_a_view_is_a_named_address_kept_on_the_server(client: TestClient, add_job: AddJob) -> None:

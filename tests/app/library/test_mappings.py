@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api.library.models import AnalysisSettings
 from app.jobs.job import Job, JobState
 from app.jobs.mappings import MappingStore
 from app.jobs.store import JobStore
@@ -14,7 +13,6 @@ from app.jobs.worker import run_next
 from app.report.words.columns import format_columns
 from app.request import write_profile
 from app.web.recording.columns import name_columns, read_profile
-from fusion.readers import propose_profile
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
@@ -144,18 +142,6 @@ def test_columns_that_no_line_names_go_by_their_number() -> None:
     assert name_columns(["", "", ""]) == "(3)"
 
 
-def test_the_page_names_them_for_all_that_wait_and_for_those_to_come_where_it_is_asked(
-    client: TestClient, add_job: AddJob, bench: OpenBench, store: JobStore
-) -> None:
-    first, _ = add_failed(add_job, bench, HEADER, HEADER)
-
-    client.post(f"/analyses/{first.id}/columns", data=FORM | {"header": HEADER, "everywhere": "yes"})
-    add_job(write_table(HEADER, 9), "later.csv")
-    run_all(bench)
-
-    assert find_states(store) == 3 * ["succeeded"]
-
-
 def test_the_page_offers_what_was_named_before_and_uses_it_when_told(
     client: TestClient, add_job: AddJob, bench: OpenBench, mappings: MappingStore, store: JobStore
 ) -> None:
@@ -229,16 +215,6 @@ def test_the_page_lists_renames_and_forgets_them(client: TestClient, mappings: M
 # Which of several sensors is on the arm: on the page and by REST.
 
 
-TABLE = (
-    b"sensor,left,left,left,left,left,left,right,right,right,right,right,right\n"
-    b"time_ms,ax,ay,az,gx,gy,gz,ax,ay,az,gx,gy,gz\n"
-) + b"".join(b"%d,0,0,1,0,0,0,0,1,0,0,0,0\n" % (10 * k) for k in range(50))
-
-
-def test_the_page_offers_the_sensors_of_the_table() -> None:
-    assert propose_profile(TABLE).sensors == ("left", "right")
-
-
 def test_the_form_gives_the_sensor_with_its_units_and_rate() -> None:
     form = {"sensor": ["right"], "acceleration_unit": ["g"], "rate_hz": ["204,8"]}
 
@@ -247,7 +223,3 @@ def test_the_form_gives_the_sensor_with_its_units_and_rate() -> None:
 
 def test_the_report_names_the_sensor() -> None:
     assert format_columns('{"sensor": "right"}', "en") == "Sensor on the upper arm: right"
-
-
-def test_a_request_may_name_the_sensor() -> None:
-    assert AnalysisSettings(sensor="right").sensor == "right"

@@ -182,17 +182,6 @@ def test_a_start_removes_what_a_crash_left_of_a_look(services: Services) -> None
     assert list(services.inspector.folder.iterdir()) == [stranger]
 
 
-def test_an_error_of_the_database_does_not_repeat_what_was_to_be_written(
-    store: JobStore, tmp_path: Path
-) -> None:
-    with store.engine.begin() as connection:
-        connection.exec_driver_sql("DROP TABLE webhooks")
-    with pytest.raises(Exception, match="no such table") as failure:
-        WebhookStore(store.engine, store.reader).add(f"https://{CANARY}/", EVENTS, ServerSecret(tmp_path))
-
-    assert CANARY not in str(failure.value)
-
-
 def test_a_purge_waits_for_the_side_file_that_is_being_written_and_removes_it(
     store: JobStore, storage: Storage, add_job: AddJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:

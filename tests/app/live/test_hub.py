@@ -1,6 +1,5 @@
 """Sessions that end otherwise than by Stop."""
 
-import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from app.live.sources import SourceFacts
 from fusion.live import Frames, replay_frames
 from fusion.live.cues import Cue
 from fusion.readers import read_recording
-from tests.app.live.made import FIRST_POSE, make_frames, make_worn
+from tests.app.live.made import FIRST_POSE, make_worn
 
 
 class BreakingSource:
@@ -38,21 +37,6 @@ class BreakingSource:
 
     def close(self) -> None:
         self.is_closed = True
-
-
-class EndlessSource(BreakingSource):
-    """A board that says nothing more, and never ends."""
-
-    def __init__(self) -> None:
-        super().__init__(OSError())
-        self.is_silent = threading.Event()
-
-    def read(self) -> Frames | None:
-        frames = next(self._frames, None)
-        if frames is None:
-            self.is_silent.set()
-            return make_frames(FIRST_POSE).cut(0, 0)
-        return frames
 
 
 @dataclass
@@ -104,22 +88,6 @@ def test_a_source_that_breaks_leaves_all_that_came_in_the_library_and_no_file(
     assert (messages[-1]["state"], messages[-1]["analysis"]) == ("failed", "an_1")
     assert len(shelf.kept) == 1
     assert list((tmp_path / "live").iterdir()) == []
-
-
-def test_a_session_that_nobody_comes_back_to_ends_with_its_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.live.hub.CLOSED_TERM_S", 0.1)
-    shelf = Shelf(tmp_path)
-    hub, source = LiveHub(shelf), EndlessSource()
-    session = hub.start(source, SessionRequest(Wearer(arm_axis="+z")), shelf.begin())
-    source.is_silent.wait()
-
-    session.leave(session.watch(lambda _: None), was_closed=True)
-    for thread in hub._threads.values():
-        thread.join()
-
-    assert (session.state, session.analysis_id, session.was_left) == ("stopped", "an_1", True)
 
 
 def make_session(folder: Path) -> RunningSession:

@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -91,13 +90,6 @@ def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(replayed: Replaye
     assert head == "time_s,kind,angle_deg,limit"
     assert [row.split(",")[1:] for row in rows] == [["hold", "60", "4"]] * 2
     assert len(re.findall(r"Above 60° for 4\ss\.", replayed[1])) == 2
-
-
-def test_in_french_it_is_french(log: Path, tmp_path: Path) -> None:
-    _, output = run(str(log), "-o", str(tmp_path / "out"), "--speed", "20", "--lang", "fr")
-
-    assert "60° et plus" in output
-    assert "Direct comparé au rapport" in output
 
 
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
@@ -264,15 +256,3 @@ def test_once_the_raw_file_has_the_rows_they_are_kept_no_second_time(tmp_path: P
 
     (raw,) = out.glob("live-*.csv")
     assert len(re.findall(r"^\d+,", raw.read_text(), re.MULTILINE)) == 1500
-
-
-def test_a_port_whose_lines_nobody_can_read_leaves_nothing(tmp_path: Path, udp_port: int) -> None:
-    out, unreadable = tmp_path / "out", "a,b,c,d,e,f,g\n" + "1,2,3,4,5,6,7\n" * 300
-    board = threading.Thread(target=send_rows, args=(udp_port, out, unreadable))
-    board.start()
-
-    code, _ = run(f"udp://127.0.0.1:{udp_port}", "-o", str(out))
-
-    board.join()
-    assert code == 3
-    assert list(out.iterdir()) == []

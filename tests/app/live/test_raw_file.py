@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.live.raw_file import RawFile, Wearer, find_cut, was_stopped
+from app.live.raw_file import RawFile, find_cut, was_stopped
 from app.live.sources import ReplaySource, SourceFacts, find_axis
 from fusion.live import Frames, LiveElevation, LiveSession
-from fusion.pipeline import analyse
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_frames, make_worn
@@ -65,16 +64,6 @@ def test_a_hole_is_a_hole(tmp_path: Path) -> None:
     assert second.start_us == pytest.approx(15_000_000, abs=10)
 
 
-def test_the_pose_that_was_held_is_that_of_the_report(tmp_path: Path) -> None:
-    recording = write(tmp_path / "live-a.csv", make_frames(FIRST_POSE, (95.0, 60.0)), (5.0, 10.0))
-
-    calibration = analyse(recording).calibration
-
-    assert calibration is not None
-    assert calibration.state == "given"
-    assert (calibration.windows[0].start_s, calibration.windows[0].end_s) == (5.0, 10.0)
-
-
 def test_a_later_pose_takes_the_place_of_the_first(tmp_path: Path) -> None:
     with RawFile(tmp_path / "live-a.csv", HEADER) as raw:
         raw.write(make_frames(FIRST_POSE, (95.0, 10.0)))
@@ -82,18 +71,6 @@ def test_a_later_pose_takes_the_place_of_the_first(tmp_path: Path) -> None:
         raw.state_pose(12_345.678, 12_350.678)
 
     assert read_recording(tmp_path / "live-a.csv").pose_windows_s == ((12_345.678, 12_350.678),)
-
-
-def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
-    facts = SourceFacts("other", "port", 100.0, START)
-    with RawFile(tmp_path / "live-a.csv", facts, Wearer(arm_axis="+z")) as raw:
-        raw.write(make_frames((0.0, 60.0), (95.0, 60.0)))
-
-    calibration = analyse(tmp_path / "live-a.csv").calibration
-
-    assert calibration is not None
-    assert calibration.state == "axis"
-    assert calibration.arm_axis.tolist() == [0.0, 0.0, 1.0]
 
 
 def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:

@@ -256,19 +256,6 @@ def test_the_trail_tells_who_started_a_session_and_what_became_of_it(
 # --- while a session runs -------------------------------------------------------------------------------
 
 
-def test_a_session_goes_on_after_a_lost_link(client: TestClient, recording_id: str) -> None:
-    with connect(client, **ask_for(recording_id)) as socket:
-        session = socket.receive_json()["session"]
-        read_until(socket, "update")
-    with connect(client, type="resume", session=session) as socket:
-        again, history = socket.receive_json(), socket.receive_json()
-        ended = stop(socket)
-
-    assert again["session"] == session
-    assert history["points"][0][0] == 0.0
-    assert ended["state"] == "stopped"
-
-
 def test_a_pose_is_asked_for_again_and_the_clock_is_told(client: TestClient, recording_id: str) -> None:
     with connect(client, **ask_for(recording_id)) as socket:
         socket.send_json({"type": "ping", "sent_ms": 12.5})
@@ -446,19 +433,6 @@ def test_a_page_that_is_closed_while_the_server_reads_a_port_ends_the_session_wi
     assert client.get(f"/api/v1/analyses/{analysis}").json()["state"] == "queued"
     with connect(client, type="resume", session=session) as socket:
         assert read_until(socket, "ended")["was_left"]
-
-
-def test_lines_that_a_page_sends_become_a_recording(client: TestClient) -> None:
-    with connect(client, type="start", source="lines", name="phone", keeps=True, axis="+z") as socket:
-        text = (PREAMBLE + HEADER + write_rows(0, 1500)).encode()
-        for first in range(0, len(text), 5000):
-            socket.send_bytes(text[first : first + 5000])
-        session = socket.receive_json()
-        read_frames(socket, 1500)
-        ended = stop(socket)
-
-    assert (session["source"], session["device"]) == ("phone", "lsm9ds1")
-    assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
 
 
 def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: TestClient) -> None:

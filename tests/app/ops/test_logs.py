@@ -30,10 +30,6 @@ def lines() -> Iterator[io.StringIO]:
     root.setLevel(level)
 
 
-def test_control_characters_are_escaped() -> None:
-    assert escape_controls(HOSTILE) == ESCAPED
-
-
 @pytest.mark.parametrize("text", ["Élévation à 60° – 😀", r"C:\new\u0041", '{"file": "shift.csv"}'])
 def test_other_text_stands_as_it_is(text: str) -> None:
     assert escape_controls(text) == text

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 
 from app.report.export.results import build_results, encode_results
@@ -202,19 +201,3 @@ def test_every_range_holds_its_figure_in_each_part_of_the_day(exposure: dict[str
         if not interval[0] - 1e-6 <= part[name] <= interval[1] + 1e-6
     ]
     assert outside == []
-
-
-def test_periods_of_one_label_are_one_task(exposure: dict[str, Any]) -> None:
-    (task,) = [part for part in exposure["by_task"] if part["label"] == "a"]
-    periods = [part for part in exposure["by_period"] if part["label"] == "a"]
-
-    assert task["periods"] == len(periods) == 2
-    assert task["analysed_s"] == pytest.approx(sum(part["analysed_s"] for part in periods), abs=1e-9)
-    above_s = sum(part["time_above_60_percent"] * part["analysed_s"] for part in periods)
-    assert task["time_above_60_percent"] == pytest.approx(above_s / task["analysed_s"], abs=1e-6)
-
-
-def test_the_tasks_add_up_to_the_recording(exposure: dict[str, Any]) -> None:
-    told_s = sum(part["recorded_s"] for part in exposure["by_task"])
-
-    assert told_s == pytest.approx(np.sum([part["recorded_s"] for part in exposure["by_period"]]), abs=1e-6)

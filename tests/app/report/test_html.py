@@ -106,25 +106,6 @@ def test_every_chart_has_a_title_a_description_and_a_table() -> None:
     assert tags.count("figure") == tags.count("details")
 
 
-def luminance(colour: str) -> float:
-    channels = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-@pytest.mark.parametrize("theme", [0, 1], ids=["light", "dark"])
-def test_text_contrast_is_at_least_4_5(theme: int) -> None:
-    colours = {
-        name: luminance(re.findall(rf"--{name}: (#\w{{6}})", page().decode())[theme])
-        for name in ("ink", "soft", "accent", "link", "paper", "tint")
-    }
-
-    for text in ("ink", "soft", "accent", "link"):
-        for ground in ("paper", "tint"):
-            dark, light = sorted((colours[text], colours[ground]))
-            assert (light + 0.05) / (dark + 0.05) >= 4.5, (text, ground)
-
-
 # Whatever a person writes is only ever text: in the HTML, the drawings, the PDF, every table.
 
 

@@ -9,8 +9,8 @@ import pytest
 from app.batch.folder import Task
 from app.batch.run import Outcome
 from app.cli.output import format_question
-from app.report.export.results import build_results, encode_results
-from app.report.findings import CalibrationFacts, Findings, PartFacts, QuestionFacts, RepeatFacts, StillFacts
+from app.report.export.results import encode_results
+from app.report.findings import CalibrationFacts, Findings, QuestionFacts, RepeatFacts, StillFacts
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.request import ReportRequest
@@ -234,37 +234,6 @@ def test_walking_beyond_30_deg_of_the_axis_is_noted(
 
 
 # results.json and the stored findings.
-
-
-@pytest.mark.parametrize(
-    ("findings", "told"),
-    [
-        (
-            with_axis("y"),
-            {"pose": None, "start_s": None, "duration_s": None, "score": None, "axis": "y", "sigma_deg": 8.0},
-        ),
-        (
-            with_pose(repeats=(AGAIN,)),
-            {"repeats": [{"start_s": 7242.0, "duration_s": 8.0, "apart_deg": 3.5}]},
-        ),
-        (
-            with_pose(parts=(PartFacts(3600.0, 7242.0, valid=False, pose_index=None),)),
-            {"parts": [{"start_s": 3600.0, "end_s": 7242.0, "valid": False, "pose_index": None}]},
-        ),
-        (
-            with_pose(proposals=(still_at(108.0),), questions=(QuestionFacts("slip", 7200.0, 7320.0, 23.0),)),
-            {
-                "proposals": [{"start_s": 108.0, "duration_s": 10.0}],
-                "questions": [{"kind": "slip", "start_s": 7200.0, "end_s": 7320.0, "apart_deg": 23.0}],
-            },
-        ),
-    ],
-    ids=["axis", "held again", "unread part", "unknown"],
-)
-def test_results_json_holds_what_is_known_of_the_pose(findings: Findings, told: dict[str, Any]) -> None:
-    calibration: Any = build_results(findings, make_subject())["calibration"]
-
-    assert told.items() <= calibration.items()
 
 
 # Two days, analysed alike.

@@ -3,20 +3,16 @@
 import json
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from app.report.analysis.report import build_report
 from app.report.export.results import build_results, decode_results, encode_results, identify_report
 from app.report.figures import load_results
 from app.report.findings import CalibrationFacts, Findings, PartFacts, QuestionFacts, RepeatFacts, StillFacts
-from app.report.render.write import RESULTS, rewrite_reports
 from app.report.words.subject import ReportSubject, Software
-from app.report.words.wording import LANGUAGES, Language
-from app.request import Conclusion, ReportRequest
+from app.request import Conclusion
 from fusion.diary import read_diary
 from fusion.exposure import Interval, PeakWindow
 from fusion.exposure.periods import place_diary
@@ -222,13 +218,6 @@ def test_every_value_of_an_analysis_is_read_again_to_its_last_digit(analysed: Fi
     assert list_values(read_again(analysed)) == list_values(analysed)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_an_analysis_gives_the_same_report_when_read_again(analysed: Findings, language: Language) -> None:
-    assert build_report(read_again(analysed), make_subject(), language) == build_report(
-        analysed, make_subject(), language
-    )
-
-
 def test_what_is_not_known_is_not_known_when_read_again() -> None:
     clockless = read_again(make_analysis(start=None, calibrated=False))
 
@@ -321,16 +310,6 @@ def test_a_list_of_numbers_stands_in_one_line() -> None:
 
     assert '"gyro_bias_dps": [0.31, -0.12, 0.07]' in text
     assert decode_results(text.encode()).subject.subject == "[\\n 1 ]"
-
-
-def test_a_finished_analysis_is_told_in_the_other_language_from_its_folder(tmp_path: Path) -> None:
-    (tmp_path / RESULTS).write_bytes(encode_results(make_analysis(), make_subject()))
-    out = tmp_path / "again"
-    out.mkdir()
-
-    rewrite_reports(tmp_path, ReportRequest("", languages=("fr",), kinds=("html",)), out)
-
-    assert "Le bras droit a été élevé" in (out / "report.fr.html").read_text("utf-8")
 
 
 # What may not have been worn is proposed, as a row that a diary takes.
