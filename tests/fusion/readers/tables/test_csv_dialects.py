@@ -11,7 +11,6 @@ from fusion.errors import FusionError, NoSamples
 from fusion.readers import read_recording
 from fusion.readers.tables.columns import choose_vector
 from fusion.readers.tables.layout import find_layout
-from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import CANON, HEADER, line, read_text
 
 
@@ -107,11 +106,6 @@ def test_stated_units_are_converted(
 
 
 DRESSES = {
-    "CRLF": CANON.replace("\n", "\r\n"),
-    "CR": CANON.replace("\n", "\r"),
-    "mark": "\ufeff" + CANON,
-    "blank lines": CANON.replace("\n", "\n\n"),
-    "tab": CANON.replace(",", "\t"),
     "padded": CANON.replace(",", ", "),
     "spaces": CANON.replace(",", " "),
     "empty ends": CANON.replace("\n", ",,,\n"),
@@ -128,30 +122,6 @@ def test_every_dress_of_the_same_table_gives_the_same_samples(dress: str) -> Non
 
     assert np.array_equal(segment.acc_g, expected.acc_g)
     assert np.array_equal(segment.gyr_dps, expected.gyr_dps)
-
-
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
-def test_excels_unicode_text_is_read_and_said(encoding: str) -> None:
-    content = ("\ufeff" if encoding == "utf-16-be" else "") + CANON.replace(",", "\t")
-
-    recording = read_text(content.encode(encoding))
-
-    assert len(recording.segments[0]) == 2000
-    assert codes(recording) == ["W-ENCODING"]
-
-
-@pytest.mark.parametrize("mark", [",", ";", "\t"])
-def test_words_in_columns_of_their_own_are_left_aside(mark: str) -> None:
-    header = "device,time_us,activity," + HEADER.split(",", 1)[1]
-    rows = [f"D4 22 CD,{10_000 * k},{'walking' if k % 2 else ''},{line(k)}" for k in range(900)]
-
-    recording = read_text("\n".join([header, *rows, ""]).replace(",", mark))
-
-    assert (recording.duration_us, recording.segments[0].gyr_dps[7].tolist()) == (
-        9_000_000,
-        [0.5, -0.25, 7.5],
-    )
-    assert recording.understood["ignored"] == "device, activity"
 
 
 def test_seconds_and_microseconds_in_two_columns_cost_no_time() -> None:

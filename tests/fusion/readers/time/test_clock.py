@@ -5,7 +5,6 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from fusion.errors import UnusableTime
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.badfiles.table_files import calendar_table, resaved
@@ -69,21 +68,6 @@ def test_a_clock_that_was_never_set_gives_no_start() -> None:
 
     assert recording.start is None
     assert codes(recording) == ["W-CLOCK-UNSET"]
-
-
-@pytest.mark.parametrize("lost_s", [10, 300])
-@pytest.mark.parametrize(
-    ("first", "step_h"),
-    [(datetime(2026, 11, 1, 1, 59, 40), -1), (datetime(2027, 3, 14, 1, 59, 40), 1)],  # noqa: DTZ001
-    ids=["back", "forward"],
-)
-def test_rows_lost_while_the_clocks_are_changed_are_all_that_is_missing(
-    first: datetime, step_h: int, lost_s: int
-) -> None:
-    recording = read_text(wall_table(first, 2000, timedelta(seconds=lost_s, hours=step_h)))
-
-    assert recording.duration_us == 40_000_000 + 1_000_000 * lost_s
-    assert codes(recording) == ["W-DST", "W-GAP"]
 
 
 def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believed() -> None:
@@ -159,14 +143,6 @@ def test_a_year_of_two_digits_is_settled_by_the_header(pattern: str, date: str) 
     assert read_text(resaved(pattern, SECOND_OF_MARCH, date)).start == SECOND_OF_MARCH
 
 
-@pytest.mark.parametrize("pattern", ["%d/%m/%y %H:%M:%S.%f", DAY_FIRST])
-def test_what_nothing_settles_is_asked_for(pattern: str) -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_text(calendar_table(pattern, SECOND_OF_MARCH))
-
-    assert refusal.value.facts == {"why": "date-order"}
-
-
 @pytest.mark.parametrize(
     ("pattern", "first"),
     [
@@ -178,17 +154,6 @@ def test_what_nothing_settles_is_asked_for(pattern: str) -> None:
 )
 def test_dates_that_can_be_read_one_way_need_no_header(pattern: str, first: datetime) -> None:
     assert read_text(calendar_table(pattern, first)).start == first
-
-
-@pytest.mark.parametrize("pattern", [DAY_FIRST, MONTH_FIRST], ids=["day first", "month first"])
-@pytest.mark.parametrize("word", ["M/d/yyyy", "dd/MM/yyyy"])
-def test_midnight_goes_before_the_format_of_the_header(pattern: str, word: str) -> None:
-    first = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001
-
-    recording = read_text(resaved(pattern, first, "03/03/2026", word))
-
-    assert (recording.start, recording.duration_us) == (first, 60_000_000)
-    assert codes(recording) == ["W-LOCALE"]
 
 
 def test_midnight_in_a_packed_table_settles_day_and_month() -> None:
