@@ -96,6 +96,8 @@ ORDER = (
     ),
     read("28 50 rows at 0", partial(o.stray, [0] * 50), "W-CLOCK-FWD"),
     read("28 50 rows from 0", partial(o.stray, range(0, 500_000, 10_000)), "W-CLOCK-FWD"),
+    read("28 50 rows far ahead", partial(o.stray, [9_000_000_000] * 50), "W-CLOCK-FWD"),
+    read("28 50 rows nearly still", partial(o.stray, range(7, 57)), "W-CLOCK-FWD"),
     read("28 50 rows at the epoch", partial(o.stray_dates, EPOCH, 0), "W-CLOCK-FWD"),
     read("28 50 rows from the epoch", partial(o.stray_dates, EPOCH, 10), "W-CLOCK-FWD"),
     read(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import NoGyroscope, UnknownColumns, UnknownRate, UnusableTime
+from fusion.errors import UnknownColumns, UnknownRate, UnusableTime
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
 from fusion.readers.cwa import DeviceHeader, build_recording, decode_log
@@ -18,12 +18,9 @@ from fusion.recording import Recording
 from tests.badfiles import cwa_files
 from tests.badfiles.gt3x_files import LOG, pack
 from tests.fusion.readers.cwa.cwa_builder import (
-    AX3,
-    PACKED,
     ROWS,
     START,
     START_US,
-    THREE_AXES,
     block,
     blocks,
     header,
@@ -145,17 +142,6 @@ def test_a_plan_that_was_not_reached_is_said() -> None:
     recording = read_file(header(stop=stop) + b"".join(blocks(range(50))))
 
     assert codes(recording) == ["W-EARLY-END"]
-
-
-@pytest.mark.parametrize("axes", [THREE_AXES, PACKED])
-def test_without_a_gyroscope_it_is_refused_with_the_cure(axes: int) -> None:
-    plain = np.zeros((40, 6), np.int16)
-    content = header(AX3) + b"".join(block(k, START_US + 400_000 * k, plain, axes=axes) for k in range(50))
-
-    with pytest.raises(NoGyroscope) as refusal:
-        read_file(content)
-
-    assert refusal.value.facts == {"cure": "AX6"}
 
 
 def test_a_rate_that_shows_no_arm_is_refused() -> None:

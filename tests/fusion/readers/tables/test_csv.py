@@ -91,17 +91,6 @@ def test_a_short_hole_is_bridged_and_its_time_is_missing() -> None:
     assert recording.flags[0].seconds == pytest.approx(0.004)
 
 
-def test_a_longer_hole_ends_the_segment() -> None:
-    stamps = [k * 2000 for k in range(5000) if not 1000 <= k < 2000]
-
-    recording = read_text(table(stamps))
-
-    assert [(s.start_us, len(s)) for s in recording.segments] == [(0, 1000), (4_000_000, 3000)]
-    assert recording.duration_us == 10_000_000
-    (gap,) = recording.flags
-    assert gap.seconds == pytest.approx(2.0)
-
-
 def test_rows_stamped_late_are_not_a_hole() -> None:
     stamps = [k * 2000 for k in range(5000)]
     for k in range(1000, 1010):
@@ -134,12 +123,6 @@ def test_a_logger_that_started_again_gives_a_second_segment() -> None:
     assert codes(recording) == ["W-HEADER-REPEAT", "W-CLOCK-BACK"]
 
 
-def test_the_rate_is_that_of_the_stamps_not_the_nominal_one() -> None:
-    recording = read_text(table(round(k * 1e6 / 464.5) for k in range(9000)))
-
-    assert recording.rate_hz == pytest.approx(464.5, rel=1e-6)
-
-
 @given(st.lists(st.integers(0, 4999), max_size=30, unique=True))
 @settings(max_examples=20)
 def test_present_and_missing_time_add_up_whatever_rows_are_lost(lost: list[int]) -> None:
@@ -166,14 +149,6 @@ def outcome(content: bytes) -> str:
 @settings(max_examples=100)
 def test_any_bytes_are_read_or_refused_by_our_own_errors(content: bytes) -> None:
     assert outcome(content).startswith(("E-", "ok"))
-
-
-@given(st.integers(0, 3000), st.binary(min_size=1, max_size=30))
-@settings(max_examples=30)
-def test_a_table_overwritten_anywhere_is_read_or_refused(at: int, junk: bytes) -> None:
-    content = table(range(0, 3_000_000, 10_000)).encode()
-
-    assert outcome(content[:at] + junk + content[at + len(junk) :]).startswith(("E-", "ok"))
 
 
 def test_a_header_of_unknown_names_is_shown_and_not_denied() -> None:

@@ -8,26 +8,17 @@ import pytest
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.badfiles.table_files import calendar_table, resaved
-from tests.fusion.readers.gt3x.gt3x_builder import INFO, pack, record, schema, second
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, TORONTO, count_utc, pack, record, schema, second
 from tests.fusion.readers.seen import codes
-from tests.fusion.readers.tables.table_builder import line, read_text
+from tests.fusion.readers.tables.table_builder import read_text
 
-TORONTO = "(UTC-05:00) Eastern Time (US & Canada)"
-NAMES = "timestamp,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n"
-
-
-def utc_shift(first_unix_s: int, seconds: int = 40, name: str = TORONTO) -> Recording:
-    """A CentrePoint file: its stamps count UTC, and it names its zone."""
-    metadata = f'{{"MetadataType":"LocalTimeLog","UsedUtc":true,"UtcOffset":"-05:00:00","Name":"{name}"}}'
-    log = record(24, first_unix_s, schema()) + record(6, first_unix_s, metadata.encode())
-    return read_recording(pack(log + b"".join(second(first_unix_s + k) for k in range(seconds)), INFO))
+ISO = "%Y-%m-%dT%H:%M:%S.%f"
 
 
-def wall_table(first: datetime, break_after: int = 4000, step: timedelta = timedelta()) -> str:
-    """Forty seconds stamped by a wall clock that steps once."""
-    moments = (first + timedelta(milliseconds=10 * k) + step * (k >= break_after) for k in range(4000))
-    rows = (f"{moment.isoformat(timespec='milliseconds')},{line(k)}\n" for k, moment in enumerate(moments))
-    return NAMES + "".join(rows)
+def utc_shift(first_unix_s: int, zone: str = TORONTO) -> Recording:
+    """Forty seconds of a file that counts UTC and names its zone."""
+    rows = b"".join(second(first_unix_s + k) for k in range(40))
+    return read_recording(pack(count_utc(first_unix_s, zone) + rows, INFO))
 
 
 @pytest.mark.parametrize(
@@ -46,7 +37,7 @@ def test_a_file_that_counts_utc_follows_its_zone(change: int, offset_h: int, ste
 
 
 def test_an_unknown_zone_keeps_the_offset_of_the_file() -> None:
-    recording = utc_shift(1_793_512_800 - 20, name="(UTC-05:00) Nowhere")
+    recording = utc_shift(1_793_512_800 - 20, zone="(UTC-05:00) Nowhere")
 
     assert recording.start is not None
     assert recording.start.utcoffset() == timedelta(hours=-5)
@@ -64,7 +55,7 @@ def test_the_clock_of_an_actilife_file_has_no_jump() -> None:
 
 
 def test_a_clock_that_was_never_set_gives_no_start() -> None:
-    recording = read_text(wall_table(datetime(2000, 1, 1, 0, 0, 5)))  # noqa: DTZ001
+    recording = read_text(calendar_table(ISO, datetime(2000, 1, 1, 0, 0, 5)))  # noqa: DTZ001
 
     assert recording.start is None
     assert codes(recording) == ["W-CLOCK-UNSET"]
@@ -73,7 +64,7 @@ def test_a_clock_that_was_never_set_gives_no_start() -> None:
 def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believed() -> None:
     first = datetime(2026, 3, 2, 8)  # noqa: DTZ001
 
-    recording = read_text("# start: 2026-03-02T09:30:00-05:00\n" + wall_table(first))
+    recording = read_text("# start: 2026-03-02T09:30:00-05:00\n" + calendar_table(ISO, first))
 
     (flag,) = recording.flags
     assert f"{recording.start:%H:%M:%S %z}" == "08:00:00 -0500"
@@ -81,7 +72,9 @@ def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believ
 
 
 def test_a_start_in_the_preamble_gives_the_rows_their_offset() -> None:
-    recording = read_text("# start: 2026-03-02T08:00:00-05:00\n" + wall_table(datetime(2026, 3, 2, 8)))  # noqa: DTZ001
+    recording = read_text(
+        "# start: 2026-03-02T08:00:00-05:00\n" + calendar_table(ISO, datetime(2026, 3, 2, 8))
+    )  # noqa: DTZ001
 
     assert (recording.time_zone, codes(recording)) == ("UTC-05:00", [])
 

@@ -9,9 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, UnknownColumns, UnknownRate, UnusableTime
+from fusion.errors import TooShort, UnknownRate, UnusableTime
 from fusion.readers import read_recording
-from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent, measure_roughness
+from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent
 from fusion.readers.timebase.grid import estimate_period_us
 from fusion.recording import Recording
 from tests.badfiles import signal_files as s
@@ -146,14 +146,6 @@ def test_a_rate_of_8_to_2000_hz_has_one_unit_at_most(step: float, exponent: int 
     assert guess_exponent([step * k for k in range(50)]) == exponent
 
 
-def test_an_arm_is_smooth_from_row_to_row_and_unrelated_readings_are_not() -> None:
-    arm = s.readings()[:, :3].astype(np.float32)
-    chance = np.random.default_rng(3).normal(size=(6000, 3)).astype(np.float32)
-
-    assert measure_roughness(arm) < 0.05
-    assert measure_roughness(chance) == pytest.approx(1.0, abs=0.05)
-
-
 def test_a_rate_that_no_unit_explains_is_told_with_its_cure() -> None:
     with pytest.raises(UnknownRate) as refusal:
         read_text(
@@ -186,23 +178,6 @@ def test_a_rate_that_no_logger_has_is_not_believed() -> None:
     assert read_text(text, rate_hz=50.0).rate_hz == pytest.approx(50.0)
 
 
-def test_without_a_rate_a_person_has_to_give_one() -> None:
-    with pytest.raises(UnknownRate):
-        read_text(export(list(range(2000)), ""))
-    assert read_text(export(list(range(2000)), ""), rate_hz=50.0).duration_us == 40_000_000
-
-
-def test_an_export_with_single_spaces_keeps_its_empty_fields() -> None:
-    text = export(list(range(2000)))
-    spaced = PREAMBLE + text.removeprefix(PREAMBLE).replace("\t", " ")
-
-    recording = read_text(spaced)
-
-    assert (recording.duration_us, recording.understood["delimiter"]) == (20_000_000, "space")
-    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
-    assert codes(recording) == codes(read_text(text))
-
-
 def test_packets_that_were_lost_are_missing() -> None:
     recording = read_text(export([*range(1000), *range(1300, 2300)]))
 
@@ -210,13 +185,6 @@ def test_packets_that_were_lost_are_missing() -> None:
     assert [len(segment) for segment in recording.segments] == [1000, 1000]
     assert recording.segments[1].start_us == 13_000_000
     assert (gap.first_s, gap.seconds) == (10.0, 3.0)
-
-
-def test_a_packet_counter_that_starts_over_loses_nothing() -> None:
-    recording = read_text(export([n % 65_536 for n in range(65_000, 67_000)]))
-
-    assert recording.duration_us == 20_000_000
-    assert "W-GAP" not in codes(recording)
 
 
 def test_packets_lost_while_the_counter_starts_over_are_missing() -> None:
@@ -238,15 +206,3 @@ def test_a_column_that_does_not_count_up_is_no_packet_counter() -> None:
 def test_less_than_a_second_of_an_unknown_unit_is_too_short() -> None:
     with pytest.raises(TooShort):
         read_text(export([*range(3)], "").replace("_g", "").replace("_dps", ""), rate_hz=100.0)
-
-
-def test_names_of_columns_that_we_do_not_know_are_told() -> None:
-    text = "PacketCounter,Status,Quat_W,Quat_X,Quat_Y,Quat_Z\n" + "1,0,0.5,0.5,0.5,0.5\n" * 100
-
-    with pytest.raises(UnknownColumns) as refusal:
-        read_text(text)
-
-    assert refusal.value.facts == {
-        "list": "PacketCounter,Status,Quat_W,Quat_X,Quat_Y,Quat_Z",
-        "missing": "ax, ay, az, gx, gy, gz",
-    }

@@ -16,7 +16,7 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.grid import leave_out_stopped
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
-from tests.badfiles.order_files import CALENDAR, stray
+from tests.badfiles.order_files import CALENDAR
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import HEADER, line, read_text, table
 
@@ -151,20 +151,6 @@ def test_a_zone_behind_the_stamp_is_read(tail: str, offset: str) -> None:
     assert (recording.duration_us, codes(recording)) == (TWENTY_S, [])
 
 
-@pytest.mark.parametrize(
-    ("pattern", "why"),
-    [
-        *((f"%Y-%m-%d %H:%M:%S.mmm{tail}", "zone name") for tail in (" AST", " IST", " XYZ", "+15:00")),
-        ("%d %b %Y %H:%M:%S.mmm", "form"),
-    ],
-)
-def test_stamps_that_cannot_be_understood_are_refused_with_line_and_cure(pattern: str, why: str) -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_text(written("2026-11-02 12:05", pattern))
-
-    assert refusal.value.facts == {"why": why, "line": 2}
-
-
 @pytest.mark.parametrize("places", [0, 3, 6, 9], ids=["s", "ms", "us", "ns"])
 @pytest.mark.parametrize("has_unit", [True, False], ids=["named", "unnamed"])
 def test_an_epoch_gives_the_start_in_utc(places: int, has_unit: bool) -> None:
@@ -281,14 +267,6 @@ def test_rows_that_came_late_over_midnight_are_put_right() -> None:
 ACC_G, GYR_DPS = minute()
 
 
-def assert_is_the_minute(recording: Recording) -> None:
-    """Every sample stands where it was measured, once."""
-    (segment,) = recording.segments
-    assert recording.duration_us == 60_000_000
-    np.testing.assert_allclose(segment.acc_g, ACC_G, atol=1e-4)
-    np.testing.assert_allclose(segment.gyr_dps, GYR_DPS, atol=1e-3)
-
-
 def test_the_hour_that_comes_twice_in_fall_is_no_piece_that_goes_on() -> None:
     first = datetime(2026, 11, 1, 1, 30)  # noqa: DTZ001
     moments = [first + timedelta(seconds=k / 10, hours=-1 if k >= 18_000 else 0) for k in range(36_000)]
@@ -298,19 +276,6 @@ def test_the_hour_that_comes_twice_in_fall_is_no_piece_that_goes_on() -> None:
 
     assert codes(recording) == ["W-DST"]
     assert recording.start == first
-
-
-@pytest.mark.parametrize(
-    "stamps",
-    [[0] * 50, range(0, 500_000, 10_000), [9_000_000_000] * 50, range(7, 57)],
-    ids=["at 0", "from 0", "far ahead", "nearly still"],
-)
-def test_stamps_that_their_neighbours_contradict_cost_nothing(stamps: Iterable[int]) -> None:
-    recording = read_text(stray(list(stamps)))
-
-    (flag,) = recording.flags
-    assert_is_the_minute(recording)
-    assert (flag.code, flag.count) == ("W-CLOCK-FWD", 50)
 
 
 # Rows that stand in a table twice are counted once.
