@@ -34,7 +34,7 @@ def told(recording: Recording) -> list[object]:
     return [flag.facts["what"] for flag in recording.flags]
 
 
-STATED = {"acc_unit": "g", "gyr_unit": "dps"}
+STATED: dict[str, Any] = {"acc_unit": "g", "gyr_unit": "dps"}
 # each with the unit that is stated for it
 ACC_UNITS = (
     *((9.80665, ""), (2 / 3, ""), (2 / 3, "g"), (1000.0, "g")),

@@ -72,9 +72,9 @@ def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believ
 
 
 def test_a_start_in_the_preamble_gives_the_rows_their_offset() -> None:
-    recording = read_text(
-        "# start: 2026-03-02T08:00:00-05:00\n" + calendar_table(ISO, datetime(2026, 3, 2, 8))
-    )  # noqa: DTZ001
+    first = datetime(2026, 3, 2, 8)  # noqa: DTZ001
+
+    recording = read_text("# start: 2026-03-02T08:00:00-05:00\n" + calendar_table(ISO, first))
 
     assert (recording.time_zone, codes(recording)) == ("UTC-05:00", [])
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusion.errors import TooShort, UnknownRate, UnusableTime
 from fusion.readers import read_recording
-from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent
+from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent, measure_roughness
 from fusion.readers.timebase.grid import estimate_period_us
 from fusion.recording import Recording
 from tests.badfiles import signal_files as s
@@ -144,6 +144,14 @@ def test_an_epoch_keeps_its_unit_however_slowly_the_rows_come() -> None:
 @pytest.mark.parametrize(("step", "exponent"), [(0.01, 6), (10.0, 3), (10_000.0, 0), (1e7, -3), (0.2, None)])
 def test_a_rate_of_8_to_2000_hz_has_one_unit_at_most(step: float, exponent: int | None) -> None:
     assert guess_exponent([step * k for k in range(50)]) == exponent
+
+
+def test_an_arm_is_smooth_from_row_to_row_and_unrelated_readings_are_not() -> None:
+    arm = s.readings()[:, :3].astype(np.float32)
+    chance = np.random.default_rng(3).normal(size=(6000, 3)).astype(np.float32)
+
+    assert measure_roughness(arm) < 0.05
+    assert measure_roughness(chance) == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_rate_that_no_unit_explains_is_told_with_its_cure() -> None:
