@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -19,6 +20,10 @@ from tests.swift import SwiftServer, find_programs
 # A first call may wait for the compiler: no test is timed.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+# What is compiled is kept: hundreds of processes that tests start would compile it again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # The servers of the tests ask for no secret; those of tests/app/access ask as every server does.
 os.environ["ACROMION_NO_SECRET"] = "1"

@@ -168,7 +168,8 @@ def list_barriers(page: Page, look: Look, part: str | None = None) -> list[str]:
     if look.language == "fr":
         return []
     rules = RULES if look.scheme == "light" else LOOKS_RULES
-    violations = Axe().run(page, context=part, options={"runOnly": rules}).response["violations"]
+    options = {"runOnly": rules, "resultTypes": ["violations"], "preload": False}
+    violations = Axe().run(page, context=part, options=options).response["violations"]
     return [f"{found['id']}: {found['nodes'][0]['html'][:120]}" for found in violations]
 
 
