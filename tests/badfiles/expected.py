@@ -33,6 +33,7 @@ CONTAINERS = (
     refused("1", b"", "E-EMPTY"),
     refused("1 zeros", lambda: bytes(200_000), "E-BLANK"),
     refused_gt3x("2", t.canon, "E-EXT, kind=text, right=.csv"),
+    refused("2 another name", lambda: WHOLE, "E-EXT, right=.gt3x"),
     refused(
         "3 xlsx",
         partial(g.archive, {"[Content_Types].xml": "<Types/>", "xl/workbook.xml": "<workbook/>"}),
