@@ -37,5 +37,7 @@ CLOCKS = (
     read("56 hour back in June", partial(t.clock_changed, "2026-06-07T01:59:30", -1), "W-CLOCK-BACK"),
     read("57 EDT", partial(t.zoned, " EDT")),
     read("57 HAE", partial(t.zoned, " HAE")),
-    refused("57 name of several zones", partial(t.zoned, " AST"), "E-TIME"),
+    refused("57 name of several zones", partial(t.zoned, " AST"), "E-TIME, why=zone name, line=2"),
+    refused("57 name of no zone", partial(t.zoned, " XYZ"), "E-TIME, why=zone name, line=2"),
+    refused("57 offset of no zone", partial(t.zoned, "+15:00"), "E-TIME, why=zone name, line=2"),
 )

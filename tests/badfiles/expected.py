@@ -32,7 +32,8 @@ HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 CONTAINERS = (
     refused("1", b"", "E-EMPTY"),
     refused("1 zeros", lambda: bytes(200_000), "E-BLANK"),
-    refused_gt3x("2", t.canon, "E-EXT"),
+    refused_gt3x("2", t.canon, "E-EXT, kind=text, right=.csv"),
+    refused("2 another name", lambda: WHOLE, "E-EXT, right=.gt3x"),
     refused(
         "3 xlsx",
         partial(g.archive, {"[Content_Types].xml": "<Types/>", "xl/workbook.xml": "<workbook/>"}),
@@ -42,30 +43,44 @@ CONTAINERS = (
     refused("3 pdf", lambda: b"%PDF-1.7\n" + b"x" * 500, "E-TYPE"),
     refused("3 jpg", lambda: b"\xff\xd8\xff\xe0" + bytes(500), "E-TYPE"),
     refused("3 html", HTML, "E-TYPE"),
-    refused_gt3x("4", lambda: WHOLE[: len(WHOLE) // 2], "E-ZIP-TRUNC"),
-    refused_gt3x("5", lambda: WHOLE[:-22], "E-ZIP-TRUNC"),
-    refused_gt3x("6", lambda: g.spoil(DEFLATED, 20_000, DEFLATED[20_000] ^ 0x55), "E-ZIP-CRC"),
-    refused_gt3x("7", partial(g.archive, {"info.txt": INFO}), "E-GT3X-PART"),
-    refused_gt3x("8", partial(g.archive, {"log.bin": g.LOG}), "E-GT3X-PART"),
+    refused_gt3x("4", lambda: WHOLE[: len(WHOLE) // 2], "E-ZIP-TRUNC, n=63590"),
+    refused_gt3x("5", lambda: WHOLE[:-22], "E-ZIP-TRUNC, n=127159"),
+    refused_gt3x(
+        "6", lambda: g.spoil(DEFLATED, 20_000, DEFLATED[20_000] ^ 0x55), "E-ZIP-CRC, member=log.bin"
+    ),
+    refused_gt3x("7", partial(g.archive, {"info.txt": INFO}), "E-GT3X-PART, member=log.bin"),
+    refused_gt3x("8", partial(g.archive, {"log.bin": g.LOG}), "E-GT3X-PART, member=info.txt"),
     refused_gt3x("9", partial(g.pack, b""), "E-NO-SAMPLES"),
     refused_gt3x(
         "10", partial(g.archive, {"activity.bin": b"x", "lux.bin": b"", "info.txt": INFO}), "E-GT3X-OLD"
     ),
-    refused_gt3x("11", g.doubled_log, "E-ZIP-UNSAFE"),
-    refused_gt3x("12 up", partial(g.with_member, "../../../tmp/evil.txt"), "E-ZIP-UNSAFE"),
-    refused_gt3x("12 absolute", partial(g.with_member, "/etc/passwd"), "E-ZIP-UNSAFE"),
-    refused_gt3x("12 backslash", partial(g.with_member, "..\\evil.txt"), "E-ZIP-UNSAFE"),
-    refused_gt3x("12 link", partial(g.with_member, "x", link=True), "E-ZIP-UNSAFE"),
+    refused_gt3x("11", g.doubled_log, "E-ZIP-UNSAFE, reason=duplicate"),
+    refused_gt3x("12 up", partial(g.with_member, "../../../tmp/evil.txt"), "E-ZIP-UNSAFE, reason=name"),
+    refused_gt3x("12 absolute", partial(g.with_member, "/etc/passwd"), "E-ZIP-UNSAFE, reason=name"),
+    refused_gt3x("12 backslash", partial(g.with_member, "..\\evil.txt"), "E-ZIP-UNSAFE, reason=name"),
+    refused_gt3x("12 drive", partial(g.with_member, "C:evil.txt"), "E-ZIP-UNSAFE, reason=name"),
+    refused_gt3x("12 link", partial(g.with_member, "x", link=True), "E-ZIP-UNSAFE, reason=link"),
     refused_gt3x(
         "13",
         partial(g.archive, {"log.bin": g.LOG, "info.txt": INFO, **{f"m{k}": b"" for k in range(200)}}),
-        "E-ZIP-UNSAFE",
+        "E-ZIP-UNSAFE, reason=members",
     ),
-    refused_gt3x("14", lambda: g.pack(bytes(64 << 20), compression=zipfile.ZIP_DEFLATED), "E-ZIP-UNSAFE"),
+    refused_gt3x(
+        "14", lambda: g.pack(bytes(64 << 20), compression=zipfile.ZIP_DEFLATED), "E-ZIP-UNSAFE, reason=ratio"
+    ),
     refused_gt3x("15", g.lying_index, "E-ZIP-CRC"),
-    refused_gt3x("16 encrypted", g.encrypted, "E-ZIP-UNSAFE"),
-    refused_gt3x("16 compression", partial(g.pack, g.LOG, compression=zipfile.ZIP_LZMA), "E-ZIP-UNSAFE"),
-    refused("16 nested", partial(g.archive, {"shift.gt3x": WHOLE}), "E-ZIP-UNSAFE", name="shift.zip"),
+    refused_gt3x("16 encrypted", g.encrypted, "E-ZIP-UNSAFE, reason=encrypted"),
+    refused_gt3x(
+        "16 compression",
+        partial(g.pack, g.LOG, compression=zipfile.ZIP_LZMA),
+        "E-ZIP-UNSAFE, reason=compression",
+    ),
+    refused(
+        "16 nested",
+        partial(g.archive, {"shift.gt3x": WHOLE}),
+        "E-ZIP-UNSAFE, reason=nested",
+        name="shift.zip",
+    ),
     refused("16 gt3x.gz", t.gzipped(WHOLE), "E-ZIP-UNSAFE", name="shift.gt3x.gz"),
     refused("16 gz.gz", t.gzipped(t.gzipped(CANON)()), "E-ZIP-UNSAFE", name="shift.csv.gz"),
     refused(
@@ -127,7 +142,7 @@ RECORDS = (
     refused_gt3x(
         "41", partial(g.pack, b"".join(record(26, T0 + k, bytes(540)) for k in range(60))), "E-NO-GYRO"
     ),
-    refused_gt3x("42 missing", partial(g.pack, g.seconds()), "E-GT3X-PART"),
+    refused_gt3x("42 missing", partial(g.pack, g.seconds()), "E-GT3X-PART, member=SENSOR_SCHEMA"),
     refused_gt3x(
         "42 scale 0", partial(g.pack, record(24, T0, schema(acc_divisor=0.0)) + g.seconds()), "E-COLS"
     ),
@@ -192,6 +207,7 @@ TABLES = (
     read("60 CR", lambda: t.canon().replace("\n", "\r")),
     read("60 blank", t.line_changed(2000, lambda line: line + "\n")),
     read("61 UTF-16", lambda: t.canon().encode("utf-16"), "W-ENCODING"),
+    read("61 UTF-16 BE", lambda: ("\ufeff" + t.canon()).encode("utf-16-be"), "W-ENCODING"),
     read("61 Latin-1", lambda: t.canon().replace("time_us", "temps_µs").encode("latin-1"), "W-ENCODING"),
     read("62", lambda: t.french(t.canon()), "W-LOCALE"),
     refused("63", lambda: t.french(t.canon(), ","), "E-DECIMAL"),
@@ -221,7 +237,18 @@ TABLES = (
     ),
     read("71 fewer", t.line_changed(2000, lambda x: x[:20]), "W-ROWS-DROPPED W-GAP W-SHORT", ROW_LOST),
     read("71 more", t.line_changed(2000, lambda x: x + ",7,8"), "W-ROWS-DROPPED W-GAP W-SHORT", ROW_LOST),
-    refused("71 many", t.lines_changed(lambda x: [*x[:2000], *["?"] * 500, *x[2500:]]), "E-ROW"),
+    *(
+        read(
+            f"71 {word}",
+            t.line_changed(2000, partial(replace_last, word)),
+            "W-ROWS-DROPPED W-GAP W-SHORT",
+            ROW_LOST,
+        )
+        for word in ("x", "1e99")
+    ),
+    refused(
+        "71 many", t.lines_changed(lambda x: [*x[:2000], *["?"] * 500, *x[2500:]]), "E-ROW, k=500, line=2001"
+    ),
     *(
         read(
             f"72 {word or 'empty'}",
@@ -251,7 +278,7 @@ TABLES = (
     read("79 d/M", partial(t.calendar_table, DAY_FIRST)),
     read("79 M/d", partial(t.calendar_table, "%m/%d/%Y %H:%M:%S.%f")),
     read("79 d.M", partial(t.calendar_table, "%d.%m.%Y %H:%M:%S.%f")),
-    refused("79 either", partial(t.calendar_table, DAY_FIRST, FOURTH_OF_MARCH), "E-TIME"),
+    refused("79 either", partial(t.calendar_table, DAY_FIRST, FOURTH_OF_MARCH), "E-TIME, why=date-order"),
     read("79 compact", partial(t.calendar_table, "%Y%m%dT%H%M%S.%f")),
     read(
         "79 no date, over midnight",
@@ -259,7 +286,7 @@ TABLES = (
         "W-NO-DATE",
     ),
     read("79 AM", partial(t.zoned, " AM", "%I:%M:%S.%f"), "W-NO-DATE"),
-    refused("79 month's name", partial(t.calendar_table, "%d %b %Y %H:%M:%S.%f"), "E-TIME"),
+    refused("79 month's name", partial(t.calendar_table, "%d %b %Y %H:%M:%S.%f"), "E-TIME, why=form, line=2"),
     read("79 two columns", t.date_and_time),
     read("79 ActiLife", partial(t.actilife, "dd/MM/yyyy", "14/03/2026")),
     read("79 ActiLife lying", partial(t.actilife, "dd/MM/yyyy", "03/14/2026")),
@@ -302,11 +329,24 @@ TABLES = (
     read("83 words beside the readings", lambda: t.stamped(t.MICROS, LABELLED, HEADER + ",activity,device")),
     read("83 French", t.french_names, "W-LOCALE"),
     read("83 French, cp1252", lambda: t.french_names().encode("cp1252"), "W-LOCALE W-ENCODING"),
-    refused("84 DTD", lambda: f"{XML}<!DOCTYPE m [<!ENTITY a 'b'>]><mvnx/>", "E-XML", name="shift.mvnx"),
     refused(
-        "84 entity", lambda: f"{XML}<!DOCTYPE m SYSTEM 'http://[::1]/'><mvnx/>", "E-XML", name="shift.mvnx"
+        "84 DTD",
+        lambda: f"{XML}<!DOCTYPE m [<!ENTITY a 'b'>]><mvnx/>",
+        "E-XML, reason=forbidden",
+        name="shift.mvnx",
     ),
-    refused("84 cut", lambda: f"{XML}<mvnx version='4'><subject><frames>", "E-XML", name="shift.mvnx"),
+    refused(
+        "84 entity",
+        lambda: f"{XML}<!DOCTYPE m SYSTEM 'http://[::1]/'><mvnx/>",
+        "E-XML, reason=forbidden",
+        name="shift.mvnx",
+    ),
+    refused(
+        "84 cut",
+        lambda: f"{XML}<mvnx version='4'><subject><frames>",
+        "E-XML, reason=broken",
+        name="shift.mvnx",
+    ),
 )
 
 PERSONS = (

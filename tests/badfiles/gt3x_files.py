@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from tests.badfiles.arm import Matrix, minute
-from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, record, schema, ssp
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, count_utc, record, schema, ssp
 
 SECONDS = range(60)
 YEAR_S = 366 * 86_400
@@ -130,13 +130,8 @@ def never_set(first_unix_s: int) -> Callable[[], bytes]:
 
 
 def over_a_change(change_unix_s: int) -> bytes:
-    """A CentrePoint file that counts UTC and names its zone, whose clocks change after thirty seconds."""
-    metadata = (
-        b'{"MetadataType":"LocalTimeLog","UsedUtc":true,"UtcOffset":"-05:00:00",'
-        b'"Name":"(UTC-05:00) Eastern Time (US & Canada)"}'
-    )
-    log = SCHEMA + record(6, T0, metadata)
-    return pack(log + b"".join(second(k, stamp=change_unix_s - 30 - T0 + k) for k in SECONDS))
+    """A file that counts UTC, whose zone changes its clocks after thirty seconds."""
+    return pack(count_utc(T0) + b"".join(second(k, stamp=change_unix_s - 30 - T0 + k) for k in SECONDS))
 
 
 def asleep(first: int, stop: int, *, leaves: bool = True) -> Callable[[], bytes]:

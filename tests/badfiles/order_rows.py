@@ -62,9 +62,11 @@ ORDER = (
         "W-CLOCK-BACK W-GAP W-SHORT",
         (50.0, 30.0, 0.0),
     ),
-    refused("77 newest first", partial(o.ordered, BACKWARDS), "E-TIME"),
+    refused("77 newest first", partial(o.ordered, BACKWARDS), "E-TIME, why=reversed"),
     refused(
-        "77 newest first, wall clock", partial(o.ordered, BACKWARDS, o.wall_clock(), o.CALENDAR), "E-TIME"
+        "77 newest first, wall clock",
+        partial(o.ordered, BACKWARDS, o.wall_clock(), o.CALENDAR),
+        "E-TIME, why=reversed",
     ),
     refused("77 newest first, ActiLife", partial(o.pasted_actilife, BACKWARDS), "E-TIME"),
     refused(
@@ -94,6 +96,8 @@ ORDER = (
     ),
     read("28 50 rows at 0", partial(o.stray, [0] * 50), "W-CLOCK-FWD"),
     read("28 50 rows from 0", partial(o.stray, range(0, 500_000, 10_000)), "W-CLOCK-FWD"),
+    read("28 50 rows far ahead", partial(o.stray, [9_000_000_000] * 50), "W-CLOCK-FWD"),
+    read("28 50 rows nearly still", partial(o.stray, range(7, 57)), "W-CLOCK-FWD"),
     read("28 50 rows at the epoch", partial(o.stray_dates, EPOCH, 0), "W-CLOCK-FWD"),
     read("28 50 rows from the epoch", partial(o.stray_dates, EPOCH, 10), "W-CLOCK-FWD"),
     read(
@@ -107,6 +111,12 @@ ORDER = (
         partial(o.stray, range(0, 500_000, 10_000), [*range(3050), *range(3150, 6000)]),
         "W-CLOCK-FWD W-GAP W-SHORT",
         (59.0, 1.0, 0.0),
+    ),
+    read(
+        "28 first row an hour early",
+        partial(o.ordered, range(6000), [0, *(3_600_000_000 + us for us in MICROS[1:])]),
+        "W-ROWS-DROPPED W-SHORT",
+        (59.99, 0.0, 0.0),
     ),
     read(
         "28 last row an hour late",

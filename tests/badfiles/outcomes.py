@@ -10,7 +10,7 @@ Make = Content | Callable[[], Content]
 
 @dataclass(frozen=True, slots=True)
 class BadFile:
-    """A bad file and its outcome: a refusal, or a report with these warnings and times."""
+    """A bad file and its outcome: a refusal with these facts, or a report with these warnings and times."""
 
     row: str
     name: str
@@ -20,6 +20,7 @@ class BadFile:
     analysed_s: float = 60.0
     missing_s: float = 0.0
     excluded_s: float = 0.0
+    facts: frozenset[str] = frozenset()
 
     def make(self) -> bytes:
         """Return the bytes of the file."""
@@ -27,8 +28,10 @@ class BadFile:
         return made.encode() if isinstance(made, str) else made
 
 
-def refused(row: str, content: Make, code: str, name: str = "shift.csv") -> BadFile:
-    return BadFile(row, name, content, code)
+def refused(row: str, content: Make, told: str, name: str = "shift.csv") -> BadFile:
+    """``told``: the code, then the facts that the refusal must state, as in ``"E-TIME, why=reversed"``."""
+    code, *facts = told.split(", ")
+    return BadFile(row, name, content, code, facts=frozenset(facts))
 
 
 def read(

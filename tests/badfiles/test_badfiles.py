@@ -42,6 +42,7 @@ def test_it_is_refused_with_its_code(bad: BadFile) -> None:
         analyse_by_fusion(bad)
 
     assert refusal.value.code == bad.code
+    assert bad.facts <= {f"{name}={value}" for name, value in refusal.value.facts.items()}
 
 
 @pytest.mark.parametrize("bad", READ, ids=name_row)

@@ -57,16 +57,12 @@ def test_the_section_is_scipys_to_the_bit(rate_hz: float) -> None:
     assert design_filter(rate_hz) == (*expected[:3], *expected[4:])
 
 
-@pytest.mark.parametrize("rows", [2, 9, 10])
+@pytest.mark.parametrize("rows", [1, 2, 9, 10])
 def test_a_run_too_short_for_the_usual_padding_mirrors_what_it_has(rows: int) -> None:
     noise = np.random.default_rng(1).normal(45, 20, rows)
 
     expected = sosfiltfilt(butter(2, 5, fs=100, output="sos"), noise, padlen=min(9, rows - 1))
     assert filter_angle(noise, 100.0) == pytest.approx(expected, abs=1e-10)
-
-
-def test_a_single_row_is_left_as_it_is() -> None:
-    assert filter_angle(np.array([37.5]), 100.0) == pytest.approx([37.5])
 
 
 def test_the_filtered_angle_stays_between_0_and_180_deg_and_has_six_decimals() -> None:
@@ -291,15 +287,6 @@ def test_filtering_in_blocks_is_filtering_the_whole() -> None:
     assert joined == pytest.approx(whole, abs=1e-10)
 
 
-@pytest.mark.parametrize("rows", [1, BLOCK_ROWS, BLOCK_ROWS + 1])
-def test_blocks_share_one_row_and_miss_none(rows: int) -> None:
-    blocks = list(filter_blocks(np.ones((rows, 3), np.float32), 100.0))
-
-    ends = [first + len(block) for first, block in blocks]
-    assert ends[-1] == rows
-    assert all(end - 1 == first for end, (first, _) in zip(ends, blocks[1:], strict=False))
-
-
 def test_each_row_of_the_gyroscope_counts_once_however_many_blocks_there_are() -> None:
     elevation, recording = turn(0.001, (2 * BLOCK_ROWS + 777) / 100.0, 100.0)
     speeds = SpeedTally()
@@ -325,21 +312,22 @@ def find_in(
     return [(window.start_s, window.percent_above_60) for window in windows]
 
 
-def test_the_three_stand_in_the_order_of_their_time_above() -> None:
-    found = find_in({0: 90, 2700: 450, 5400: 180, 6500: 45})
-
-    assert [percent for _, percent in found] == [50.0, 20.0, 10.0]
+@pytest.mark.parametrize(
+    ("above", "length_s", "percents"),
+    [
+        ({0: 90, 2700: 450, 5400: 180, 6500: 45}, 2 * HOUR_S, [50.0, 20.0, 10.0]),
+        ({600: 90}, 2 * HOUR_S, [10.0]),
+        ({0: 300}, 899, []),
+    ],
+    ids=["three of four", "without time above: none", "less than a quarter hour"],
+)
+def test_the_three_stand_in_the_order_of_their_time_above(
+    above: dict[int, float], length_s: int, percents: list[float]
+) -> None:
+    assert [percent for _, percent in find_in(above, length_s=length_s)] == percents
 
 
 def test_none_of_them_overlap() -> None:
     found = find_in({1000: 2700})
 
     assert sorted(start_s for start_s, _ in found if start_s is not None) == [1000, 1900, 2800]
-
-
-def test_a_quarter_hour_without_time_above_is_none() -> None:
-    assert find_in({600: 90}) == [(0.0, 10.0)]
-
-
-def test_less_than_a_quarter_hour_holds_none() -> None:
-    assert find_in({0: 300}, length_s=899) == []

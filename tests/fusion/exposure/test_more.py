@@ -13,7 +13,7 @@ from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, ShiftedStays, find
 from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.peaks import ShiftedSeconds
-from fusion.exposure.speeds import count_crossings, find_mean_power_frequency
+from fusion.exposure.speeds import find_mean_power_frequency
 from fusion.exposure.types import Recovery
 from tests.factories import elevate
 
@@ -41,13 +41,6 @@ def test_hanging_still_for_3_s_is_rest_and_shorter_is_not() -> None:
     assert recovery.neutral_slow_percent == pytest.approx(100 * 3.0 / 36.1)
 
 
-def test_an_arm_held_high_is_slow_but_not_at_rest() -> None:
-    recovery = recover(hold((50, 60)))
-
-    assert (recovery.neutral_slow_percent, recovery.longest_without_s) == (0.0, 60.0)
-    assert recovery.slow_percent == pytest.approx(100 * 59.9 / 60)
-
-
 def test_the_longest_time_without_rest_lies_between_two_rests_which_a_hole_ends() -> None:
     between = recover(hold((10, 10), (50, 20), (10, 10), (50, 5), (10, 10)))
 
@@ -64,22 +57,6 @@ def test_a_frequency_needs_a_minute_without_a_hole_and_movement(
     angle = 60 + swing_deg * np.sin(2 * np.pi * 0.2 * np.arange(seconds * 100) / 100)
 
     assert (find_mean_power_frequency(angle, 100.0) is not None) is known
-
-
-@pytest.mark.parametrize(
-    ("swing_deg", "frequency_hz", "changes"),
-    [(40.0, 0.25, 30), (0.5, 3.0, 0)],
-    ids=["swing", "tremor under 10 deg/s"],
-)
-def test_a_swing_changes_direction_twice_if_it_leaves_the_dead_band(
-    swing_deg: float, frequency_hz: float, changes: int
-) -> None:
-    angle = 45 + swing_deg * np.sin(2 * np.pi * frequency_hz * np.arange(6000) / 100)
-    counts = np.zeros(1)
-
-    count_crossings(angle, np.ones(6000, np.bool_), 100.0, np.array([0, 6000]), counts)
-
-    assert counts.tolist() == [changes]
 
 
 def test_time_in_long_stays_is_told_by_their_length() -> None:

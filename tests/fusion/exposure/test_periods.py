@@ -122,14 +122,6 @@ def test_tasks_may_overlap_by_a_rounded_second() -> None:
     assert len(placed.periods) == 2
 
 
-def test_a_break_within_a_task_cuts_it_and_what_no_row_names_is_work() -> None:
-    pieces = divide_day([Period(0, 100, "task"), Period(40, 60, "break", reason="break")], 180)
-
-    assert [(p.end_us, p.period, p.reason) for p in pieces] == [
-        (40, 0, ""), (60, 1, "break"), (100, 0, ""), (180, -1, ""),
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("kind", "left_out", "reason"),
     [

@@ -70,15 +70,6 @@ def split(recording: Recording, row: int) -> Recording:
     return replace(recording, segments=(first, second))
 
 
-def test_rows_that_bridge_a_hole_are_not_valid() -> None:
-    recording = hold((0.0, 10.0), rate_hz=100.0).recording
-    bridged = replace(recording.segments[0], bridged=((300, 303),))
-
-    valid = fuse(replace(recording, segments=(bridged,))).segments[0].valid
-
-    assert np.flatnonzero(~valid).tolist() == [300, 301, 302]
-
-
 def test_a_segment_under_one_second_is_not_valid() -> None:
     recording = split(hold((0.0, 10.0), rate_hz=100.0).recording, 901)
 

@@ -18,23 +18,15 @@ from fusion.recording import QualityFlag, Recording, Segment
 from fusion.sensor.model import GyroBias
 from fusion.settings import AnalysisSettings
 from tests.factories import hold, record
+from tests.fusion.pose.test_poses import Course, tilted
 
 
-def rest(*stretches: tuple[float, NDArray[np.float64] | None], rate_hz: float = 50.0) -> Recording:
+def rest(*stretches: tuple[float, NDArray[np.float64] | None]) -> Recording:
     """Stretches (seconds, direction of gravity); None is a stretch of restless movement."""
-    rng = np.random.default_rng(0)
-    acc, gyr = [], []
+    course = Course()
     for seconds, direction in stretches:
-        rows = round(seconds * rate_hz)
-        moving = direction is None
-        acc.append(np.tile([0.0, 0.0, 1.0] if direction is None else direction, (rows, 1)))
-        acc[-1] = acc[-1] + rng.normal(0.0, 0.3 if moving else 0.002, (rows, 3))
-        gyr.append(rng.normal(0.0, 60.0 if moving else 0.1, (rows, 3)))
-    return record(np.concatenate(acc), np.concatenate(gyr), rate_hz)
-
-
-def tilted(degrees: float) -> NDArray[np.float64]:
-    return np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
+        course = course.move(seconds) if direction is None else course.lie(seconds, direction)
+    return course.record()
 
 
 GIVEN = AnalysisSettings(calibration_windows_s=((5.0, 15.0),))

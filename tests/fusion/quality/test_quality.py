@@ -294,10 +294,6 @@ def test_clipping_is_flagged_with_its_number_length_and_place() -> None:
     )
 
 
-def test_under_a_minute_is_flagged_as_short() -> None:
-    assert assess(record(rest(59)))["W-SHORT"].seconds == 59.0
-
-
 def test_time_the_fusion_did_not_trust_is_flagged() -> None:
     recording = record(rest(70))
     elevation = leave_out(fuse(recording), (Span(10_000_000, 4_000_000),))
@@ -466,12 +462,6 @@ def test_what_the_diary_leaves_out_already_is_not_proposed(end_min: int, count: 
     left_out = (Span(5 * MINUTE, (end_min - 5) * MINUTE, "break"),)
 
     assert len(propose_nonwear(lie(still_min=15), left_out)) == count
-
-
-def test_a_caveat_tells_where_its_stretches_lie() -> None:
-    (flag,) = flag_spans(Caveat.GAP, [Span(0, 2_000_000), Span(5_000_000, 1_000_000)])
-
-    assert flag == QualityFlag("W-GAP", 2, 3.0, 0.0, 6.0, spans_s=((0.0, 2.0), (5.0, 6.0)))
 
 
 def test_of_many_stretches_the_hundred_longest_are_told() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from fusion.errors import UnusableJoin
 from fusion.readers import join_recordings, read_recording, read_recordings
-from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, pack, record, schema, second
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, T0, count_utc, pack, record, schema, second
 
 
 def part(first: int, stop: int, info: str = INFO) -> io.BytesIO:
@@ -60,10 +60,8 @@ def test_three_files_with_a_gap_and_an_overlap_account_for_every_second() -> Non
 
 
 def utc_part(first_unix_s: int) -> io.BytesIO:
-    """Twenty seconds of a CentrePoint file: stamps count UTC, the zone is named."""
-    zone = '{"UsedUtc":true,"UtcOffset":"-05:00:00","Name":"(UTC-05:00) Eastern Time (US & Canada)"}'
-    log = record(24, first_unix_s, schema()) + record(6, first_unix_s, zone.encode())
-    return pack(log + b"".join(second(first_unix_s + k) for k in range(20)))
+    """Twenty seconds of a file that counts UTC and names its zone."""
+    return pack(count_utc(first_unix_s) + b"".join(second(first_unix_s + k) for k in range(20)))
 
 
 @pytest.mark.parametrize(("change", "step_s"), [(1_793_512_800, -3600), (1_805_007_600, 3600)])

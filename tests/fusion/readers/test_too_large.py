@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from fusion.angle_files import read_angle_file
-from fusion.errors import FusionError, RefusedXml, TooLong, TooShort, UnsafeArchive
+from fusion.errors import RefusedXml, TooLong, UnsafeArchive
 from fusion.readers import read_recording, samples
 from fusion.readers.samples import check_rows
 from tests.fusion.readers.cwa.cwa_builder import blocks, header
@@ -161,10 +161,3 @@ def test_a_capture_of_too_many_frames_is_refused() -> None:
 
     with pytest.raises(TooLong):
         read_angle_file(io.BytesIO((MVNX + frames).encode()), "capture.mvnx")
-
-
-def test_an_empty_angle_series_is_refused_as_before() -> None:
-    with pytest.raises(FusionError) as refusal:
-        read_angle_file(io.BytesIO(b"time_s,elevation_deg\n"), "angles.csv")
-
-    assert refusal.value.code in ("E-EMPTY", TooShort.code)

@@ -14,7 +14,6 @@ from fusion.checks.faults import leave_out_zeros
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
-from fusion.readers.preview import inspect_recording
 from fusion.readers.tables.registers import RECORD
 from fusion.recording import QualityFlag, Recording
 from tests import factories
@@ -120,20 +119,6 @@ def test_zeros_at_both_ends_count_as_recorded_and_missing() -> None:
 
     (segment,) = recording.segments
     assert (recording.duration_us, segment.start_us, len(segment)) == (60_000_000, 2_000_000, 5700)
-
-
-def test_inspect_and_report_tell_the_same_holes() -> None:
-    columns = s.readings().copy()
-    for first, rows in ((1500, 3), (2500, 40), (4000, 120)):
-        columns[first : first + rows] = 0.0
-
-    recording = read("shift.csv", columns)
-
-    seen, time = inspect_recording(recording), analyse(recording).time
-    flags = told(recording)
-    assert (seen["missing_s"], time.missing_us) == (1.63, 1_630_000)
-    assert (seen["gap_count"], flags["W-GAP"].count, flags["W-STUCK-PART"].count) == (3, 3, 3)
-    assert seen["samples"] == 6000 - 163
 
 
 @pytest.mark.parametrize(

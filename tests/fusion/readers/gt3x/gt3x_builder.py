@@ -12,6 +12,7 @@ from fusion.recording import Recording
 
 T0 = 1_772_438_400
 """2026-03-02 08:00:00, device clock."""
+TORONTO = "(UTC-05:00) Eastern Time (US & Canada)"
 INFO = (
     "Serial Number: TAS1E00000001\r\nDevice Type: Link\r\nFirmware: 1.7.2\r\nSample Rate: 100\r\n"
     "TimeZone: -05:00:00\r\nStop Date: 0\r\nUnexpected Resets: 0\r\n"
@@ -58,6 +59,12 @@ def second(unix_s: int, n_rows: int = 100, schema_id: int = 1) -> bytes:
 def log_of(seconds: Sequence[int], n_rows: int = 100) -> bytes:
     """A schema and one SENSOR_DATA record for each second."""
     return record(24, T0, schema()) + b"".join(second(T0 + s, n_rows) for s in seconds)
+
+
+def count_utc(first_unix_s: int, zone: str = TORONTO) -> bytes:
+    """The schema and the metadata of a CentrePoint file: its stamps count UTC, and it names its zone."""
+    metadata = f'{{"MetadataType":"LocalTimeLog","UsedUtc":true,"UtcOffset":"-05:00:00","Name":"{zone}"}}'
+    return record(24, first_unix_s, schema()) + record(6, first_unix_s, metadata.encode())
 
 
 def pack(log: bytes, info: str | bytes = INFO, compression: int = zipfile.ZIP_STORED) -> io.BytesIO:

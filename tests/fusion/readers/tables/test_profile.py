@@ -55,16 +55,13 @@ def test_units_and_factors_are_applied() -> None:
     assert recording.segments[0].gyr_dps[0, 0] == pytest.approx(0.009)
 
 
-def test_without_time_the_profile_tells_the_rate() -> None:
+@pytest.mark.parametrize(("asked_hz", "duration_us"), [(None, 18_000_000), (100.0, 9_000_000)])
+def test_without_time_the_profile_tells_the_rate_unless_one_is_asked_for(
+    asked_hz: float | None, duration_us: int
+) -> None:
     profile = json.loads(NAMED) | {"time": None, "rate_hz": 50}
 
-    assert read_with(json.dumps(profile), table()).duration_us == 18_000_000
-
-
-def test_the_rate_that_is_asked_for_goes_before_the_profiles() -> None:
-    profile = json.loads(NAMED) | {"time": None, "rate_hz": 50}
-
-    assert read_with(json.dumps(profile), table(), rate_hz=100.0).duration_us == 9_000_000
+    assert read_with(json.dumps(profile), table(), rate_hz=asked_hz).duration_us == duration_us
 
 
 def test_the_order_of_day_and_month_is_told() -> None:

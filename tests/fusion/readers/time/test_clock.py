@@ -5,30 +5,20 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from fusion.errors import UnusableTime
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.badfiles.table_files import calendar_table, resaved
-from tests.fusion.readers.gt3x.gt3x_builder import INFO, pack, record, schema, second
+from tests.fusion.readers.gt3x.gt3x_builder import INFO, TORONTO, count_utc, pack, record, schema, second
 from tests.fusion.readers.seen import codes
-from tests.fusion.readers.tables.table_builder import line, read_text
+from tests.fusion.readers.tables.table_builder import read_text
 
-TORONTO = "(UTC-05:00) Eastern Time (US & Canada)"
-NAMES = "timestamp,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n"
-
-
-def utc_shift(first_unix_s: int, seconds: int = 40, name: str = TORONTO) -> Recording:
-    """A CentrePoint file: its stamps count UTC, and it names its zone."""
-    metadata = f'{{"MetadataType":"LocalTimeLog","UsedUtc":true,"UtcOffset":"-05:00:00","Name":"{name}"}}'
-    log = record(24, first_unix_s, schema()) + record(6, first_unix_s, metadata.encode())
-    return read_recording(pack(log + b"".join(second(first_unix_s + k) for k in range(seconds)), INFO))
+ISO = "%Y-%m-%dT%H:%M:%S.%f"
 
 
-def wall_table(first: datetime, break_after: int = 4000, step: timedelta = timedelta()) -> str:
-    """Forty seconds stamped by a wall clock that steps once."""
-    moments = (first + timedelta(milliseconds=10 * k) + step * (k >= break_after) for k in range(4000))
-    rows = (f"{moment.isoformat(timespec='milliseconds')},{line(k)}\n" for k, moment in enumerate(moments))
-    return NAMES + "".join(rows)
+def utc_shift(first_unix_s: int, zone: str = TORONTO) -> Recording:
+    """Forty seconds of a file that counts UTC and names its zone."""
+    rows = b"".join(second(first_unix_s + k) for k in range(40))
+    return read_recording(pack(count_utc(first_unix_s, zone) + rows, INFO))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +37,7 @@ def test_a_file_that_counts_utc_follows_its_zone(change: int, offset_h: int, ste
 
 
 def test_an_unknown_zone_keeps_the_offset_of_the_file() -> None:
-    recording = utc_shift(1_793_512_800 - 20, name="(UTC-05:00) Nowhere")
+    recording = utc_shift(1_793_512_800 - 20, zone="(UTC-05:00) Nowhere")
 
     assert recording.start is not None
     assert recording.start.utcoffset() == timedelta(hours=-5)
@@ -65,31 +55,16 @@ def test_the_clock_of_an_actilife_file_has_no_jump() -> None:
 
 
 def test_a_clock_that_was_never_set_gives_no_start() -> None:
-    recording = read_text(wall_table(datetime(2000, 1, 1, 0, 0, 5)))  # noqa: DTZ001
+    recording = read_text(calendar_table(ISO, datetime(2000, 1, 1, 0, 0, 5)))  # noqa: DTZ001
 
     assert recording.start is None
     assert codes(recording) == ["W-CLOCK-UNSET"]
 
 
-@pytest.mark.parametrize("lost_s", [10, 300])
-@pytest.mark.parametrize(
-    ("first", "step_h"),
-    [(datetime(2026, 11, 1, 1, 59, 40), -1), (datetime(2027, 3, 14, 1, 59, 40), 1)],  # noqa: DTZ001
-    ids=["back", "forward"],
-)
-def test_rows_lost_while_the_clocks_are_changed_are_all_that_is_missing(
-    first: datetime, step_h: int, lost_s: int
-) -> None:
-    recording = read_text(wall_table(first, 2000, timedelta(seconds=lost_s, hours=step_h)))
-
-    assert recording.duration_us == 40_000_000 + 1_000_000 * lost_s
-    assert codes(recording) == ["W-DST", "W-GAP"]
-
-
 def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believed() -> None:
     first = datetime(2026, 3, 2, 8)  # noqa: DTZ001
 
-    recording = read_text("# start: 2026-03-02T09:30:00-05:00\n" + wall_table(first))
+    recording = read_text("# start: 2026-03-02T09:30:00-05:00\n" + calendar_table(ISO, first))
 
     (flag,) = recording.flags
     assert f"{recording.start:%H:%M:%S %z}" == "08:00:00 -0500"
@@ -97,7 +72,9 @@ def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believ
 
 
 def test_a_start_in_the_preamble_gives_the_rows_their_offset() -> None:
-    recording = read_text("# start: 2026-03-02T08:00:00-05:00\n" + wall_table(datetime(2026, 3, 2, 8)))  # noqa: DTZ001
+    first = datetime(2026, 3, 2, 8)  # noqa: DTZ001
+
+    recording = read_text("# start: 2026-03-02T08:00:00-05:00\n" + calendar_table(ISO, first))
 
     assert (recording.time_zone, codes(recording)) == ("UTC-05:00", [])
 
@@ -159,14 +136,6 @@ def test_a_year_of_two_digits_is_settled_by_the_header(pattern: str, date: str) 
     assert read_text(resaved(pattern, SECOND_OF_MARCH, date)).start == SECOND_OF_MARCH
 
 
-@pytest.mark.parametrize("pattern", ["%d/%m/%y %H:%M:%S.%f", DAY_FIRST])
-def test_what_nothing_settles_is_asked_for(pattern: str) -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_text(calendar_table(pattern, SECOND_OF_MARCH))
-
-    assert refusal.value.facts == {"why": "date-order"}
-
-
 @pytest.mark.parametrize(
     ("pattern", "first"),
     [
@@ -178,17 +147,6 @@ def test_what_nothing_settles_is_asked_for(pattern: str) -> None:
 )
 def test_dates_that_can_be_read_one_way_need_no_header(pattern: str, first: datetime) -> None:
     assert read_text(calendar_table(pattern, first)).start == first
-
-
-@pytest.mark.parametrize("pattern", [DAY_FIRST, MONTH_FIRST], ids=["day first", "month first"])
-@pytest.mark.parametrize("word", ["M/d/yyyy", "dd/MM/yyyy"])
-def test_midnight_goes_before_the_format_of_the_header(pattern: str, word: str) -> None:
-    first = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001
-
-    recording = read_text(resaved(pattern, first, "03/03/2026", word))
-
-    assert (recording.start, recording.duration_us) == (first, 60_000_000)
-    assert codes(recording) == ["W-LOCALE"]
 
 
 def test_midnight_in_a_packed_table_settles_day_and_month() -> None:

@@ -9,14 +9,13 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, UnknownColumns, UnknownRate, UnusableTime
+from fusion.errors import TooShort, UnknownRate, UnusableTime
 from fusion.readers import read_recording
 from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent, measure_roughness
 from fusion.readers.timebase.grid import estimate_period_us
 from fusion.recording import Recording
 from tests.badfiles import signal_files as s
 from tests.badfiles.order_files import ordered, thinned, thinned_at_random
-from tests.badfiles.table_files import every_ten_seconds, misnamed
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import HEADER, line, read_text, table
 
@@ -36,16 +35,6 @@ def test_a_stretch_of_half_the_rate_is_a_segment_of_its_own() -> None:
     ]
     assert (flag.code, flag.count, flag.facts) == ("W-RATE-CHANGE", 1, {"rate_hz": 50.0})
     assert flag.spans_s == ((20.0, 40.0),)
-
-
-@pytest.mark.parametrize("place_s", [1, 30, 49])
-def test_a_rate_that_changes_for_good_changes_there(place_s: int) -> None:
-    recording = read_text(ordered(thinned(100 * place_s, 6000, 2)))
-
-    first, second = recording.segments
-    assert (first.end_us, second.start_us) == pytest.approx((1e6 * place_s, 1e6 * place_s), abs=5000)
-    assert (round(first.rate_hz), round(second.rate_hz)) == (100, 50)
-    assert recording.duration_us == pytest.approx(60_000_000, abs=20_000)
 
 
 @pytest.mark.parametrize(("hz", "other_hz"), [(100, 119), (104, 208), (476, 952), (119, 59.5)])
@@ -134,17 +123,6 @@ def test_every_tenth_row_lost_is_no_slower_sensor() -> None:
 
 # A unit of time that cannot be is set aside where one other can; where only the readings tell, by these.
 
-WRONG = [("ms", 1, "s"), ("s", 1000, "ms"), ("us", 1000, "ms"), ("ms", 1_000_000, "us"), ("s", 10**9, "ns")]
-
-
-@pytest.mark.parametrize(("named", "per_s", "true"), WRONG)
-def test_times_under_another_unit_are_read_and_it_is_said(named: str, per_s: int, true: str) -> None:
-    recording = read_text(misnamed(named, per_s))
-
-    (flag,) = recording.flags
-    assert recording.duration_us == 60_000_000
-    assert (flag.code, flag.facts["unit"], flag.facts["read_as"]) == ("W-UNITS", named, true)
-
 
 def test_so_are_those_of_parquet() -> None:
     columns = dict(zip(HEADER.split(",")[1:], s.readings().T, strict=True))
@@ -155,15 +133,6 @@ def test_so_are_those_of_parquet() -> None:
 
     (flag,) = recording.flags
     assert (recording.duration_us, flag.facts["read_as"]) == (60_000_000, "ms")
-
-
-def test_rows_of_ten_seconds_are_no_rows_of_ten_milliseconds() -> None:
-    with pytest.raises(UnknownRate) as refusal:
-        read_text(every_ten_seconds())
-
-    assert refusal.value.facts == {
-        "m": 0.1, "unit": "s", "other_unit": "ms", "other_hz": 100.0, "cure": "time unit",
-    }  # fmt: skip
 
 
 def test_an_epoch_keeps_its_unit_however_slowly_the_rows_come() -> None:
@@ -217,23 +186,6 @@ def test_a_rate_that_no_logger_has_is_not_believed() -> None:
     assert read_text(text, rate_hz=50.0).rate_hz == pytest.approx(50.0)
 
 
-def test_without_a_rate_a_person_has_to_give_one() -> None:
-    with pytest.raises(UnknownRate):
-        read_text(export(list(range(2000)), ""))
-    assert read_text(export(list(range(2000)), ""), rate_hz=50.0).duration_us == 40_000_000
-
-
-def test_an_export_with_single_spaces_keeps_its_empty_fields() -> None:
-    text = export(list(range(2000)))
-    spaced = PREAMBLE + text.removeprefix(PREAMBLE).replace("\t", " ")
-
-    recording = read_text(spaced)
-
-    assert (recording.duration_us, recording.understood["delimiter"]) == (20_000_000, "space")
-    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
-    assert codes(recording) == codes(read_text(text))
-
-
 def test_packets_that_were_lost_are_missing() -> None:
     recording = read_text(export([*range(1000), *range(1300, 2300)]))
 
@@ -241,13 +193,6 @@ def test_packets_that_were_lost_are_missing() -> None:
     assert [len(segment) for segment in recording.segments] == [1000, 1000]
     assert recording.segments[1].start_us == 13_000_000
     assert (gap.first_s, gap.seconds) == (10.0, 3.0)
-
-
-def test_a_packet_counter_that_starts_over_loses_nothing() -> None:
-    recording = read_text(export([n % 65_536 for n in range(65_000, 67_000)]))
-
-    assert recording.duration_us == 20_000_000
-    assert "W-GAP" not in codes(recording)
 
 
 def test_packets_lost_while_the_counter_starts_over_are_missing() -> None:
@@ -269,15 +214,3 @@ def test_a_column_that_does_not_count_up_is_no_packet_counter() -> None:
 def test_less_than_a_second_of_an_unknown_unit_is_too_short() -> None:
     with pytest.raises(TooShort):
         read_text(export([*range(3)], "").replace("_g", "").replace("_dps", ""), rate_hz=100.0)
-
-
-def test_names_of_columns_that_we_do_not_know_are_told() -> None:
-    text = "PacketCounter,Status,Quat_W,Quat_X,Quat_Y,Quat_Z\n" + "1,0,0.5,0.5,0.5,0.5\n" * 100
-
-    with pytest.raises(UnknownColumns) as refusal:
-        read_text(text)
-
-    assert refusal.value.facts == {
-        "list": "PacketCounter,Status,Quat_W,Quat_X,Quat_Y,Quat_Z",
-        "missing": "ax, ay, az, gx, gy, gz",
-    }

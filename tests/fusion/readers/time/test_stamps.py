@@ -16,8 +16,7 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.grid import leave_out_stopped
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
-from tests.badfiles.order_files import CALENDAR, ordered, stray, wall_clock
-from tests.badfiles.table_files import MICROS
+from tests.badfiles.order_files import CALENDAR
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import HEADER, line, read_text, table
 
@@ -118,18 +117,6 @@ def test_an_hour_of_a_wall_clock_where_no_zone_steps_is_no_daylight_saving(chang
     assert codes(recording) == ["W-GAP" if step_s > 0 else "W-CLOCK-BACK"]
 
 
-@pytest.mark.parametrize("after_s", [1, 19])
-@pytest.mark.parametrize("place", CHANGES)
-def test_a_bare_wall_clock_at_its_hour_costs_no_time(place: str, after_s: int) -> None:
-    change, _, step_s = CHANGES[place]
-
-    recording = read_wall(wall(change) - timedelta(seconds=after_s), after_s, step_s)
-
-    (flag,) = recording.flags
-    assert (recording.duration_us, len(recording.segments)) == (TWENTY_S, 1)
-    assert (flag.code, flag.first_s, flag.facts) == ("W-DST", after_s, {"step_s": step_s})
-
-
 @pytest.mark.parametrize("place", ["Toronto, fall", "Toronto, spring"])
 def test_whole_seconds_at_the_hour_of_the_change_cost_no_time(place: str) -> None:
     change, _, step_s = CHANGES[place]
@@ -162,20 +149,6 @@ def test_a_zone_behind_the_stamp_is_read(tail: str, offset: str) -> None:
     assert recording.start is not None
     assert (f"{recording.start:%H:%M}", recording.time_zone) == ("12:05", offset)
     assert (recording.duration_us, codes(recording)) == (TWENTY_S, [])
-
-
-@pytest.mark.parametrize(
-    ("pattern", "why"),
-    [
-        *((f"%Y-%m-%d %H:%M:%S.mmm{tail}", "zone name") for tail in (" AST", " IST", " XYZ", "+15:00")),
-        ("%d %b %Y %H:%M:%S.mmm", "form"),
-    ],
-)
-def test_stamps_that_cannot_be_understood_are_refused_with_line_and_cure(pattern: str, why: str) -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_text(written("2026-11-02 12:05", pattern))
-
-    assert refusal.value.facts == {"why": why, "line": 2}
 
 
 @pytest.mark.parametrize("places", [0, 3, 6, 9], ids=["s", "ms", "us", "ns"])
@@ -294,23 +267,6 @@ def test_rows_that_came_late_over_midnight_are_put_right() -> None:
 ACC_G, GYR_DPS = minute()
 
 
-def assert_is_the_minute(recording: Recording) -> None:
-    """Every sample stands where it was measured, once."""
-    (segment,) = recording.segments
-    assert recording.duration_us == 60_000_000
-    np.testing.assert_allclose(segment.acc_g, ACC_G, atol=1e-4)
-    np.testing.assert_allclose(segment.gyr_dps, GYR_DPS, atol=1e-3)
-
-
-def test_pieces_that_overlap_and_differ_are_a_clock_that_was_set() -> None:
-    stamps = [*range(0, 20_000_000, 10_000), *range(10_000_000, 30_000_000, 10_000)]
-
-    recording = read_text(table(stamps))
-
-    assert codes(recording) == ["W-CLOCK-BACK"]
-    assert recording.duration_us == 40_000_000
-
-
 def test_the_hour_that_comes_twice_in_fall_is_no_piece_that_goes_on() -> None:
     first = datetime(2026, 11, 1, 1, 30)  # noqa: DTZ001
     moments = [first + timedelta(seconds=k / 10, hours=-1 if k >= 18_000 else 0) for k in range(36_000)]
@@ -320,37 +276,6 @@ def test_the_hour_that_comes_twice_in_fall_is_no_piece_that_goes_on() -> None:
 
     assert codes(recording) == ["W-DST"]
     assert recording.start == first
-
-
-@pytest.mark.parametrize("digits", [23, 19], ids=["milliseconds", "whole seconds"])
-def test_a_table_with_its_newest_row_first_is_refused_with_that_cause(digits: int) -> None:
-    with pytest.raises(UnusableTime) as refusal:
-        read_text(ordered(range(5999, -1, -1), wall_clock(digits=digits), CALENDAR))
-
-    assert refusal.value.facts == {"why": "reversed"}
-
-
-@pytest.mark.parametrize(
-    "stamps",
-    [[0] * 50, range(0, 500_000, 10_000), [9_000_000_000] * 50, range(7, 57)],
-    ids=["at 0", "from 0", "far ahead", "nearly still"],
-)
-def test_stamps_that_their_neighbours_contradict_cost_nothing(stamps: Iterable[int]) -> None:
-    recording = read_text(stray(list(stamps)))
-
-    (flag,) = recording.flags
-    assert_is_the_minute(recording)
-    assert (flag.code, flag.count) == ("W-CLOCK-FWD", 50)
-
-
-@pytest.mark.parametrize("place", [0, -1], ids=["first", "last"])
-def test_a_lone_stamp_at_an_end_makes_no_hole_of_an_hour(place: int) -> None:
-    stamps = [10_000_000_000 + us for us in MICROS]
-    stamps[place] += 3_600_000_000 if place else -3_600_000_000
-
-    recording = read_text(ordered(range(6000), stamps))
-
-    assert (recording.duration_us, codes(recording)) == (59_990_000, ["W-ROWS-DROPPED"])
 
 
 # Rows that stand in a table twice are counted once.
