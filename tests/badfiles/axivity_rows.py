@@ -26,13 +26,13 @@ AXIVITY = (
     refused("X3 another name", c.whole, "E-EXT", name="shift.csv"),
     refused("X4 gyroscope off", c.plain(AX6, THREE_AXES), "E-NO-GYRO, cure=AX6"),
     refused("X4 AX3", c.plain(AX3, PACKED), "E-NO-GYRO, cure=AX6"),
-    read("X5", lambda: c.whole()[:-100], "W-TRUNC-TAIL W-SHORT", (59.6, 0.0, 0.0)),
+    read("X5", lambda: c.whole()[:-100], "W-TRUNC-TAIL n=412 W-SHORT", (59.6, 0.0, 0.0)),
     read("X6", c.replaced(range(50, 51), c.spoil), "W-CHECKSUM W-GAP W-SHORT", (59.6, 0.4, 0.0)),
     read("X7", c.replaced(range(50, 53), lambda one: b"\xff" * len(one)), "W-GAP W-SHORT", (58.8, 1.2, 0.0)),
     read("X8", c.replaced(range(50, 55), lambda _: b""), "W-GAP W-SHORT", (58.0, 2.0, 0.0)),
     read("X9", c.replaced(range(50, 51), lambda one: b"the quick brown fox" + one), "W-RESYNC"),
-    refused("X10", c.replaced(range(50, 60), c.spoil), "E-CORRUPT"),
-    read("X11", c.other_session, "W-SESSION"),
+    refused("X10", c.replaced(range(50, 60), c.spoil), "E-CORRUPT, p=6.7, clock=2026-03-02 08:00:19"),
+    read("X11", c.other_session, "W-SESSION n=800"),
     read("X12", c.started_again, "W-GAP", (60.0, 30.0, 0.0)),
     read(
         "X13", lambda: c.joined(*(c.parts()[k] for k in (*range(20), 22, 21, 20, *range(23, 150)))), "W-ORDER"

@@ -14,19 +14,23 @@ CLOCKS = (
     read("55 epoch ns", partial(t.epoch, 1_000_000_000, "ns"), "W-UTC"),
     read_gt3x("56 fall, .gt3x in UTC", partial(g.over_a_change, 1_793_512_800), "W-DST"),
     read_gt3x("56 spring, .gt3x in UTC", partial(g.over_a_change, 1_805_007_600), "W-DST"),
-    read("56 fall, wall clock", partial(t.clock_changed, "2026-11-01T01:59:30", -1), "W-DST"),
-    read("56 spring, wall clock", partial(t.clock_changed, "2027-03-14T01:59:30", 1), "W-DST"),
-    read("56 fall, Paris", partial(t.clock_changed, "2026-10-25T02:59:30", -1), "W-DST"),
-    read("56 spring, Paris", partial(t.clock_changed, "2026-03-29T01:59:30", 1), "W-DST"),
     *(
-        read(f"56 {name}", partial(t.clock_changed, first, step_h, offsets, after_s), "W-DST")
+        read(
+            f"56 {name}",
+            partial(t.clock_changed, first, step_h, offsets, after_s),
+            f"W-DST step_s={3600 * step_h} first_s={after_s}",
+        )
         for name, first, step_h, offsets, after_s in (
-            ("fall, offsets", "2026-11-01T01:59:30", -1, ("-04:00", "-05:00"), 30),
-            ("spring, offsets", "2027-03-14T01:59:30", 1, ("-05:00", "-04:00"), 30),
-            ("fall, offsets, Paris", "2026-10-25T02:59:30", -1, ("+02:00", "+01:00"), 30),
-            ("spring, offsets, Paris", "2026-03-29T01:59:30", 1, ("+01:00", "+02:00"), 30),
-            ("fall, offsets, late", "2026-11-01T01:20:00", -1, ("-04:00", "-05:00"), 47),
-            ("spring, offsets, early", "2027-03-14T01:20:00", 1, ("-05:00", "-04:00"), 3),
+            ("fall, wall clock", "2026-11-01T01:59:30", -1, ("", ""), 30.0),
+            ("spring, wall clock", "2027-03-14T01:59:30", 1, ("", ""), 30.0),
+            ("fall, Paris", "2026-10-25T02:59:01", -1, ("", ""), 59.0),
+            ("spring, Paris", "2026-03-29T01:59:59", 1, ("", ""), 1.0),
+            ("fall, offsets", "2026-11-01T01:59:30", -1, ("-04:00", "-05:00"), 30.0),
+            ("spring, offsets", "2027-03-14T01:59:30", 1, ("-05:00", "-04:00"), 30.0),
+            ("fall, offsets, Paris", "2026-10-25T02:59:30", -1, ("+02:00", "+01:00"), 59.5),
+            ("spring, offsets, Paris", "2026-03-29T01:59:30", 1, ("+01:00", "+02:00"), 0.5),
+            ("fall, offsets, late", "2026-11-01T01:20:00", -1, ("-04:00", "-05:00"), 47.0),
+            ("spring, offsets, early", "2027-03-14T01:20:00", 1, ("-05:00", "-04:00"), 3.0),
         )
     ),
     read(

@@ -116,7 +116,7 @@ RECORDS = (
         "W-RESYNC W-GAP W-SHORT",
         (58.0, 2.0, 0.0),
     ),
-    read_gt3x("23", partial(g.later, 20, 60), "W-GAP", (60.0, 60.0, 0.0)),
+    read_gt3x("23", partial(g.later, 20, 60), "W-GAP count=1 first_s=20.0", (60.0, 60.0, 0.0)),
     read_gt3x("24", g.replaced(20, g.second(20) * 2), "W-DUP"),
     read_gt3x("25", g.replaced(20, g.second(20) + g.second(22, stamp=20)), "W-DUP-CONFLICT"),
     read_gt3x("26", partial(g.later, 20, -3600), "W-CLOCK-BACK"),
@@ -278,7 +278,10 @@ TABLES = (
     read("79 d/M", partial(t.calendar_table, DAY_FIRST)),
     read("79 M/d", partial(t.calendar_table, "%m/%d/%Y %H:%M:%S.%f")),
     read("79 d.M", partial(t.calendar_table, "%d.%m.%Y %H:%M:%S.%f")),
-    refused("79 either", partial(t.calendar_table, DAY_FIRST, FOURTH_OF_MARCH), "E-TIME, why=date-order"),
+    *(
+        refused(f"79 {name}", partial(t.calendar_table, pattern, FOURTH_OF_MARCH), "E-TIME, why=date-order")
+        for name, pattern in (("either", DAY_FIRST), ("year of two digits", "%d/%m/%y %H:%M:%S.%f"))
+    ),
     read("79 compact", partial(t.calendar_table, "%Y%m%dT%H%M%S.%f")),
     read(
         "79 no date, over midnight",

@@ -72,10 +72,10 @@ def paused(hours: int) -> str:
     return ordered(range(6000), [f"{moment:%H:%M:%S.%f}"[:-3] for moment in moments], CALENDAR)
 
 
-def lost_at_change(first: str, step_h: int) -> str:
-    """A wall clock that follows daylight saving, and ten seconds without rows as it is changed."""
+def lost_at_change(first: str, step_h: int, lost_s: int) -> str:
+    """A wall clock that follows daylight saving, and some seconds without rows as it is changed."""
     begun = datetime.fromisoformat(first)
-    later = timedelta(hours=step_h, seconds=10)
+    later = timedelta(hours=step_h, seconds=lost_s)
     moments = [begun + timedelta(milliseconds=10 * k) + later * (k >= 3000) for k in range(6000)]
     return ordered(range(6000), [moment.isoformat(timespec="milliseconds") for moment in moments], CALENDAR)
 

@@ -10,7 +10,6 @@ from tests.badfiles.table_files import MICROS, NAMES, resaved
 
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - a clock that lost its date
 MARCH = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001 - a day that is its month, too
-TEN = (60.0, 10.0, 0.0)
 HOLED = (60.0, 25.0, 0.0)
 """A piece that stands too early leaves a hole before it that is none."""
 BACKWARDS = range(5999, -1, -1)
@@ -33,8 +32,19 @@ ORDER = (
     ),
     read("85 half the rate from half on", partial(o.ordered, o.thinned(3000, 6000, 2)), "W-RATE-CHANGE"),
     read("85 twice the rate at the end", partial(o.ordered, o.thinned(0, 4800, 2)), "W-RATE-CHANGE"),
-    read("56 fall, 10 s lost", partial(o.lost_at_change, "2026-11-01T01:59:30", -1), "W-DST W-GAP", TEN),
-    read("56 spring, 10 s lost", partial(o.lost_at_change, "2027-03-14T01:59:30", 1), "W-DST W-GAP", TEN),
+    *(
+        read(
+            f"56 {season}, {lost_s} s lost",
+            partial(o.lost_at_change, first, step_h, lost_s),
+            f"W-DST step_s={3600 * step_h} W-GAP first_s=30.0 {others}",
+            (60.0, lost_s, 0.0),
+        )
+        for season, first, step_h in (
+            ("fall", "2026-11-01T01:59:30", -1),
+            ("spring", "2027-03-14T01:59:30", 1),
+        )
+        for lost_s, others in ((10, ""), (300, "W-LOWCOVER W-PUT-BACK"))
+    ),
     read("58 another start in the header", partial(o.preambled, "start: 2026-03-14T09:30:00"), "W-START"),
     read("77 pieces", partial(o.ordered, o.PASTED), "W-CLOCK-BACK W-GAP", HOLED),
     read(
@@ -62,17 +72,15 @@ ORDER = (
         "W-CLOCK-BACK W-GAP W-SHORT",
         (50.0, 30.0, 0.0),
     ),
-    refused("77 newest first", partial(o.ordered, BACKWARDS), "E-TIME, why=reversed"),
-    refused(
-        "77 newest first, wall clock",
-        partial(o.ordered, BACKWARDS, o.wall_clock(), o.CALENDAR),
-        "E-TIME, why=reversed",
-    ),
-    refused("77 newest first, ActiLife", partial(o.pasted_actilife, BACKWARDS), "E-TIME"),
-    refused(
-        "77 newest first, unit unknown",
-        partial(o.ordered, BACKWARDS, [k / 100 for k in range(6000)], "time," + NAMES),
-        "E-TIME",
+    *(
+        refused(f"77 newest first{name}", partial(order, BACKWARDS, *stamps), "E-TIME, why=reversed")
+        for name, order, *stamps in (
+            ("", o.ordered),
+            (", wall clock", o.ordered, o.wall_clock(), o.CALENDAR),
+            (", whole seconds", o.ordered, o.wall_clock(digits=19), o.CALENDAR),
+            (", ActiLife", o.pasted_actilife),
+            (", unit unknown", o.ordered, [k / 100 for k in range(6000)], "time," + NAMES),
+        )
     ),
     read_gt3x("27 last second an hour late", replaced(59, second(59, stamp=3659)), "W-CLOCK-FWD"),
     read_gt3x("27 first second an hour early", replaced(0, second(0, stamp=-3600)), "W-CLOCK-FWD"),
@@ -94,12 +102,17 @@ ORDER = (
         "W-GAP W-LOWCOVER W-PUT-BACK W-NO-DATE",
         (60.0, 46_800.0, 0.0),
     ),
-    read("28 50 rows at 0", partial(o.stray, [0] * 50), "W-CLOCK-FWD"),
-    read("28 50 rows from 0", partial(o.stray, range(0, 500_000, 10_000)), "W-CLOCK-FWD"),
-    read("28 50 rows far ahead", partial(o.stray, [9_000_000_000] * 50), "W-CLOCK-FWD"),
-    read("28 50 rows nearly still", partial(o.stray, range(7, 57)), "W-CLOCK-FWD"),
-    read("28 50 rows at the epoch", partial(o.stray_dates, EPOCH, 0), "W-CLOCK-FWD"),
-    read("28 50 rows from the epoch", partial(o.stray_dates, EPOCH, 10), "W-CLOCK-FWD"),
+    *(
+        read(f"28 50 rows {name}", make, "W-CLOCK-FWD count=50")
+        for name, make in (
+            ("at 0", partial(o.stray, [0] * 50)),
+            ("from 0", partial(o.stray, range(0, 500_000, 10_000))),
+            ("far ahead", partial(o.stray, [9_000_000_000] * 50)),
+            ("nearly still", partial(o.stray, range(7, 57))),
+            ("at the epoch", partial(o.stray_dates, EPOCH, 0)),
+            ("from the epoch", partial(o.stray_dates, EPOCH, 10)),
+        )
+    ),
     read(
         "28 50 rows at 0, more lost",
         partial(o.stray, [0] * 50, [*range(3050), *range(3150, 6000)]),

@@ -10,7 +10,7 @@ Make = Content | Callable[[], Content]
 
 @dataclass(frozen=True, slots=True)
 class BadFile:
-    """A bad file and its outcome: a refusal with these facts, or a report with these warnings and times."""
+    """A bad file and its outcome: a refusal, or a report with these warnings and times; with these facts."""
 
     row: str
     name: str
@@ -37,12 +37,21 @@ def refused(row: str, content: Make, told: str, name: str = "shift.csv") -> BadF
 def read(
     row: str,
     content: Make,
-    warnings: str = "",
+    told: str = "",
     times_s: tuple[float, float, float] = (60.0, 0.0, 0.0),
     name: str = "shift.csv",
 ) -> BadFile:
-    """``times_s``: analysed, missing, excluded."""
-    return BadFile(row, name, content, None, frozenset(warnings.split()), *times_s)
+    """``told``: the warnings, each with the facts that it must state, as in ``"W-DST step_s=3600 W-GAP"``.
+
+    ``times_s``: analysed, missing, excluded.
+    """
+    warnings, facts = list[str](), set[str]()
+    for word in told.split():
+        if "=" in word:
+            facts.add(f"{warnings[-1]} {word}")
+        else:
+            warnings.append(word)
+    return BadFile(row, name, content, None, frozenset(warnings), *times_s, frozenset(facts))
 
 
 read_gt3x, refused_gt3x = partial(read, name="shift.gt3x"), partial(refused, name="shift.gt3x")

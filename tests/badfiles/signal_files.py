@@ -5,7 +5,9 @@ from functools import cache
 
 import numpy as np
 
+from fusion.readers.tables.registers import RECORD
 from tests.badfiles.arm import Matrix, minute
+from tests.badfiles.outcomes import Content
 from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, changed
 from tests.fusion.made_motion import rest_and_turn, tumble
 from tests.fusion.readers.tables.table_builder import HEADER
@@ -56,6 +58,17 @@ def write_actilife(columns: Matrix) -> str:
     return head + ACTILIFE_COLUMNS + "\n" + "".join(rows)
 
 
+def write_registers(columns: Matrix) -> bytes:
+    """26-byte records of the LSM9DS1 at 2 g and 245 deg/s, whose frame is left-handed."""
+    records = np.zeros(len(columns), RECORD)
+    time_us = 1_772_438_220_000_000 + 10_000 * np.arange(len(columns))
+    records["s"], records["us"] = np.divmod(time_us, 1_000_000)
+    mirror = [-1, 1, 1]
+    records["acc"] = np.round(columns[:, :3] / 0.000061) * mirror
+    records["gyr"] = np.round(columns[:, 3:] / 0.00875) * mirror
+    return records.tobytes()
+
+
 def mixed(order: Sequence[int] = range(6), factors: Sequence[float] = (1.0,) * 6) -> Callable[[Matrix], None]:
     """The channels in another order, then times factors."""
 
@@ -96,25 +109,25 @@ def readings(times: int = 1) -> Matrix:
     return np.hstack(minute(100.0, times))
 
 
-def altered(change: Callable[[Matrix], None], header: str = HEADER, times: int = 1) -> Callable[[], bytes]:
+def altered(change: Callable[[Matrix], None], header: str = HEADER, times: int = 1) -> Callable[[], Content]:
     """The minute with its readings changed in place."""
     return rewritten(change, lambda columns: changed(columns, header), times)
 
 
 def rewritten(
-    change: Callable[[Matrix], None], write: Callable[[Matrix], str], times: int = 1
-) -> Callable[[], bytes]:
+    change: Callable[[Matrix], None], write: Callable[[Matrix], Content], times: int = 1
+) -> Callable[[], Content]:
     """The same, as another device writes it."""
 
-    def make() -> bytes:
+    def make() -> Content:
         columns = readings(times)
         change(columns)
-        return write(columns).encode()
+        return write(columns)
 
     return make
 
 
-def scaled(acc: float, gyr: float, header: str = UNITLESS, times: int = 1) -> Callable[[], bytes]:
+def scaled(acc: float, gyr: float, header: str = UNITLESS, times: int = 1) -> Callable[[], Content]:
     def change(columns: Matrix) -> None:
         columns[:, :3] *= acc
         columns[:, 3:] *= gyr

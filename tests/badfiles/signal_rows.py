@@ -18,7 +18,11 @@ SIGNALS = (
     read("86 mg under g", s.scaled(1000.0, 1.0, HEADER), "W-UNITS"),
     read("86 m/s2 under g", s.scaled(9.80665, 1.0, HEADER), "W-UNITS"),
     *(
-        read(f"86 {true} under {named}", partial(t.misnamed, named, per_s), "W-UNITS")
+        read(
+            f"86 {true} under {named}",
+            partial(t.misnamed, named, per_s),
+            f"W-UNITS unit={named} read_as={true}",
+        )
         for true, named, per_s in (
             ("s", "ms", 1),
             ("ms", "s", 1000),
@@ -76,14 +80,20 @@ SIGNALS = (
     ),
     read("87 GT9X right", s.tumbled(s.leave, s.write_actilife), "", (240.0, 0.0, 0.0)),
     *(
-        refused(f"87 GT9X {name}", s.tumbled(change, s.write_actilife), "E-MIXED")
-        for name, change in (
-            ("gyro negated", s.negate_gyro),
-            ("gyro swapped", PERMUTE),
-            ("gyro rad/s", s.multiply_gyro(0.0174533)),
+        refused(f"87 GT9X {name}", s.tumbled(change, s.write_actilife), told)
+        for name, change, told in (
+            ("gyro negated", s.negate_gyro, "E-MIXED, factor=-1.0"),
+            ("gyro swapped", PERMUTE, "E-MIXED"),
+            ("gyro rad/s", s.multiply_gyro(0.0174533), "E-MIXED, factor=57.4"),
         )
     ),
     refused("86 no unit, no movement", s.altered(s.hang, s.UNITLESS), "E-UNIT, sensor=gyroscope"),
+    refused(
+        "86 registers, no movement",
+        s.rewritten(s.hang, s.write_registers),
+        "E-UNIT, sensor=gyroscope",
+        name="shift.dat",
+    ),
     refused("87 gyro late", s.tumbled(s.delay_gyro(50)), "E-MIXED"),
     refused("87 gyro noise", s.tumbled(s.noise_for_gyro), "E-MIXED"),
     refused("87 acc x x1.5", s.turned_all_round(s.mixed(factors=(1.5, 1, 1, 1, 1, 1))), "E-SCALE"),

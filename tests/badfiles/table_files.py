@@ -108,12 +108,12 @@ def calendar_table(pattern: str, first: datetime = datetime(2026, 3, 14, 8, 0)) 
     return stamped(calendar(pattern, first=first), values(), "timestamp," + NAMES)
 
 
-def clock_changed(first: str, step_h: int, offsets: tuple[str, str] = ("", ""), after_s: int = 30) -> str:
+def clock_changed(first: str, step_h: int, offsets: tuple[str, str] = ("", ""), after_s: float = 30) -> str:
     """The minute by a wall clock that is changed once; its offset from UTC may stand behind each stamp."""
     before = calendar("%Y-%m-%dT%H:%M:%S.%f", first=datetime.fromisoformat(first))
     later = datetime.fromisoformat(first) + timedelta(hours=step_h)
     after = calendar("%Y-%m-%dT%H:%M:%S.%f", first=later)
-    place = 100 * after_s
+    place = int(100 * after_s)
     stamps = [stamp + offsets[0] for stamp in before[:place]] + [
         stamp + offsets[1] for stamp in after[place:]
     ]

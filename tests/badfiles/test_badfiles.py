@@ -15,6 +15,7 @@ from app.report.words.wording import LANGUAGES, Language
 from app.settings import Settings
 from fusion.caveats import Caveat
 from fusion.errors import FusionError
+from fusion.pipeline import Analysis
 from tests.badfiles.expected import ALWAYS, BAD_FILES
 from tests.badfiles.outcomes import BadFile
 from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of
@@ -52,9 +53,17 @@ def test_it_is_read_with_its_warnings_and_times(bad: BadFile) -> None:
     time = analysis.time
     seen_s = [us / 1e6 for us in (time.analysed_us, time.missing_us, time.excluded_us)]
     assert {flag.code for flag in analysis.quality.flags} - ALWAYS == bad.warnings
+    assert bad.facts <= set(list_facts(analysis))
     assert seen_s == pytest.approx([bad.analysed_s, bad.missing_s, bad.excluded_s], abs=0.006)
     assert time.analysed_us + time.missing_us + time.excluded_us == time.recorded_us
     assert all(flag.facts.keys() <= Caveat(flag.code).fact_meanings.keys() for flag in analysis.quality.flags)
+
+
+def list_facts(analysis: Analysis) -> Iterator[str]:
+    """Each caveat's own facts, its count and its place, as the rows write them."""
+    for flag in analysis.quality.flags:
+        for name, value in {"count": flag.count, "first_s": flag.first_s, **flag.facts}.items():
+            yield f"{flag.code} {name}={value}"
 
 
 @pytest.fixture(scope="module")

@@ -42,17 +42,6 @@ def write_counted(columns: Matrix) -> bytes:
     return ("# rate_hz: 100\n" + ",".join(NAMES[1:]) + "\n" + rows).encode()
 
 
-def write_registers(columns: Matrix) -> bytes:
-    """26-byte records of the LSM9DS1 at 2 g and 245 deg/s, whose frame is left-handed."""
-    records = np.zeros(len(columns), RECORD)
-    time_us = 1_772_438_220_000_000 + 10_000 * np.arange(len(columns))
-    records["s"], records["us"] = np.divmod(time_us, 1_000_000)
-    mirror = [-1, 1, 1]
-    records["acc"] = np.round(columns[:, :3] / 0.000061) * mirror
-    records["gyr"] = np.round(columns[:, 3:] / 0.00875) * mirror
-    return records.tobytes()
-
-
 def write_gt3x(columns: Matrix) -> bytes:
     seconds = (g.rows_of(one[:, :3], one[:, 3:]) for one in np.split(columns, len(columns) // 100))
     records = (record(25, T0 + k, b"\x01\0" + rows) for k, rows in enumerate(seconds))
@@ -64,7 +53,7 @@ WRITERS: dict[str, Callable[[Matrix], bytes]] = {
     "shift-IMU.csv": lambda columns: s.write_actilife(columns).encode(),
     "shift.parquet": write_parquet,
     "counted.csv": write_counted,
-    "shift.dat": write_registers,
+    "shift.dat": s.write_registers,
     "shift.gt3x": write_gt3x,
 }
 
@@ -138,7 +127,7 @@ def test_one_value_that_no_sensor_can_have_is_no_reading(
 
 def test_registers_that_did_not_answer_are_no_reading() -> None:
     """All bits set: -1 in each of the six."""
-    content = bytearray(write_registers(s.readings()))
+    content = bytearray(s.write_registers(s.readings()))
     records = np.frombuffer(content, RECORD)
     records["acc"][2000:2010], records["gyr"][2000:2010] = -1, -1
 

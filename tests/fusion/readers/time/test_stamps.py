@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Iterable
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +16,8 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.grid import leave_out_stopped
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
-from tests.badfiles.order_files import CALENDAR
+from tests.badfiles.order_files import CALENDAR, stray
+from tests.badfiles.table_files import line_changed
 from tests.fusion.readers.seen import codes
 from tests.fusion.readers.tables.table_builder import HEADER, line, read_text, table
 
@@ -25,13 +26,6 @@ ROWS = 2000
 """Twenty seconds at 100 Hz."""
 TWENTY_S = 20_000_000
 wall = datetime.fromisoformat
-CHANGES = {
-    "Toronto, fall": ("2026-11-01T02:00", ("-04:00", "-05:00"), -3600),
-    "Toronto, spring": ("2027-03-14T02:00", ("-05:00", "-04:00"), 3600),
-    "Paris, fall": ("2026-10-25T03:00", ("+02:00", "+01:00"), -3600),
-    "Paris, spring": ("2026-03-29T02:00", ("+01:00", "+02:00"), 3600),
-}
-"""When the wall clock is changed, the offsets before and after, and the step in seconds."""
 
 
 def stamped(stamps: list[str], names: str = NAMES) -> str:
@@ -70,20 +64,6 @@ def read_wall(first: datetime, change_after_s: float, step_s: int) -> Recording:
     return read_text(stamped([moment.isoformat(timespec="milliseconds") for moment in clock]))
 
 
-@pytest.mark.parametrize("change_after_s", [0.5, 19.5])
-@pytest.mark.parametrize("place", CHANGES)
-def test_a_change_of_the_offset_costs_no_time(place: str, change_after_s: float) -> None:
-    change, offsets, step_s = CHANGES[place]
-    first = wall(change) - timedelta(minutes=36, seconds=15)
-
-    recording = read_aware(first, change_after_s, offsets)
-
-    (flag,) = recording.flags
-    assert (recording.duration_us, len(recording.segments)) == (TWENTY_S, 1)
-    assert recording.start == first.replace(tzinfo=timezone(timedelta(hours=int(offsets[0][:3]))))
-    assert (flag.code, flag.first_s, flag.facts) == ("W-DST", change_after_s, {"step_s": step_s})
-
-
 @pytest.mark.parametrize(
     ("first", "offsets", "step_s"),
     [
@@ -100,6 +80,7 @@ def test_another_offset_on_another_day_is_no_daylight_saving(
     recording = read_aware(wall(first), 7.3, offsets)
 
     (flag,) = recording.flags
+    assert recording.start == wall(first + offsets[0])
     assert (recording.duration_us, len(recording.segments)) == (TWENTY_S, 1)
     assert (flag.code, flag.first_s, flag.facts) == ("W-OFFSET", 7.3, {"step_s": step_s})
 
@@ -117,9 +98,8 @@ def test_an_hour_of_a_wall_clock_where_no_zone_steps_is_no_daylight_saving(chang
     assert codes(recording) == ["W-GAP" if step_s > 0 else "W-CLOCK-BACK"]
 
 
-@pytest.mark.parametrize("place", ["Toronto, fall", "Toronto, spring"])
-def test_whole_seconds_at_the_hour_of_the_change_cost_no_time(place: str) -> None:
-    change, _, step_s = CHANGES[place]
+@pytest.mark.parametrize(("change", "step_s"), [("2026-11-01T02:00", -3600), ("2027-03-14T02:00", 3600)])
+def test_whole_seconds_at_the_hour_of_the_change_cost_no_time(change: str, step_s: int) -> None:
     clock = moments(wall(change) - timedelta(seconds=10), 10.0, step_s)
 
     recording = read_text(stamped([f"{moment:%Y-%m-%dT%H:%M:%S}" for moment in clock]))
@@ -265,6 +245,25 @@ def test_rows_that_came_late_over_midnight_are_put_right() -> None:
 # Rows come to stand in the order in which they were measured, or nobody claims that they do.
 
 ACC_G, GYR_DPS = minute()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        stray([0] * 50),
+        stray(range(7, 57)),
+        line_changed(2001, lambda _: "20000000,0,0,1")(),
+        line_changed(2001, lambda _: "20000000,0,0,x,0,0,0")(),
+        line_changed(2001, lambda _: "20000000,0,0,NaN,0,0,0")(),
+    ],
+    ids=["50 stamps at 0", "50 stamps nearly still", "short", "no number", "NaN"],
+)
+def test_every_sample_but_the_spoilt_one_is_where_it_was_measured(text: str | bytes) -> None:
+    (segment,) = read_text(text).segments
+
+    kept = np.arange(6000) != 2000
+    np.testing.assert_allclose(segment.acc_g[kept], ACC_G[kept], atol=1e-4)
+    np.testing.assert_allclose(segment.gyr_dps[kept], GYR_DPS[kept], atol=1e-3)
 
 
 def test_the_hour_that_comes_twice_in_fall_is_no_piece_that_goes_on() -> None:
