@@ -1,4 +1,4 @@
-"""The oracles of EXPOSURE.md part D: what each figure must be, and what the code gives.
+"""The oracles: signals whose figures follow from a formula, and what the code computes.
 
 Without the metric filter where the oracle is defined without it; the table ends with how many fail.
 """

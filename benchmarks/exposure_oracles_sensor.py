@@ -1,4 +1,4 @@
-"""The oracles that begin at the sensor or are properties: 18, 19, 21, 22, 24, 25 and 26 of EXPOSURE.md D."""
+"""The oracles that begin at the sensor or are properties: 18, 19, 21, 22, 24, 25 and 26."""
 
 from collections.abc import Iterator
 from itertools import pairwise, permutations, product

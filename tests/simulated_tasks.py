@@ -1,4 +1,4 @@
-"""The ten tasks of the paper's validation (FUSION.md, section 2, Table 1), done by virtual people.
+"""The ten tasks of the paper's validation (Table 1), done by virtual people.
 
 The paper names the tasks and their tempo; amplitudes are chosen here and differ between people: about 90 deg
 at 1 Hz, about 30 deg at 3 Hz, a wide Z of four strokes, throws harder than at work, with a step and a turn

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A goal of FUSION.md §7: the figure asked for and the figure reached."""
+    """A goal of the validation: the figure asked for and the figure reached."""
 
     what: str
     asked: str

@@ -1,4 +1,4 @@
-"""Bad `.cwa` files of an Axivity AX6: rows of our own beside those of RELIABILITY.md §1.3."""
+"""Bad `.cwa` files of an Axivity AX6."""
 
 from collections.abc import Callable
 from functools import cache

@@ -1,4 +1,4 @@
-"""What must become of each bad file: one line for each row of RELIABILITY.md §1.3 and its variants.
+"""What must become of each bad file: one line for each kind of damage and its variants.
 
 Times are those of the file of one minute: recorded = analysed + missing + excluded.
 """

@@ -1,4 +1,4 @@
-"""Bad `.gt3x` files: RELIABILITY.md §1.3 A (container), B (records) and C (info.txt and time)."""
+"""Bad `.gt3x` files: container (A), records (B), info.txt and time (C)."""
 
 import io
 import struct

@@ -1,4 +1,4 @@
-"""Files that show what the person did with the sensor: RELIABILITY.md §1.3, rows 91 to 94 and 96."""
+"""Files that show what the person did with the sensor: rows 91 to 94 and 96."""
 
 from collections.abc import Callable
 from functools import cache

@@ -1,4 +1,4 @@
-"""Files whose form is right and whose readings are not: RELIABILITY.md §1.3 E."""
+"""Files whose form is right and whose readings are not (E)."""
 
 from collections.abc import Callable, Sequence
 from functools import cache

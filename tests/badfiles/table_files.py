@@ -1,4 +1,4 @@
-"""Bad tables: RELIABILITY.md §1.3 D (ActiLife, LSM9DS1 logger, generic) and the text containers of A."""
+"""Bad tables (D: ActiLife, LSM9DS1 logger, generic) and the text containers of A."""
 
 import gzip
 import io

@@ -1,4 +1,4 @@
-"""Every bad file of RELIABILITY.md §1.3 A to E, through `fusion`, the command line and the API."""
+"""Every bad file, A to E, through `fusion`, the command line and the API."""
 
 import json
 from collections.abc import Iterator

@@ -17,16 +17,10 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks up proces
 needs_disks = pytest.mark.skipif(not can_cut_power(), reason="no root to mount a disk with")
 
 
-def test_kills_at_random_instants_lose_nothing_and_leave_nothing(tmp_path: Path) -> None:
-    result = kill_rounds(tmp_path, rounds=4, seed=1)
-
-    assert result.acknowledged > 0
-    assert result.broken == []
-
-
-def test_kills_of_everything_while_analyses_run_blame_no_sound_recording(tmp_path: Path) -> None:
+def test_kills_lose_nothing_leave_nothing_and_blame_no_sound_recording(tmp_path: Path) -> None:
     result = kill_rounds(tmp_path, rounds=6, seed=2)
 
+    assert result.acknowledged > 0
     assert result.cut >= 3
     assert result.blamed == 0
     assert result.broken == []

@@ -1,7 +1,9 @@
 """The site: every link leads somewhere, nothing comes from another host, and it works from a disk."""
 
+import os
 import re
 from collections.abc import Iterator
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -46,8 +48,19 @@ def list_internal(read: dict[Path, PageReader]) -> Iterator[tuple[Path, str, Pat
         for address in (*page.links, *page.loaded):
             parts = urlsplit(address)
             if not parts.scheme and not parts.netloc and not address.startswith("/"):
-                target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-                yield path, address, target, unquote(parts.fragment)
+                target = path.parent / unquote(parts.path) if parts.path else path
+                yield path, address, find_target(os.path.normpath(target)), unquote(parts.fragment)
+
+
+@cache
+def find_target(address: str) -> Path:
+    """Return the file that an address within the site leads to: of a folder, its first page."""
+    return Path(address, "index.html") if Path(address).is_dir() else Path(address)
+
+
+@cache
+def exists(target: Path) -> bool:
+    return target.is_file()
 
 
 def test_every_link_within_the_site_leads_to_a_file_and_a_place(
@@ -58,7 +71,7 @@ def test_every_link_within_the_site_leads_to_a_file_and_a_place(
     broken = [
         (path.relative_to(site).as_posix(), address)
         for path, address, target, place in checked
-        if (path.name != "404.html" and not (target / "index.html" if target.is_dir() else target).is_file())
+        if (path.name != "404.html" and not exists(target))
         or (place and target in read and place not in read[target].places)
     ]
     assert len(checked) > 1000

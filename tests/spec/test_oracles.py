@@ -1,4 +1,4 @@
-"""Figures worked out by hand (EXPOSURE.md part D) that the table of oracles does not list.
+"""Figures worked out by hand that the table of oracles does not list.
 
 `test_exposure_check.py` checks the table (`benchmarks.exposure_oracles`). The last figures go through the
 metric filter and stay within 0.15 percentage points and 0.1 s of the closed form.

@@ -1,4 +1,4 @@
-"""``results.json`` is what CONTRACT §2 says, byte for byte the same each time."""
+"""``results.json`` holds what its schema says, byte for byte the same each time."""
 
 import json
 from dataclasses import replace

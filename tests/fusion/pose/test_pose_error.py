@@ -1,4 +1,4 @@
-"""The N-pose reads a raised arm low: the range of the draws with and without that error (CONTRACT §5)."""
+"""The N-pose reads a raised arm low: the range of the draws with and without that error."""
 
 import io
 from dataclasses import replace

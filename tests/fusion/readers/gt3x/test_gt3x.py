@@ -59,7 +59,7 @@ def rows_of_the_log(path: Path) -> list[int]:
 
 
 def resample_as_actilife(values: NDArray[np.float64], counts: list[int]) -> NDArray[np.float64]:
-    """FORMATS.md section 7: row k of a second is read at source index k n / 100, clamped at the last."""
+    """Row k of a second is read at source index k n / 100, clamped at the last."""
     pieces, first = [], 0
     for n in counts:
         at = np.minimum(np.arange(100) * n / 100, n - 1)
