@@ -278,7 +278,7 @@ def test_a_row_is_named_by_subject_date_and_arm_and_draws_the_day(
     page: Page, server: RunningServer, right: str
 ) -> None:
     open_home(page, server)
-    row = page.locator("[data-file='shift_seed1.gt3x']").first
+    row = page.locator("[data-file='shift_seed1.gt3x']", has_text="S012").first
 
     expect(row.locator("th")).to_contain_text("S012")
     expect(row.locator(".date")).to_have_text(re.compile(r"^2026-03-02 07:00$"))
