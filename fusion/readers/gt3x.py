@@ -84,7 +84,7 @@ TALLY_PLACES = 10
 
 
 @njit(cache=True, nogil=True)
-def fold_prefixes(buffer):  # type: ignore[no-untyped-def]
+def fold_prefixes(buffer: Bytes) -> Bytes:
     """XOR of the bytes before each place, so that any stretch is then folded in one step."""
     prefixes = np.empty(len(buffer) + 1, np.uint8)
     prefixes[0] = 0
@@ -94,15 +94,21 @@ def fold_prefixes(buffer):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def frame_end(buffer, at_byte):  # type: ignore[no-untyped-def]
+def frame_end(buffer: Bytes, at_byte: int) -> int:
     """First byte after the record that would begin at ``at_byte``; -1 where its header is cut off."""
     if at_byte + FRAME_BYTES > len(buffer):
         return -1
-    return at_byte + FRAME_BYTES + (buffer[at_byte + 6] | (buffer[at_byte + 7] << 8))
+    return at_byte + FRAME_BYTES + (buffer[at_byte + 6] | (buffer[at_byte + 7] << 8))  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
-def verify(buffer, at_byte, end_byte, prefixes, is_hunting):  # type: ignore[no-untyped-def]
+def verify(
+    buffer: Bytes,
+    at_byte: int,
+    end_byte: int,
+    prefixes: Bytes,
+    is_hunting: bool,  # noqa: FBT001 (numba kernels take their arguments by place)
+) -> bool:
     """Whether a whole record with a true checksum lies at ``at_byte``.
 
     One checksum byte alone is weak proof: while hunting, what follows must be able to follow a record.
@@ -122,7 +128,12 @@ def verify(buffer, at_byte, end_byte, prefixes, is_hunting):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True)
-def scan_records(buffer, is_last, records, tally):  # type: ignore[no-untyped-def]
+def scan_records(
+    buffer: Bytes,
+    is_last: bool,  # noqa: FBT001 (numba kernels take their arguments by place)
+    records: NDArray[np.int64],
+    tally: NDArray[np.int64],
+) -> tuple[int, int]:
     """Find the records of a piece of log.bin; return (bytes used, records found).
 
     Of each its type, time, first payload byte and payload size are written. A record that may go on in the
@@ -160,7 +171,13 @@ def scan_records(buffer, is_last, records, tally):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def pass_damage(buffer, at_byte, end_byte, prefixes, tally):  # type: ignore[no-untyped-def]
+def pass_damage(
+    buffer: Bytes,
+    at_byte: int,
+    end_byte: int,
+    prefixes: Bytes,
+    tally: NDArray[np.int64],
+) -> int:
     """Step over bytes that are no good record; return where to go on.
 
     Where the damaged record's own size leads to the next good record, its framing is trusted and only its
@@ -297,7 +314,7 @@ def _parse_column(content: bytes) -> SchemaColumn:
 
 
 @njit(cache=True, nogil=True)
-def take_field(buffer, byte, field):  # type: ignore[no-untyped-def]
+def take_field(buffer: Bytes, byte: int, field: NDArray[np.int64]) -> int:
     """Return one raw value. ``field``: big-endian, signed, bit offset, bit size.
 
     A field that fills whole bytes is read in its byte order; any other is read most significant bit first.
@@ -318,7 +335,13 @@ def take_field(buffer, byte, field):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def decode_records(buffer, records, layout, acc, gyr):  # type: ignore[no-untyped-def]
+def decode_records(
+    buffer: Bytes,
+    records: tuple[NDArray[np.int64], NDArray[np.int64]],
+    layout: tuple[int, NDArray[np.int64], NDArray[np.float64]],
+    acc: NDArray[np.float32],
+    gyr: NDArray[np.float32],
+) -> None:
     """Decode records of any schema one after the other.
 
     ``records``: first byte, number of rows of each; ``layout``: bytes of a row, fields, divisors.
@@ -336,7 +359,13 @@ def decode_records(buffer, records, layout, acc, gyr):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True)
-def decode_link_records(buffer, records, divisors, acc, gyr):  # type: ignore[no-untyped-def]
+def decode_link_records(
+    buffer: Bytes,
+    records: tuple[NDArray[np.int64], NDArray[np.int64]],
+    divisors: NDArray[np.float64],
+    acc: NDArray[np.float32],
+    gyr: NDArray[np.float32],
+) -> None:
     """The same for the GT9X Link's own 21-byte layout: big-endian int16 at 0 and at 8."""
     firsts, n_rows = records
     row = 0

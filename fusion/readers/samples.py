@@ -153,7 +153,9 @@ class SampleColumns:
 
 
 @njit(cache=True, nogil=True)
-def open_rows(values, n_rows, rows, added):  # type: ignore[no-untyped-def]
+def open_rows(
+    values: NDArray[np.float32], n_rows: int, rows: NDArray[np.int64], added: NDArray[np.int64]
+) -> None:
     """Put rows in before each of ``rows`` by linear interpolation, in place, from the end backwards.
 
     ``values`` has room for them after its ``n_rows``.

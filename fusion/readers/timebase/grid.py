@@ -45,7 +45,7 @@ EVEN_PART, SAME_PACE = 0.4, 0.02
 
 
 @njit(cache=True, nogil=True)
-def find_late_window(stamps, row):  # type: ignore[no-untyped-def]
+def find_late_window(stamps: NDArray[np.int64], row: int) -> tuple[int, int]:
     """The rows among which ``row`` and what follows it belong: first, and first after; (row, row): none."""
     highest = stamps[row - 1]
     if highest - stamps[row] > LONGEST_DELAY_US:
@@ -62,7 +62,9 @@ def find_late_window(stamps, row):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def is_even(stamps, order, window, least_us):  # type: ignore[no-untyped-def]
+def is_even(
+    stamps: NDArray[np.int64], order: NDArray[np.int64], window: tuple[int, int], least_us: float
+) -> bool:
     """Whether the sorted window and its neighbours are never closer than ``least_us``."""
     first, stop = window
     before = stamps[first - 1] if first > 0 else stamps[first + order[0]] - 2 * np.int64(least_us) - 1
@@ -74,7 +76,9 @@ def is_even(stamps, order, window, least_us):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def sort_windows(acc, gyr, stamps, least_us):  # type: ignore[no-untyped-def]
+def sort_windows(
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], least_us: float
+) -> int:
     """Put rows that came late into their place, in place; return how many came late."""
     late = 0
     row = 1
@@ -100,7 +104,7 @@ def sort_windows(acc, gyr, stamps, least_us):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def find_equal_runs(stamps, shortest_rows):  # type: ignore[no-untyped-def]
+def find_equal_runs(stamps: NDArray[np.int64], shortest_rows: int) -> NDArray[np.int64]:
     """Rows that share a stamp, ``shortest_rows`` of them or more: first and first after, shape (m, 2).
 
     In such a run some row at a multiple of half its least length has its like so many rows later.
@@ -124,7 +128,9 @@ def find_equal_runs(stamps, shortest_rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def spread_runs(stamps, edges, step_us, usual):  # type: ignore[no-untyped-def]
+def spread_runs(
+    stamps: NDArray[np.int64], edges: NDArray[np.int64], step_us: float, usual: NDArray[np.float64]
+) -> None:
     """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place.
 
     ``usual``: how many rows such a run has where none is lost, one for each.
@@ -148,7 +154,7 @@ def spread_runs(stamps, edges, step_us, usual):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def mend_stamps(stamps, period_us):  # type: ignore[no-untyped-def]
+def mend_stamps(stamps: NDArray[np.int64], period_us: float) -> int:
     """Replace single stamps that both neighbours contradict, in place; return how many."""
     mended = 0
     for k in range(1, len(stamps) - 1):
@@ -161,7 +167,7 @@ def mend_stamps(stamps, period_us):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def is_made_up(stamps, row, period_us):  # type: ignore[no-untyped-def]
+def is_made_up(stamps: NDArray[np.int64], row: int, period_us: float) -> bool:
     """Whether the rows after a long step come so fast that nothing was lost."""
     for ahead in range(1, LATE_ROWS):
         if row + ahead >= len(stamps):
@@ -175,7 +181,9 @@ def is_made_up(stamps, row, period_us):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def find_long_steps(stamps, limit_us, period_us, rows):  # type: ignore[no-untyped-def]
+def find_long_steps(
+    stamps: NDArray[np.int64], limit_us: float, period_us: float, rows: NDArray[np.int64]
+) -> int:
     """Write the rows before which time is missing or runs backwards; return how many there are in all."""
     found = 0
     for k in range(1, len(stamps)):
@@ -188,7 +196,9 @@ def find_long_steps(stamps, limit_us, period_us, rows):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)
-def fit_line(stamps, rows, added):  # type: ignore[no-untyped-def]
+def fit_line(
+    stamps: NDArray[np.int64], rows: NDArray[np.int64], added: NDArray[np.int64]
+) -> tuple[float, float, float]:
     """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
 
     Before each of ``rows`` the place grows by ``added``. What is fitted are the small distances from the line
@@ -224,13 +234,13 @@ def fit_line(stamps, rows, added):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def is_even_step(stamps, row, pace_us, quantum_us):  # type: ignore[no-untyped-def]
+def is_even_step(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us: float) -> bool:
     """Whether the step to ``row`` can be one of a sampling at this pace."""
-    return abs(stamps[row] - stamps[row - 1] - pace_us) <= EVEN_PART * pace_us + quantum_us
+    return abs(stamps[row] - stamps[row - 1] - pace_us) <= EVEN_PART * pace_us + quantum_us  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
-def is_even_run(stamps, row, pace_us, quantum_us):  # type: ignore[no-untyped-def]
+def is_even_run(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us: float) -> bool:
     """Whether two times ``PACE_ROWS`` rows come evenly at this pace: the change is not among them."""
     later = row + PACE_ROWS
     later_us = (stamps[later + PACE_ROWS] - stamps[later]) / PACE_ROWS
@@ -243,7 +253,9 @@ def is_even_run(stamps, row, pace_us, quantum_us):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def is_own_step(stamps, row, pace_us, period_us, quantum_us):  # type: ignore[no-untyped-def]
+def is_own_step(
+    stamps: NDArray[np.int64], row: int, pace_us: float, period_us: float, quantum_us: float
+) -> bool:
     """Whether the step to ``row`` is even at this pace, and nearer to it than to the usual one."""
     step = stamps[row] - stamps[row - 1]
     is_near = abs(step - pace_us) < abs(step - period_us)
@@ -251,7 +263,9 @@ def is_own_step(stamps, row, pace_us, period_us, quantum_us):  # type: ignore[no
 
 
 @njit(cache=True, nogil=True)
-def find_stretches(stamps, period_us, quantum_us, found):  # type: ignore[no-untyped-def]
+def find_stretches(
+    stamps: NDArray[np.int64], period_us: float, quantum_us: float, found: NDArray[np.int64]
+) -> int:
     """Write stretches whose rows come evenly at another pace; return how many there are in all."""
     least_us = max(LARGEST_CHANGE * period_us, 2 * quantum_us / PACE_ROWS)
     count = reached = row = 0
