@@ -3,7 +3,8 @@
 The page of who manages people lets them in, gives roles and ends accounts; it shows no health data.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import cast
 
@@ -29,6 +30,14 @@ from app.web.rendering import Form, Page, UsedForm, UsedPage, first, take_secret
 
 router = APIRouter(include_in_schema=False)
 TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkView:
+    """The link by which a password was set: its facts, and whether its person knows (``is_told``)."""
+
+    facts: Mapping[str, str]
+    is_told: bool
 
 
 @router.get("/account")
@@ -113,17 +122,14 @@ def _render_account(
     bearer: str = "",
     wanted: str = "/account",
 ) -> Response:
-    """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to.
-
-    ``set_by``: by which link the password was set, until its person knows.
-    """
+    """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to."""
     accounts, credentials = page.logins.accounts, page.logins.credentials
     person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
     set_by = None
     if use is not None:
         name = find_names(page.request, [use.made_by], page.language)[use.made_by]
         facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
-        set_by = {"facts": facts, "is_told": use.is_told}
+        set_by = LinkView(facts, use.is_told)
     return render_with_problem(
         page,
         "access/account.html",

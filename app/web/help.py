@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache
 from math import sin
@@ -251,6 +251,18 @@ def _tell(shares: Sequence[float], language: Language) -> str:
 _QUOTED = re.compile(r"``(.+?)``")
 
 
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation: its name, its description in paragraphs, its parameters, request and responses."""
+
+    id: str
+    title: str
+    paragraphs: tuple[Markup, ...]
+    parameters: tuple[tuple[str, str, Markup], ...]
+    bodies: str
+    answers: str
+
+
 @router.get("/api/v1/openapi.json")
 def give_openapi(request: Request) -> JSONResponse:
     """Return the OpenAPI document."""
@@ -259,21 +271,21 @@ def give_openapi(request: Request) -> JSONResponse:
 
 @router.get("/api/v1/docs")
 def show_docs(page: UsedPage) -> Response:
-    """Show every operation of the API: what it does, its parameters, what goes in and comes out."""
+    """Show every operation of the API."""
     document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
     operations = [
-        {
-            "id": told["operationId"],
-            "title": f"{method.upper()} {path}",
-            "paragraphs": [_mark_code(part) for part in told.get("description", "").split("\n\n")],
-            "parameters": [
+        Operation(
+            told["operationId"],
+            f"{method.upper()} {path}",
+            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+            tuple(
                 (p["name"], p["in"], _mark_code(p.get("description", "")))
                 for p in told.get("parameters", ())
                 if p["in"] != "path"
-            ],
-            "bodies": ", ".join(told.get("requestBody", {}).get("content", {})),
-            "answers": ", ".join(told["responses"]),
-        }
+            ),
+            ", ".join(told.get("requestBody", {}).get("content", {})),
+            ", ".join(told["responses"]),
+        )
         for path, methods in document["paths"].items()
         for method, told in methods.items()
     ]

@@ -501,8 +501,16 @@ def take_participants(
     return {"changed": services.store.repeat_all(changed), "unknown": [row.file for row in unknown]}
 
 
-def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[dict[str, str]]:
-    """Return each recording at a glance: its state, or the verdict on its data, and that in words."""
+@dataclass(frozen=True, slots=True)
+class Square:
+    """A recording at a glance: its state, or the verdict on its data, and that in words."""
+
+    id: str
+    state: str
+    title: str
+
+
+def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[Square]:
     words, verdicts = page.words(), page.services.batches.find_verdicts(batch_id)
     squares = []
     for job in jobs[:MOST_SQUARES]:
@@ -510,7 +518,7 @@ def _draw_squares(page: Page, batch_id: str, jobs: Sequence[Job]) -> list[dict[s
         state, told = job.state.value, words["state"][job.state.value]
         if job.state is JobState.SUCCEEDED and (verdict := verdicts.get(job.id, "")):
             state, told = verdict, words["verdict_short"][verdict]
-        squares.append({"id": job.id, "state": state, "title": f"{name}: {told}"})
+        squares.append(Square(job.id, state, f"{name}: {told}"))
     return squares
 
 

@@ -4,7 +4,7 @@ Many days are those of one person, of both arms or of a group, before and after 
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import date
 from typing import Annotated, Any, Literal
 
@@ -37,8 +37,16 @@ router = APIRouter(include_in_schema=False)
 # Which analyses fit together: the other arm of the same day, other days of the same person.
 
 
-def find_offers(page: Page, job: Job, start: str) -> list[dict[str, str]]:
-    """Offer a pair where arm and day fit, else a comparison, the earlier first: links to pages of two."""
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A link to a page of two."""
+
+    address: str
+    words: str
+
+
+def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
+    """Offer a pair if arm and day fit, else a comparison, the earlier first."""
     words, offers = page.words("pair_pages"), []
     for other in Library(page.services.store.reader).find_others(job):
         other_start = _read_start(other)
@@ -49,8 +57,8 @@ def find_offers(page: Page, job: Job, start: str) -> list[dict[str, str]]:
             kind = "pair"
             first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
         address = f"/beside/{kind}?first={first.id}&second={second.id}"
-        offers.append({"address": address, "words": fill(words[f"with_{kind}"], facts)})
-    return offers
+        offers.append(Offer(address, fill(words[f"with_{kind}"], facts)))
+    return tuple(offers)
 
 
 def _read_start(entry: Entry) -> str:
@@ -272,6 +280,19 @@ def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[J
 AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(find_days)]
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A recording in the form: its analysis, its name, and whether it is a day, a day after, or neither."""
+
+    id: str
+    name: str
+    when: str
+    side: str
+    above_60: str
+    is_chosen: bool
+    is_after: bool
+
+
 @router.get("/days")
 def show_days(asked: AskedDays, page: UsedPage) -> Response:
     """Show several days laid over one another, with a form of the person's recordings to choose from."""
@@ -316,8 +337,8 @@ def find_days_address(services: Services, job: Job) -> str:
     return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
 
-def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> list[dict[str, Any]]:
-    """List the chosen recordings and the others of the same people, and on which side of a change each is.
+def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice, ...]:
+    """List the chosen recordings and the others of the same people.
 
     What has no subject code stands by itself.
     """
@@ -335,14 +356,14 @@ def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> list[dict[str
     for entry in found.values():
         job, above_60 = entry.job, entry.headline.above_60_percent if entry.headline else None
         listed.append(
-            {
-                "id": job.id,
-                "name": job.file_name,
-                "when": _format_start(_read_start(entry)),
-                "side": sides[job.request.side or "unknown"],
-                "above_60": format_percent(above_60, page.language),
-                "is_chosen": job.id in chosen and job.id not in after,
-                "is_after": job.id in after,
-            }
+            Choice(
+                job.id,
+                job.file_name,
+                _format_start(_read_start(entry)),
+                sides[job.request.side or "unknown"],
+                format_percent(above_60, page.language),
+                job.id in chosen and job.id not in after,
+                job.id in after,
+            )
         )
-    return sorted(listed, key=lambda choice: (choice["when"], choice["side"]))
+    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))

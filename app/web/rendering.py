@@ -234,15 +234,22 @@ WAY_HASH = b64encode(hashlib.sha256(WAY_STYLE.encode()).digest()).decode()
 """A report's own policy lets in styles by their hash alone."""
 
 
+@dataclass(frozen=True, slots=True)
+class OldVersion:
+    """The notice that a report is not the current one, with a link to the current one."""
+
+    told: str
+    link: str
+    address: str
+
+
 def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
     """Lay the way back above a report whose page and PDF are asked for by the same query."""
     query = f"?{page.request.url.query}" if page.request.url.query else ""
     return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
 
 
-def lay_way(
-    page: Page, report: str, back: str, pdf: str, old: Mapping[str, str] | None = None
-) -> HTMLResponse:
+def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
     """Lay the way back above a report, and the banner of an old version; its file is left as it is.
 
     ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
@@ -256,8 +263,8 @@ def lay_way(
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
     bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
     if old is not None:
-        link = f'<a href="{escape(old["address"])}">{escape(old["link"])}</a>'
-        bar += f'<p class="old">{escape(old["told"])} {link}</p>'
+        link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
+        bar += f'<p class="old">{escape(old.told)} {link}</p>'
     head, end, body = report.partition("</head>")
     head = head.replace("style-src ", f"style-src 'sha256-{WAY_HASH}' ", 1) + f"<style>{WAY_STYLE}</style>"
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)

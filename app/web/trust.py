@@ -1,5 +1,6 @@
 """Pages of trust: the audit log, terms, group figures; forms that release a report or hold a recording."""
 
+from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import urlencode
 
@@ -91,9 +92,18 @@ def show_groups(page: UsedPage) -> Response:
     return page.render("trust/aggregate.html", groups=groups)
 
 
-def build_release(page: Page, subject: Subject, analysis_id: str) -> dict[str, object]:
-    """Return who released a finished analysis and when ("" where nobody has), and whether ``subject`` may."""
+@dataclass(frozen=True, slots=True)
+class ReleaseCard:
+    """Who released the report that is shown, and when, "" if nobody has; whether the reader may."""
+
+    name: str
+    when: str
+    may: bool
+
+
+def build_release(page: Page, subject: Subject, analysis_id: str) -> ReleaseCard:
+    """Return the release of a finished analysis."""
     found, who, when = page.services.releases.find(analysis_id), "", ""
     if found is not None:
         who, when = find_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
-    return {"name": who, "when": when, "may": subject.may("release")}
+    return ReleaseCard(who, when, subject.may("release"))

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Response
@@ -109,10 +110,18 @@ def plot(validation_id: str, page: UsedPage) -> Response:
     return Response(body, media_type="image/svg+xml", headers={"Content-Security-Policy": REPORT_POLICY})
 
 
-def list_compared(page: Page, jobs: Sequence[Job]) -> list[dict[str, object]]:
-    """List the finished comparisons among the analyses of a study: how far the two agree, in a line."""
-    words, language = page.words("agreement")["page"]["item"], page.language
-    items: list[dict[str, object]] = []
+@dataclass(frozen=True, slots=True)
+class ComparedItem:
+    """A comparison among the recordings of a study, with the agreement in one line."""
+
+    job: Job
+    told: str
+    plot: str
+
+
+def list_compared(page: Page, jobs: Sequence[Job]) -> tuple[ComparedItem, ...]:
+    """List the finished comparisons among the analyses of a study."""
+    words, language, items = page.words("agreement")["page"]["item"], page.language, []
     for job in jobs:
         if job.request.reference is None or job.state is not JobState.SUCCEEDED:
             continue
@@ -125,5 +134,5 @@ def list_compared(page: Page, jobs: Sequence[Job]) -> list[dict[str, object]]:
         }
         name = f"plot.{find_nearest(language, job.request.languages)}.svg"
         has_plot = page.services.store.find_file(job.id, name) is not None
-        items.append({"job": job, "told": fill(words, facts), "plot": "plot.svg" if has_plot else ""})
-    return items
+        items.append(ComparedItem(job, fill(words, facts), "plot.svg" if has_plot else ""))
+    return tuple(items)

@@ -25,12 +25,12 @@ from app.jobs.listing import (
     Took,
 )
 from app.report.words.columns import format_columns
-from app.report.words.messages import describe_problem
+from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from app.web.recording.day import DayClock, format_axis, place_rows
-from app.web.rendering import Page
+from app.web.rendering import OldVersion, Page
 from fusion import errors
 from fusion.conventions import METHOD_VERSION
 
@@ -47,8 +47,8 @@ MOST_APART = 2.0
 MOST_PERIODS = 12
 
 
-def describe_old(job: Job, reports: Sequence[Job], page: Page) -> dict[str, str] | None:
-    """Return what stands above an old version, with a link to the current one; None for any other job.
+def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
+    """Return the notice above an old version; None for any other analysis.
 
     ``reports``: those of the recording, the newest first.
     """
@@ -59,7 +59,7 @@ def describe_old(job: Job, reports: Sequence[Job], page: Page) -> dict[str, str]
     count = max(report.request.version for report in (job, *reports))
     told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
     link = fill(words["current"], {"n": str(current.request.version)})
-    return {"told": told, "link": link, "address": f"{page.base}/analyses/{current.id}"}
+    return OldVersion(told, link, f"{page.base}/analyses/{current.id}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +71,47 @@ class Fact:
     key: str = ""
 
 
-def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> dict[str, Any]:
-    """Build the row of a job in the list; ``took``: earlier analyses, by which its time left is judged.
+@dataclass(frozen=True, slots=True)
+class ProblemBox:
+    """A refusal in words, with its code and the text that "copy details" copies."""
 
-    ``version`` changes whenever anything shown changes; ``report`` is the address of what can be opened,
-    without its ending; ``key`` stays the same while the recording's analyses follow one another.
-    ``asks_columns``: a person may cure its refusal by naming the columns. ``compared``: both files, of
-    a comparison with a reference. ``file_meta``: what ``meta`` states, but whose arm it is.
+    words: Problem
+    code: str
+    copy_text: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobRow:
+    """One recording in the list.
+
+    ``version`` changes whenever anything shown changes; ``report`` is the address of the report without its
+    ending; ``key`` stays the same for all analyses of a recording. ``asks_columns``: a person may cure the
+    refusal by naming the columns. ``compared``: both files, of a comparison with a reference. ``file_meta``:
+    ``meta`` without subject and arm.
     """
+
+    id: str
+    key: str
+    name: str
+    meta: tuple[str, ...]
+    file_meta: tuple[str, ...]
+    state: str
+    state_word: str
+    stage_word: str
+    percent: int
+    duration: str
+    is_over: bool
+    problem: ProblemBox | None
+    announcement: str
+    version: str
+    report: str
+    side: str
+    asks_columns: bool
+    compared: str
+
+
+def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow:
+    """Build the row of a job in the list; its time left is estimated from ``took``, earlier analyses."""
     words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
     told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
     times = []
@@ -99,26 +132,26 @@ def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> dict[s
     place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
     # a person may also name the columns anew
     is_table = request.profile != "" and "header" in job.problem_facts
-    return {
-        "id": job.id,
-        "key": f"of-{job.recording_id}",
-        "name": job.file_name,
-        "meta": tuple(filter(None, (version, subject, side, *of_file))),
-        "file_meta": tuple(filter(None, (version, *of_file))),
-        "state": job.state.value,
-        "state_word": state_word,
-        "stage_word": str(words["stage"][job.stage or "starting"]),
-        "percent": percent,
-        "duration": duration,
-        "is_over": job.is_over,
-        "problem": build_problem(job, language),
-        "announcement": fill(told["announce"], {"name": job.file_name, "state": state_word}),
-        "version": f"{job.state.value}-{job.stage}-{percent}-{duration}",
-        "report": f"/api/v1/{place}",
-        "side": request.side or "",
-        "asks_columns": request.reference is None and (job.problem_code in ASK_COLUMNS or is_table),
-        "compared": format_compared(job, words),
-    }
+    return JobRow(
+        id=job.id,
+        key=f"of-{job.recording_id}",
+        name=job.file_name,
+        meta=tuple(filter(None, (version, subject, side, *of_file))),
+        file_meta=tuple(filter(None, (version, *of_file))),
+        state=job.state.value,
+        state_word=state_word,
+        stage_word=str(words["stage"][job.stage or "starting"]),
+        percent=percent,
+        duration=duration,
+        is_over=job.is_over,
+        problem=build_problem(job, language),
+        announcement=fill(told["announce"], {"name": job.file_name, "state": state_word}),
+        version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
+        report=f"/api/v1/{place}",
+        side=request.side or "",
+        asks_columns=request.reference is None and (job.problem_code in ASK_COLUMNS or is_table),
+        compared=format_compared(job, words),
+    )
 
 
 def estimate_left_s(job: Job, took: Sequence[Took], now: datetime) -> float | None:
@@ -147,13 +180,13 @@ def format_compared(job: Job, words: Words) -> str:
     return fill(words["row"]["compared"], facts) if reference else ""
 
 
-def build_problem(job: Job, language: Language) -> dict[str, Any] | None:
-    """Return the refusal of a failed job in words, with what "copy details" copies; None for any other."""
+def build_problem(job: Job, language: Language) -> ProblemBox | None:
+    """Build the problem of a failed job; None for any other."""
     if job.problem_code is None:
         return None
     words = describe_problem(job.problem_code, job.problem_facts, language)
     lines = (job.problem_code, words.title, words.detail, words.fix, words.where or "", job.id)
-    return {"words": words, "code": job.problem_code, "copy_text": "\n".join(filter(None, lines))}
+    return ProblemBox(words, job.problem_code, "\n".join(filter(None, lines)))
 
 
 def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
@@ -177,20 +210,25 @@ def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact,
     return tuple(Fact(fill(words["figure"][name], recorded), value, name) for name, value in values.items())
 
 
-def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> dict[str, object]:
-    """Show the figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor").
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor").
 
     ``brief`` is the answer in five lines, to paste into a record; ``sentences`` are its first three, and
-    ``reason`` is the fourth: what the quality is and why.
+    ``reason`` is the fourth: the quality and why.
     """
-    lines = brief.splitlines()
-    return {
-        "figures": build_figures(results, language),
-        "verdict": results["quality"]["verdict"],
-        "reason": "".join(lines[3:4]),
-        "sentences": lines[:3],
-        "brief": brief,
-    }
+
+    figures: tuple[Fact, ...]
+    verdict: str
+    reason: str
+    sentences: tuple[str, ...]
+    brief: str
+
+
+def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
+    """Build the main figures, the answer in words and the verdict on the data."""
+    lines, verdict = tuple(brief.splitlines()), str(results["quality"]["verdict"])
+    return Answer(build_figures(results, language), verdict, "".join(lines[3:4]), lines[:3], brief)
 
 
 def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
@@ -275,6 +313,51 @@ SPARK_PX = 20.0
 SPARK_TOP_DEG = 120.0
 
 
+@dataclass(frozen=True, slots=True)
+class ShownEntry:
+    """A row of the list: subject, time and arm, then the main figures of its report.
+
+    ``when`` is the beginning of the recording or, if it is unknown (``is_added``), when it was added.
+    ``figures`` is None without a report. ``attempt``: a newer analysis that runs or has failed; the report
+    of the row stays as it was. ``tags``: each with the address of all recordings that have it.
+    """
+
+    row: JobRow
+    recording_id: str
+    name: str
+    when: str
+    is_added: bool
+    arm: str
+    figures: Mapping[str, Any] | None
+    tags: tuple[tuple[str, str], ...]
+    attempt: JobRow | None
+
+    @property
+    def active(self) -> JobRow | None:
+        """The analysis of the row that is under way."""
+        return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column by which the list is sorted; ``turned``: "ascending", "descending" or ""."""
+
+    order: str
+    name: str
+    address: str
+    turned: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chip:
+    """A group that can be chosen, with the number of its recordings."""
+
+    name: str
+    count: int
+    address: str
+    is_chosen: bool
+
+
 def read_filter(request: Request) -> LibraryFilter:
     """Read the filter of an address."""
     return parse_filter(request.query_params)
@@ -331,12 +414,12 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
         older=counts["older"],
         query=write_filter(wanted),
         chips=[
-            {
-                "name": words["group"][group],
-                "count": counts[group],
-                "address": write_filter(wanted, group="" if group == "all" else group),
-                "is_chosen": group == wanted.group,
-            }
+            Chip(
+                str(words["group"][group]),
+                counts[group],
+                write_filter(wanted, group="" if group == "all" else group),
+                group == wanted.group,
+            )
             for group in GROUPS
             if counts[group] or group in ("all", wanted.group)
         ],
@@ -357,31 +440,23 @@ def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
     return Library(services.store.reader).find_took() if is_running else ()
 
 
-def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> dict[str, Any]:
-    """Show a recording with the main figures of its report or, without one, its newest analysis.
-
-    ``when`` is the beginning of the recording, or when it was added (``is_added``) where that is not known.
-    ``figures`` is None without a report. ``attempt``: a newer analysis that runs or has failed; the report
-    of the row stays what it was. ``active``: the analysis of the row that is under way. ``tags``: each with
-    the address of all that have it.
-    """
+def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> ShownEntry:
+    """Show a recording with its report or, without one, its newest analysis."""
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
         attempt = None
     start = (entry.headline.start if entry.headline else None) or ""
-    row, tried = build_row(job, language, took), build_row(attempt, language, took) if attempt else None
-    return {
-        "row": row,
-        "recording_id": job.recording_id,
-        "name": job.request.subject or job.file_name,
-        "when": start[:16].replace("T", " ") or format_time(job.created_at),
-        "is_added": not start,
-        "arm": str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
-        "figures": _build_figures(entry.headline, words, language) if entry.headline else None,
-        "tags": [(tag, urlencode({"tag": tag})) for tag in entry.tags],
-        "attempt": tried,
-        "active": next((one for one in (tried, row) if one and not one["is_over"]), None),
-    }
+    return ShownEntry(
+        row=build_row(job, language, took),
+        recording_id=job.recording_id,
+        name=job.request.subject or job.file_name,
+        when=start[:16].replace("T", " ") or format_time(job.created_at),
+        is_added=not start,
+        arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
+        figures=_build_figures(entry.headline, words, language) if entry.headline else None,
+        tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
+        attempt=build_row(attempt, language, took) if attempt else None,
+    )
 
 
 def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> dict[str, Any]:
@@ -427,17 +502,13 @@ def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
     return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 
-def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> dict[str, str]:
-    """Build the head of a column; a second click turns the order round.
-
-    ``turned``: "ascending" or "descending" where the list is sorted by it.
-    """
+def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
+    """Build the head of a column; a second click turns the order round."""
     is_chosen = wanted.order == order
     is_falling = (order in FALLING) != (is_chosen and wanted.is_reversed)
     again = "1" if is_chosen and not wanted.is_reversed else ""
     turned = ("descending" if is_falling else "ascending") if is_chosen else ""
-    address = write_filter(wanted, order=order, reversed=again)
-    return {"order": order, "name": name, "address": address, "turned": turned}
+    return Heading(order, name, write_filter(wanted, order=order, reversed=again), turned)
 
 
 def _read_day(text: str) -> str:

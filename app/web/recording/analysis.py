@@ -88,14 +88,26 @@ class History:
         return newest if newest is not None and is_later and newest.state is JobState.FAILED else None
 
 
+@dataclass(frozen=True, slots=True)
+class VersionRow:
+    """One version; ``changed``: how it differs from the one before; ``reason``: as the person typed it."""
+
+    id: str
+    name: str
+    when: str
+    changed: str
+    reason: str
+    is_this: bool
+    who: str
+
+
 def build_versions(
     page: Page, history: History, shown: Job, clock: DayClock | None
-) -> list[dict[str, object]]:
-    """Build the rows of the versions, the newest first; none where only ``shown`` exists.
+) -> tuple[VersionRow, ...]:
+    """Build the rows of the versions, the newest first; none if only ``shown`` exists.
 
-    A version that was computed more than once is there once: the one that is shown, or else the newest.
-    ``changed``: what differs from the version before, with the times that a person gave; ``reason`` is the
-    person's own.
+    A version that was computed more than once has one row: the analysis that is shown, or else the newest.
+    Changes are listed with the times that a person gave.
     """
     language, number = page.language, page.words()["row"]["version"]
     changed = page.words("report")["changed"]
@@ -113,28 +125,39 @@ def build_versions(
         }
         told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
         rows.append(
-            {
-                "id": job.id,
-                "name": fill(number, {"n": str(version)}),
-                "when": format_time(job.created_at),
-                "changed": ", ".join(f"{name} ({time})" if time else name for name, time in told),
-                "reason": request.reason,
-                "is_this": job.id == shown.id,
-                "who": names.get(job.asked_by, ""),
-            }
+            VersionRow(
+                job.id,
+                fill(number, {"n": str(version)}),
+                format_time(job.created_at),
+                ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                request.reason,
+                job.id == shown.id,
+                names.get(job.asked_by, ""),
+            )
         )
-    return [] if all(row["is_this"] for row in rows) else rows
+    return () if all(row.is_this for row in rows) else tuple(rows)
 
 
 # Damaged or missing files: the problem, and what a person can do about it.
 
 
-def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> dict[str, object] | None:
-    """Show the facts of a ResultDamaged; None where the analysis is gone by now.
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A damaged analysis; ``again``: the analysis that replaces it, "" if there is none.
 
-    ``again``: the analysis that replaces it, "" where there is none; ``source``: the recording is damaged,
-    too, so that analysing again cannot help.
+    ``source``: the recording is also damaged, so that analysing again cannot help.
     """
+
+    id: str
+    name: str
+    words: Problem
+    code: str
+    again: str
+    source: Problem | None
+
+
+def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
+    """Show the facts of a ResultDamaged; None if the analysis no longer exists."""
     store, code = page.services.store, ResultDamaged.code
     try:
         job = store.get(str(facts.get("analysis", "")))
@@ -143,12 +166,11 @@ def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> dict[str, obje
     words = describe_problem(code, {"name": facts["name"]}, page.language)
     is_source_whole = job.replaced_by is not None or can_regenerate(store, page.services.storage, job)
     source = None if is_source_whole else describe_problem(StoreDamaged.code, {}, page.language)
-    told = {"words": words, "code": code, "again": job.replaced_by or "", "source": source}
-    return {"id": job.id, "name": job.file_name} | told
+    return Damage(job.id, job.file_name, words, code, job.replaced_by or "", source)
 
 
 def describe_source(page: Page, job: Job) -> Problem | None:
-    """Return that the recording of an analysis is damaged or missing; None where it seems whole."""
+    """Describe a damaged or missing recording of an analysis; None if it seems whole."""
     stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
     is_whole = seems_whole(page.services.storage, stored)
     return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
@@ -159,6 +181,17 @@ def describe_source(page: Page, job: Job) -> Problem | None:
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
 
 Row = tuple[str, str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """Figures and settings before and after a correction; no figures until both are there."""
+
+    id: str
+    versions: tuple[int, int]
+    reason: str
+    figures: tuple[Row, ...]
+    settings: tuple[Row, ...]
 
 
 def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
@@ -188,11 +221,8 @@ def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
     return shown
 
 
-def build_changes(page: Page, history: History, job: Job, before_id: str) -> dict[str, object] | None:
-    """Compare an analysis with the one that it corrects, or else with the version before it.
-
-    Gives rows of figures and settings before and after; no figures until both are there.
-    """
+def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
+    """Compare an analysis with the one that it corrects, or else with the version before it."""
     services, language = page.services, page.language
     earlier = (other for other in history.reports if other.request.version < job.request.version)
     version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
@@ -211,13 +241,7 @@ def build_changes(page: Page, history: History, job: Job, before_id: str) -> dic
     settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
     versions = (before.request.version, job.request.version)
     differ = tuple(row for row in settings if row[1] != row[2])
-    return {
-        "id": before.id,
-        "versions": versions,
-        "reason": job.request.reason,
-        "figures": figures,
-        "settings": differ,
-    }
+    return Changes(before.id, versions, job.request.reason, figures, differ)
 
 
 def find_clock(services: Services, history: History) -> DayClock | None:
@@ -371,7 +395,7 @@ def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -
     own_name = find_person_name(page.request, subject.id)
     return page.render(
         "recording/analysis.html",
-        row=entry["row"],
+        row=entry.row,
         entry=entry,
         settings=build_settings(job, clock, language),
         job_request=asked,

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -32,12 +33,34 @@ LONGEST_NAME = 60
 router = APIRouter(include_in_schema=False)
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A field of the form; ``chosen``: the column, counted from 1; 0 for none."""
+
+    name: str
+    vector: str
+    axis: str
+    chosen: int
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """Columns that a person named before for files with the same header.
+
+    ``waiting``: how many other recordings with this header wait for their columns. ``is_unnamed``: no line of
+    the file names its columns, so that they are offered again for every file.
+    """
+
+    header: str
+    columns: str
+    when: str
+    waiting: int
+    is_unnamed: bool
+
+
 @router.get("/analyses/{analysis_id}/columns")
 def ask_columns(analysis_id: str, page: UsedPage) -> Response:
-    """Ask which column is what, with the first rows and a proposal by their names.
-
-    ``chosen``: which column, counted from 1; 0 for none.
-    """
+    """Ask which column is what, with the first rows and a proposal by their names."""
     services = page.services
     job = services.store.get(analysis_id)
     with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
@@ -56,12 +79,7 @@ def ask_columns(analysis_id: str, page: UsedPage) -> Response:
         waiting=_count_others(services, job, header),
         is_unnamed=header.startswith(UNNAMED),
         choices=[
-            {
-                "name": f"{vector}_{axis}",
-                "vector": vector,
-                "axis": axis,
-                "chosen": _find_column(place, columns),
-            }
+            Choice(f"{vector}_{axis}", vector, axis, _find_column(place, columns))
             for vector in VECTORS
             for axis, place in zip(AXES, named[vector] or (None, None, None), strict=True)
         ],
@@ -104,22 +122,18 @@ def name_columns(columns: Sequence[str]) -> str:
     return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
 
 
-def find_offer(page: Page, job: Job, header: str) -> dict[str, object] | None:
-    """Return the columns that were named for a header, unless the analysis has used them already.
-
-    ``waiting``: how many other recordings with this header wait for their columns. ``is_unnamed``: no line of
-    the file names its columns, so that they are offered again for every file.
-    """
+def find_offer(page: Page, job: Job, header: str) -> Offer | None:
+    """Return the columns that were named for a header, unless the analysis has used them already."""
     mapping = page.services.mappings.find(header) if header else None
     if mapping is None or mapping.profile == job.request.profile:
         return None
-    return {
-        "header": header,
-        "columns": format_columns(mapping.profile, page.language),
-        "when": format_moment(mapping.created_at),
-        "waiting": _count_others(page.services, job, header),
-        "is_unnamed": header.startswith(UNNAMED),
-    }
+    return Offer(
+        header,
+        format_columns(mapping.profile, page.language),
+        format_moment(mapping.created_at),
+        _count_others(page.services, job, header),
+        header.startswith(UNNAMED),
+    )
 
 
 def _count_others(services: Services, job: Job, header: str) -> int:

@@ -423,6 +423,26 @@ MOST_PROPOSED = 5
 
 
 @dataclass(frozen=True, slots=True)
+class WindowRow:
+    """A calibration window as the form shows it: the window asked for, and the one the software used."""
+
+    start: str = ""
+    end: str = ""
+    used_start: str = ""
+    used_end: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A stretch that a person may accept."""
+
+    kind: str
+    start: str
+    end: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
 class Choice:
     """An answer: ``value`` as it is sent, ``label`` as it reads.
 
@@ -464,13 +484,13 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[
         "needs_date": clock.needs_date,
         "rows": place_rows(request.select_diary(), clock),
         "windows": tuple(_build_window(place, day, request, clock) for place in range(count)),
-        "level": _build_window(1, day, request, clock) if request.pose == "two-point" else NO_WINDOW,
+        "level": _build_window(1, day, request, clock) if request.pose == "two-point" else WindowRow(),
         "held": request.pose_held or "",
         "slips": "; ".join(map(clock.format, request.slip_times_s)),
         "no_slips": "; ".join(map(clock.format, request.no_slip_times_s)),
         "axis": _build_axis(day.facts, request, words, language),
         "questions": tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
-        "proposals": list(_list_proposals(day.facts, clock, words, language)),
+        "proposals": tuple(_list_proposals(day.facts, clock, words, language)),
         "kinds": tuple((kind, str(names[kind])) for kind in KINDS),
         "has_samples": bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
     }
@@ -560,21 +580,16 @@ def _list_questions(
         yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
 
 
-NO_WINDOW = dict.fromkeys(("start", "end", "used_start", "used_end"), "")
-
-
-def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> dict[str, str]:
-    """Return a calibration window as the form shows it: what was asked, and what the software used."""
+def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> WindowRow:
     chosen, used = request.calibration_windows_s, day.facts["calibration"]
     start, end = map(clock.format, chosen[place]) if place < len(chosen) else ("", "")
     used_start, used_end = map(clock.format, used[place][:2]) if place < len(used) else ("", "")
-    return {"start": start, "end": end, "used_start": used_start, "used_end": used_end}
+    return WindowRow(start, end, used_start, used_end)
 
 
 def _list_proposals(
     facts: Mapping[str, Any], clock: DayClock, words: Words, language: Language
-) -> Iterator[dict[str, str]]:
-    """Yield the stretches that a person may accept."""
+) -> Iterator[Proposal]:
     still = [
         (start_s, end_s, STILL_KINDS["".join(kind)], format_number(score, 2, language))
         for start_s, end_s, score, *kind in facts["still"]
@@ -583,8 +598,7 @@ def _list_proposals(
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     for start_s, end_s, kind, score in (*still, *not_worn):
         shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
-        stretch = {"start": clock.format(start_s), "end": clock.format(end_s)}
-        yield {"kind": kind, "sentence": fill(words[kind], shown)} | stretch
+        yield Proposal(kind, clock.format(start_s), clock.format(end_s), fill(words[kind], shown))
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:

@@ -1,6 +1,6 @@
 """Page 1 of the report on the page of its recording, the moments to look at on the curve, several curves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, time
@@ -31,8 +31,15 @@ Minutes = tuple[tuple[tuple[float, ...], ...], ...]
 """Unbroken runs of minutes: start and end, s; P10, median and P90, deg."""
 
 
-Look = Mapping[str, str]
-"""A stretch to look at: what it is, its mark on the curve, and from when to when the curve shows it."""
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A stretch to look at: its description, its mark on the curve, and the part that the curve shows."""
+
+    words: str
+    mark: str
+    at: str
+    start: str
+    end: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +90,8 @@ def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[l
     words = load_wording(language, "page")["page_one"]
 
     def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Look:
-        return {
-            "words": sentence,
-            "mark": mark,
-            "at": clock.format((start_s + end_s) / 2),
-            "start": clock.format(max(start_s - around_s, 0.0)),
-            "end": clock.format(min(end_s + around_s, clock.duration_s)),
-        }
+        shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
+        return Look(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
 
     looks = []
     window = next((w for w in findings.exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
