@@ -161,7 +161,7 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     for analysis_id in dropped:
         services.storage.drop_analysis(analysis_id)
     if dropped:
-        renew_copies(settings, services.store.engine, ())
+        renew_copies(settings, services.store.engine)
     services.retention.shorten_audit_log()
     forget_samples(services)  # a child may have written some while its recording was being purged
     services.recordings.forget_purged()

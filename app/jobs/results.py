@@ -79,12 +79,16 @@ def find_or_add(
     request: ReportRequest,
     way_in: WayIn,
     add: Callable[[], Job],
+    *,
+    again: bool = False,
 ) -> tuple[Job, bool]:
     """Return the analysis that counts, else the one that ``add`` makes; and whether it was there before.
 
-    The same request sent twice at once, also to two servers, makes one analysis: this is done for one request
-    at a time. Raises StoreDamaged.
+    ``again``: make a new one in any case. The same request sent twice at once, also to two servers, makes one
+    analysis: requests take turns. Raises StoreDamaged.
     """
+    if again:
+        return add(), False
     with _one_at_a_time, one_request_at_a_time(store.engine):
         same = find_same(store, storage, recording, request, way_in)
         return same or add(), same is not None

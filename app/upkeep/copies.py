@@ -11,7 +11,6 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Collection
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -47,12 +46,12 @@ def keep_daily_copy(settings: Settings, engine: Engine) -> None:
         copies = find_copies(settings)
         if copies and abs(time.time() - copies[-1].stat().st_mtime) < DAY_S:
             return
-        _write(settings, engine, ())
+        _write(settings, engine)
         for old in find_copies(settings)[:-KEPT]:
             old.unlink(missing_ok=True)
 
 
-def renew_copies(settings: Settings, engine: Engine, purged: Collection[str]) -> None:
+def renew_copies(settings: Settings, engine: Engine) -> None:
     """Delete every copy, and write a new one without recordings that are being purged.
 
     Raises DiskFull, OSError: the purge is unfinished: call this again before its last rows are deleted.
@@ -65,7 +64,7 @@ def renew_copies(settings: Settings, engine: Engine, purged: Collection[str]) ->
             path.unlink()
         if folder.is_dir():
             sync_folder(folder)
-        _write(settings, engine, purged)
+        _write(settings, engine)
 
 
 def restore_copy(settings: Settings) -> str:
@@ -118,7 +117,7 @@ def _holds_rows(database: Path) -> bool:
         return any(connection.execute(f"SELECT 1 FROM {name} LIMIT 1").fetchone() for name in sorted(asked))  # noqa: S608
 
 
-def _write(settings: Settings, engine: Engine, purged: Collection[str]) -> None:
+def _write(settings: Settings, engine: Engine) -> None:
     if engine.dialect.name != "sqlite":
         return
     folder = settings.data_dir / FOLDER
@@ -133,7 +132,7 @@ def _write(settings: Settings, engine: Engine, purged: Collection[str]) -> None:
             create_file(part).close()
             with closing(engine.raw_connection()) as connection:
                 connection.cursor().execute("VACUUM INTO ?", (str(part),))
-            _leave_out(part, purged)
+            _leave_out(part)
             sync_file(part)
             part.rename(copy)
             sync_folder(folder)
@@ -141,8 +140,8 @@ def _write(settings: Settings, engine: Engine, purged: Collection[str]) -> None:
         part.unlink(missing_ok=True)
 
 
-def _leave_out(part: Path, purged: Collection[str]) -> None:
-    """Delete sessions, and the rows of what is being purged, so that their bytes are gone as well."""
+def _leave_out(part: Path) -> None:
+    """Delete sessions and the rows of recordings that are being purged; their bytes are overwritten."""
     engine = create_engine(f"sqlite:///{part}")
     try:
         with engine.connect() as connection:
@@ -152,7 +151,7 @@ def _leave_out(part: Path, purged: Collection[str]) -> None:
             for table in known.intersection(LEFT_OUT):
                 connection.exec_driver_sql(f'DELETE FROM "{table}"')  # noqa: S608
             purging = select(recordings.c.id).where(recordings.c.state == PURGING)
-            for recording_id in {*purged, *connection.execute(purging).scalars().all()}:
+            for recording_id in connection.execute(purging).scalars().all():
                 delete_recording(connection, recording_id)
             connection.commit()
     finally:

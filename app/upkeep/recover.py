@@ -114,10 +114,13 @@ def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
 
 def finish_purges(storage: Storage, unknown: Unknown) -> None:
     """Remove what is left of erased recordings whose rows are gone, and of their analyses."""
-    present = {analysis_id for analysis_id, _ in storage.find_attempts()}  # of a worker that was killed, too
+    erased = storage.find_erased()
+    if not erased:
+        return
+    present = {analysis_id for analysis_id, _ in storage.find_attempts()}  # also of a worker that was killed
     if unknown.erased:
         present |= {name.split("/")[1] for name in storage.find_names() if name.startswith("analyses/")}
-    for analysis_id in present & storage.find_erased():
+    for analysis_id in present & erased:
         storage.drop_analysis(analysis_id)
     for recording_id in unknown.erased:
         storage.drop_recording(recording_id)

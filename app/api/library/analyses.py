@@ -123,11 +123,8 @@ async def analyze(
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         add = partial(store.add, stored, asked, way_in, parameters.external_id)
-        own, existed = (stored.id, stored.sha256), False
-        if parameters.again:
-            job = add()
-        else:
-            job, existed = find_or_add(store, services.storage, own, asked, way_in, add)
+        own, again = (stored.id, stored.sha256), parameters.again
+        job, existed = find_or_add(store, services.storage, own, asked, way_in, add, again=again)
         if existed:
             services.storage.drop_recording(stored.id)
         if parameters.study:
@@ -161,19 +158,18 @@ def create_analyses(
     rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
     asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
-    pairs: list[tuple[Job, bool]] = []
+    store, storage, pairs = services.store, services.storage, []
     for row, request in asked:
         own = (row.id, row.sha256)
-        add = partial(services.store.add_analysis, own, request, flow)
-        found = None if body.again else find_or_add(services.store, services.storage, own, request, flow, add)
-        pairs.append(found or (add(), False))
+        add = partial(store.add_analysis, own, request, flow)
+        pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
     for row in rows:  # write on a recording whose arm it is, where it does not say so yet
         about, told = row.about, body.settings
         stated = replace(about, subject=about.subject or told.subject, side=about.side or told.side)
         if stated != about:
             services.recordings.describe(row, stated)
     for job, _ in pairs if body.study else ():
-        services.store.join_study(body.study, job.id)
+        store.join_study(body.study, job.id)
     views = [_view(job, language, existed=existed) for job, existed in pairs]
     items = [view.model_dump(mode="json", exclude_unset=True) for view in views]
     return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]

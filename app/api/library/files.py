@@ -37,21 +37,27 @@ def check_range(request: Request, size_bytes: int, etag: str) -> None:
     asked = request.headers.get("range")
     if asked is None:
         return
-    unit, _, ranges = asked.partition("=")
-    first_bytes, is_malformed = [], len(asked) > MOST_RANGE_CHARACTERS or unit.strip().lower() != "bytes"
-    for part in () if is_malformed else ranges.split(","):
-        match = _RANGE.fullmatch(part.strip())
-        if match is None or match[0] == "-" or (match[1] and match[2] and int(match[1]) > int(match[2])):
-            is_malformed = True
-            break
-        last_ones = min(int(match[2] or 0), size_bytes)
-        first_bytes.append(int(match[1]) if match[1] else size_bytes - last_ones)
-    is_meant = request.headers.get("if-range", etag) == etag
-    if is_malformed:
+    parts = _parse_range(asked, size_bytes) if len(asked) <= MOST_RANGE_CHARACTERS else []
+    if not parts:
         headers = request.scope["headers"]
         request.scope["headers"] = [(name, value) for name, value in headers if name != b"range"]
-    elif is_meant and any(first_byte >= size_bytes for first_byte in first_bytes):
+    is_meant = request.headers.get("if-range", etag) == etag
+    if is_meant and any(first_byte >= size_bytes for first_byte in parts):
         raise NoSuchRange(size=size_bytes)
+
+
+def _parse_range(asked: str, size_bytes: int) -> list[int]:
+    """Return the first byte of each part; none if a part is malformed, or the unit is not bytes."""
+    unit, _, ranges = asked.partition("=")
+    if unit.strip().lower() != "bytes":
+        return []
+    parts = []
+    for match in (_RANGE.fullmatch(part.strip()) for part in ranges.split(",")):
+        if match is None or match[0] == "-" or (match[1] and match[2] and int(match[1]) > int(match[2])):
+            return []
+        last_ones = min(int(match[2] or 0), size_bytes)
+        parts.append(int(match[1]) if match[1] else size_bytes - last_ones)
+    return parts
 
 
 MEDIA_TYPES: Mapping[str, str] = {

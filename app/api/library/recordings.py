@@ -258,7 +258,7 @@ def _store_periods(
 
 
 def has_trash(services: Services) -> bool:
-    """Return whether what is deleted waits in the trash; with a term of 0 it goes at once."""
+    """Return whether deleted recordings wait in the trash; with a term of 0 they are removed at once."""
     return services.retention.find_trash_term_s(services.settings.trash_term_s) > 0
 
 
@@ -295,7 +295,7 @@ def finish_purge(services: Services, *begun: Purged) -> None:
     services.pairs.forget_all()
     ids = [purged.recordings[0] for purged in begun]
     try:
-        renew_copies(services.settings, services.store.engine, ids)
+        renew_copies(services.settings, services.store.engine)
     except (AppError, OSError, SQLAlchemyError) as error:
         why = error.code if isinstance(error, AppError) else str(getattr(error, "strerror", "") or error)
         raise PurgeUnfinished(id=ids[0], why=why[:200]) from error

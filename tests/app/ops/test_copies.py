@@ -123,7 +123,7 @@ def test_postgresql_has_no_copies(settings: Settings, store: JobStore) -> None:
             name = "postgresql"
 
     keep_daily_copy(settings, Elsewhere())  # type: ignore[arg-type]
-    renew_copies(settings, Elsewhere(), ())  # type: ignore[arg-type]
+    renew_copies(settings, Elsewhere())  # type: ignore[arg-type]
 
     assert find_copies(settings) == ()
 
