@@ -448,7 +448,7 @@ Refusal = TypeVar("Refusal", bound=Exception)
 
 
 def find_outcome(error: type[Exception]) -> Outcome:
-    """Return what a class of error comes to; any that is not a refusal is a bug."""
+    """Return the outcome of a class of errors; an error that is not a refusal is a bug."""
     if issubclass(error, AppError):
         return error.outcome
     return REFUSED_BY_THE_SCIENCE if issubclass(error, FusionError) else BUG

@@ -207,7 +207,7 @@ class ReportRequest:
         return cls(calibration_windows_s=windows, diary=diary, **values)
 
     def describe_settings(self) -> dict[str, object]:
-        """Return what the figures depend on; languages and forms of the report are left out."""
+        """Return the settings that the figures depend on, without languages and forms of the report."""
         ignored = {"file_name", "languages", "kinds", "paper", "joined"}
         ignored |= {"version", "changes", "reason", "draft"}
         return {name: value for name, value in asdict(self).items() if name not in ignored}

@@ -196,7 +196,7 @@ def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
 
 
 def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Return so many rows and no more: each is laid over the whole recording."""
+    """Return the rows up to a limit: each is compared with the whole recording."""
     for count, (line, cells) in enumerate(read_rows(decode_text(content))):
         if count >= MOST_ROWS:
             raise UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
@@ -336,7 +336,7 @@ def split_times(entry: DiaryEntry) -> dict[str, float | str | None]:
 
 
 def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
-    """Return each row the end that a row of its own states."""
+    """Set the end of each row from the separate row that states it."""
     entries: list[DiaryEntry] = []
     for row in rows:
         if isinstance(row, DiaryEntry):

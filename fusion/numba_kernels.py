@@ -171,7 +171,7 @@ USUAL_KERNELS = 90
 
 
 def measure_progress() -> float:
-    """Return how much is compiled, 0 to 1; 1 where all is, and where nothing compiled can be kept."""
+    """Return the share that is compiled, 0 to 1; 1 also if compiled code cannot be kept."""
     folder = make_kernel_folder()
     if folder is None or (folder / DONE).exists():
         return 1.0

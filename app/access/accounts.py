@@ -336,7 +336,7 @@ class AccountStore:
         return confirmed_s is not None and self.clock() - confirmed_s < CONFIRMED_S
 
     def find_by_session(self, cookie: str, *, is_use: bool = True) -> Subject | None:
-        """Return who holds a session that goes on; note that it was used, if somebody did."""
+        """Find the subject of an active session; record its use if it is a use."""
         digest, now_s = hash_secret(cookie), self.clock()
         row = self.database.read_one(_select_sessions(now_s).where(sessions.c.hash == digest))
         if row is None:

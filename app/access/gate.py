@@ -92,7 +92,7 @@ class Gate:
         return self.accounts.exist()
 
     def find_subject(self, credentials: Credentials) -> Subject | None:
-        """Return who asks; None for somebody unknown."""
+        """Return the subject of the credentials; None if they are unknown."""
         if self.needs_accounts:
             if credentials.bearer:
                 return self.accounts.find_by_token(credentials.bearer)

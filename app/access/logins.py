@@ -202,7 +202,7 @@ class Budget:
     longest_s: float
 
     def find_delay_s(self, failures: int) -> float:
-        """Return how long the next try has to wait."""
+        """Return the delay before the next try, s."""
         return min(self.longest_s, 2.0 ** (failures - self.free)) if failures >= self.free else 0.0
 
 
@@ -266,7 +266,7 @@ def limit_address(address: str) -> Budget:
 
 
 def find_network(address: str) -> str:
-    """Return what an address is counted by: itself, or of IPv6 its network."""
+    """Return the key under which tries of an address are counted: itself, or its network for IPv6."""
     try:
         known = ip_address(address)
     except ValueError:
@@ -340,7 +340,7 @@ class TicketStore:
         return ticket
 
     def look(self, purpose: Purpose, ticket: str) -> Ticket:
-        """Return what a ticket says, and leave it. Raises TicketSpent."""
+        """Return the content of a ticket without using it up. Raises TicketSpent."""
         return _read_ticket(self._database.read_one(select(tickets).where(*self._find(purpose, ticket))))
 
     def take(self, purpose: Purpose, ticket: str) -> Ticket:

@@ -51,7 +51,7 @@ def check_password(password: str, names: Collection[str]) -> None:
 
 
 def hash_password(password: str) -> str:
-    """Return what is kept of a password."""
+    """Return the hash of a password that is stored."""
     with _TURNS:
         return _HASHER.hash(password)
 

@@ -53,6 +53,6 @@ AT_THE_MACHINE = Subject("machine", MACHINE, MACHINE, frozenset(PERMISSIONS))
 
 
 def collect_permissions(roles: frozenset[Role]) -> frozenset[Permission]:
-    """Return what several roles may do together; one's own login is among it."""
+    """Return the permissions of several roles together, "own" included."""
     own: frozenset[Permission] = frozenset({"own"})
     return own | {permission for role in roles for permission in ROLES[role]}

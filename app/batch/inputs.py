@@ -207,7 +207,7 @@ def _readers(folder: Path | None) -> Mapping[str, Reader]:
 
 
 def _find_word(words: Mapping[str, str], text: str) -> str:
-    """Return what a word stands for. Raises ValueError."""
+    """Look up the meaning of a word. Raises ValueError."""
     if text not in words:
         raise ValueError
     return words[text]

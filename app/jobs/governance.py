@@ -47,7 +47,7 @@ class RetentionStore(RowStore):
     """Rows of terms, and what has reached its term."""
 
     def find_all(self) -> Mapping[Kind, int | None]:
-        """Return the days of each kind; None where it is kept for good."""
+        """Return the term of each kind, days; None if it is kept for good."""
         rows = {row.kind: int(row.days) for row in self._read_all(select(retention))}
         return {kind: rows.get(kind) for kind in KINDS}
 
@@ -165,7 +165,7 @@ class ReleaseStore(RowStore):
     """Rows of releases."""
 
     def find(self, analysis_id: str) -> Release | None:
-        """Return the release of an analysis; None where it was never released, or that was taken back."""
+        """Return the release of an analysis; None if it was never released or the release was withdrawn."""
         query = select(releases).where(releases.c.analysis_id == analysis_id)
         rows = self._read_all(query.order_by(releases.c.at.desc(), releases.c.id.desc()).limit(1))
         if not rows or rows[0].is_taken_back:

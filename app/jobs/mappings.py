@@ -62,7 +62,7 @@ class MappingStore(RowStore):
         return found
 
     def find(self, header: str) -> ColumnMapping | None:
-        """Return the mapping of a header, None where nobody has named its columns."""
+        """Return the mapping of a header; None if its columns were never named."""
         row = self._read_one(select(column_mappings).where(column_mappings.c.header == header))
         return None if row is None else _read_mapping(row)
 

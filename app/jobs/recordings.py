@@ -172,7 +172,7 @@ class RecordingStore(RowStore):
         return tuple(_read_recording(row) for row in self._read_all(page))
 
     def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
-        """Return those of some ids that belong to a recording, in the trash or not."""
+        """Return the ids that belong to a recording, in the trash or not."""
         return self._read_ids(select(recordings.c.id).where(recordings.c.id.in_(recording_ids)))
 
     def find_of_subject(self, subject: str) -> frozenset[str]:
@@ -299,7 +299,7 @@ class RecordingStore(RowStore):
         try:
             while raw.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
                 if time.monotonic() > end_s:
-                    logger.warning("the log of the database could not be emptied: it is being read")
+                    logger.warning("the write-ahead log could not be emptied: it is in use")
                     return
                 time.sleep(0.05)
         finally:

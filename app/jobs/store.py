@@ -417,7 +417,7 @@ class JobStore(RowStore):
         return self.get(analysis_id)
 
     def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
-        """Return the published file of this name; None where there is none."""
+        """Return the published file of this name; None if there is none."""
         return next((file for file in self.find_files(analysis_id) if file.name == name), None)
 
     def find_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
@@ -454,7 +454,7 @@ class JobStore(RowStore):
         return self._read_ids(select(recordings.c.id).where(*written))
 
     def read_revision(self, recording_id: str) -> int:
-        """Return the revision of a recording's rows; 0 where it has none."""
+        """Return the revision of a recording's rows; 0 if it has none."""
         query = select(recordings.c.revision).where(recordings.c.id == recording_id)
         return int(self._read_value(query) or 0)
 
@@ -473,7 +473,7 @@ class JobStore(RowStore):
             record(connection, "recording.purging", recording_id)
 
     def find_recording(self, analysis_id: str) -> str:
-        """Return the recording of an analysis; "" where there is no such analysis."""
+        """Return the recording of an analysis; "" if there is no such analysis."""
         query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
         return str(self._read_value(query) or "")
 

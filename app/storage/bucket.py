@@ -194,7 +194,7 @@ class BucketStorage(Storage):
                     yield from (found["path"] for found in objects)
 
     def find_recordings(self) -> frozenset[str]:
-        """Return every name among the recordings, those of side files too."""
+        """Return every name among the recordings, including side files."""
         return frozenset(name.removeprefix("recordings/") for name in self._find("recordings/"))
 
     def write_small(self, name: str, content: bytes) -> None:

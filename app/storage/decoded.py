@@ -53,7 +53,7 @@ class DecodedCache:
     """The recording that is read or kept."""
 
     def find(self, key: str) -> Recording | None:
-        """Return the recording, or None where it is not there or not whole."""
+        """Return the recording; None if it is missing or not whole."""
         path = self._path(key)
         try:
             with path.open("rb") as file:

@@ -379,7 +379,7 @@ class Storage:
                     yield path.relative_to(self.root).as_posix()
 
     def find_recordings(self) -> frozenset[str]:
-        """Return every name among the recordings, those of side files too."""
+        """Return every name among the recordings, including side files."""
         with os.scandir(self.root / "recordings") as entries:
             return frozenset(entry.name for entry in entries)
 

@@ -324,7 +324,7 @@ def _compare(path: Path, file: KeptFile) -> Fault | None:
 
 
 def _read_promised(archive: zipfile.ZipFile, erased: Collection[str] = ()) -> Iterator[KeptFile]:
-    """Return the files that the rows of a backup promise, but for those of erased recordings."""
+    """Return the files that a backup must hold according to its rows, without those of erased recordings."""
     tables = ("recordings", "analyses", "result_files")
     known, jobs, files = (tuple(read_rows(archive, table)) for table in tables)
     return find_files([row for row in known if row["id"] not in erased], jobs, files)

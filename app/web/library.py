@@ -475,7 +475,7 @@ def show_batch(batch_id: str, page: UsedPage) -> Response:
 
 @router.post("/batches/{batch_id}/retry")
 def retry_batch(batch_id: str, page: UsedPage) -> Response:
-    """Analyse anew what failed (a plain form, so that it needs no script)."""
+    """Analyse again what failed (a plain form, so that it needs no script)."""
     retry_failed(batch_id, page.services)
     return page.go(f"/batches/{batch_id}")
 

@@ -308,7 +308,7 @@ async def read_body(request: Request) -> bytes:
 
 
 def first(form: Form, name: str) -> str:
-    """Return the first value of a name, "" where there is none."""
+    """Return the first value of a name; "" if there is none."""
     return form.get(name, [""])[0].strip()
 
 

@@ -434,7 +434,7 @@ def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
 
 
 def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
-    """Return how long earlier analyses took, if one of these runs."""
+    """Return the durations of earlier analyses if one of these runs."""
     jobs = (job for entry in entries for job in (entry.job, entry.attempt) if job)
     is_running = any(job.state is JobState.RUNNING for job in jobs)
     return Library(services.store.reader).find_took() if is_running else ()

@@ -238,7 +238,7 @@ class LineReader:
             yield line.decode("utf-8", "replace").strip("\r\0 ")
 
     def _take(self, line: str, arrived_us: int) -> Iterator[Row]:
-        """Return the row of a line; those that came before the header was understood come with it."""
+        """Return the row of a line, after any rows that arrived before the header was understood."""
         if self._columns is not None:
             row = self._parse(line, arrived_us, self._follow_header(line, self._columns))
             if row is not None:

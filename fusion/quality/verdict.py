@@ -88,7 +88,7 @@ def _find_own_flags(
 
 
 def _find_diary_spans(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
-    """Return what the person left out, as opposed to what the signal or the device says."""
+    """Return the time that the person excluded, without what the signal or the device excluded."""
     return tuple(span for span in exclusions if span.reason not in SIGNAL_REASONS)
 
 

@@ -224,7 +224,7 @@ class UnpackedFile(io.RawIOBase):
 
 
 def unpack(source: Source) -> Source:
-    """Return the one recording inside; the source itself where nothing is packed.
+    """Return the one recording inside; the source itself if nothing is packed.
 
     Raises DamagedFile: the archive is cut, corrupt or unsafe, packed twice, or holds several files.
     """

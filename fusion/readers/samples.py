@@ -119,7 +119,7 @@ class SampleColumns:
             self._resize(foreseen)
 
     def trim(self) -> None:
-        """Return back the room that was not used."""
+        """Return the unused room to the system."""
         self._resize(self.rows)
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:

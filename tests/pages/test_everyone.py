@@ -88,7 +88,7 @@ def addresses(server: RunningServer, request: pytest.FixtureRequest) -> dict[str
 
 
 def show_as(page: Page, look: Look) -> None:
-    """Give a page the theme and the screen of a look."""
+    """Show a page in the theme and on the screen of a look."""
     page.set_viewport_size({"width": look.width, "height": 800})
     page.emulate_media(color_scheme=look.scheme, reduced_motion="reduce")
 

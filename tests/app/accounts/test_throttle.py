@@ -188,7 +188,7 @@ def test_a_name_that_was_typed_is_not_confirmed_by_a_digest(
 
 
 def find_keys(accounts: AccountStore) -> list[str]:
-    """Return what tries are counted by."""
+    """Return the key under which tries are counted."""
     return [row.key for row in accounts.database.read_all(select(tries.c.key))]
 
 
