@@ -10,15 +10,26 @@ from app.batch.folder import Task
 from app.batch.run import Outcome
 from app.cli.output import format_question
 from app.report.export.results import encode_results
-from app.report.findings import CalibrationFacts, Findings, QuestionFacts, RepeatFacts, StillFacts
+from app.report.findings import (
+    CalibrationFacts,
+    Findings,
+    QuestionFacts,
+    RepeatFacts,
+    StillFacts,
+    take_findings,
+)
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.request import ReportRequest
 from app.web.pairs import align_request
 from fusion.conventions import CalibrationState, PoseHeld
-from fusion.recording import QualityFlag
+from fusion.pipeline import analyse
+from fusion.pose.wear import Question
+from fusion.recording import QualityFlag, Recording, Segment
+from fusion.simulation.shift import simulate_shift
 from tests.app.analysis_factory import make_analysis, make_calibration, make_subject
 from tests.app.report.report_reading import plain, report_of, section_of
+from tests.simulated_shifts import play_shift
 
 BIAS_DPS = (0.31, -0.12, 0.07)
 AGAIN = RepeatFacts(7242.0, 8.0, apart_deg=3.5)
@@ -130,6 +141,19 @@ def test_page_1_and_the_answer_say_how_the_pose_is_known(findings: Findings, tol
 
 
 MOVED_S = (7308.0, 7428.0, 23.0)
+
+
+def test_a_question_keeps_its_kind_both_times_and_the_angle() -> None:
+    day = play_shift(simulate_shift("gt9x", 0.05, seed=3))
+    segment = Segment(0, day.rate_hz, day.acc_g, day.gyr_dps)
+    found = analyse(Recording("gt9x", "0" * 64, day.start, None, segment.duration_us, (segment,)))
+    assert found.calibration is not None
+    asking = replace(found.calibration, questions=(Question("slip", *MOVED_S),))
+
+    calibration = take_findings(replace(found, calibration=asking)).calibration
+
+    assert calibration is not None
+    assert calibration.questions == (QuestionFacts("slip", *MOVED_S),)
 
 
 @pytest.mark.parametrize(
