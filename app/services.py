@@ -13,12 +13,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 
 from app.access.subjects import Subject
+from app.analysis.inspecting import Inspector
 from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
 from app.jobs.batches import BatchStore
-from app.jobs.children.inspecting import Inspector
-from app.jobs.children.pairs import PairReports
 from app.jobs.database.connect import check_writable
 from app.jobs.governance import AggregateStore, ReleaseStore, RetentionStore
+from app.jobs.kept_pairs import PairReports
 from app.jobs.listing import SavedViews
 from app.jobs.mappings import MappingStore
 from app.jobs.queue import WayIn

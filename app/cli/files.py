@@ -74,8 +74,8 @@ def inspect(
     lang: LanguageOption = "en",
 ) -> None:
     """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
+    from app.analysis.inspect import inspect_file  # noqa: PLC0415
     from app.report.inspection import describe_inspection  # noqa: PLC0415
-    from app.roads.inspect import inspect_file  # noqa: PLC0415
 
     with refusals_printed(path.name, lang):
         try:

@@ -20,8 +20,8 @@ from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from app.jobs.children.attempt import MakeReport
-from app.jobs.children.fork_server import warm_up_and_wait
+from app.analysis.attempt import MakeReport
+from app.analysis.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
 from app.jobs.leader import REVIVAL, Leader
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, return_expired, run_next_patiently

@@ -16,8 +16,7 @@ from typing import TypeVar
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
-from app.jobs.children.attempt import (
+from app.analysis.attempt import (
     Attempt,
     Died,
     Finished,
@@ -31,7 +30,8 @@ from app.jobs.children.attempt import (
     run_attempt,
     run_beside,
 )
-from app.jobs.children.fork_server import warm_up_and_wait
+from app.analysis.fork_server import warm_up_and_wait
+from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
 from app.jobs.database.connect import translate_database_errors, translate_start_errors
 from app.jobs.job import Job
 from app.jobs.listing import HeadlineFigures, read_headline

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.analysis.run import make_report
 from app.request import ReportRequest
-from app.roads.analyse import make_report
 from app.storage.decoded import DecodedCache, hash_entry_key
 from app.storage.store import KnownLogs
 from fusion.recording import QualityFlag, Recording, Span

@@ -9,9 +9,9 @@ from fastapi.testclient import TestClient
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
+from app.analysis.attempt import load_and_make_report
 from app.cli import app
 from app.jobs.batches import identify_study
-from app.jobs.children.attempt import load_and_make_report
 from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
 from app.settings import Settings

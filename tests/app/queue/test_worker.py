@@ -12,11 +12,11 @@ from typing import cast
 import pytest
 from sqlalchemy import select, update
 
+from app.analysis import attempt
+from app.analysis import fork_server as forking
+from app.analysis.attempt import NICENESS, MakeReport, choose_limits
+from app.analysis.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs import pool, worker
-from app.jobs.children import attempt
-from app.jobs.children import fork_server as forking
-from app.jobs.children.attempt import NICENESS, MakeReport, choose_limits
-from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
 from app.jobs.recordings import RecordingStore

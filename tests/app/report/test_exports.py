@@ -19,6 +19,7 @@ from fhir.resources.R4B.bundle import Bundle
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.analysis.run import make_report
 from app.report.analysis.report import build_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
 from app.report.export.columns import (
@@ -37,7 +38,6 @@ from app.report.figures import SUMMARY, find_unit
 from app.report.model import format_brief
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
-from app.roads.analyse import make_report
 from app.storage.store import KnownLogs
 from fusion.diary import DiaryEntry
 from fusion.exposure import Interval

@@ -17,9 +17,9 @@ from fastapi.responses import FileResponse
 from fastapi.testclient import TestClient
 from starlette.types import Message
 
+from app.analysis.attempt import MakeReport
 from app.api.library.files import serve_file
 from app.errors import NotHere, ResultDamaged
-from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.services import Services
@@ -376,7 +376,7 @@ def test_a_damaged_analysis_beside_another_is_a_problem_answer(
 def test_a_damaged_report_of_two_is_made_again(
     client: TestClient, settings: Settings, finish: Finish, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.jobs.children.pairs.load_and_make_pair", stand_ins.write_pair)
+    monkeypatch.setattr("app.jobs.kept_pairs.load_and_make_pair", stand_ins.write_pair)
     one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from app.analysis.reading import read_file
 from app.request import OnStage, ReportRequest
-from app.roads.reading import read_file
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.numerics.intervals import find_uncovered
 from fusion.pose.poses import propose_poses

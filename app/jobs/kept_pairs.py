@@ -18,8 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from app.analysis.attempt import Attempt, choose_limits, make_now
 from app.errors import RecordedProblem
-from app.jobs.children.attempt import Attempt, choose_limits, make_now
 from app.jobs.job import Job
 from app.jobs.results import ResultReader
 from app.report.words.wording import find_nearest
@@ -46,7 +46,7 @@ def load_and_make_pair(
     _on_stage: OnStage,
 ) -> None:
     """Make a report of several in the child process, from the folders of finished analyses."""
-    road = importlib.import_module("app.roads.pair")
+    road = importlib.import_module("app.analysis.pair")
     make = road.make_profile if isinstance(asked, ProfileRequest) else road.make_report_of_two
     make(sources, asked, out)
 

@@ -20,7 +20,7 @@ from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-ROADS = ("app.jobs.children.attempt", "app.roads.analyse", "app.roads.inspect")
+ROADS = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect")
 
 
 def load() -> None:
@@ -38,13 +38,13 @@ def load() -> None:
     gc.freeze()
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     gc.enable()
-    importlib.import_module("app.jobs.children.preparing").prepare_beside()
+    importlib.import_module("app.analysis.preparing").prepare_beside()
 
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000
 """A child lives for seconds: Python's 700 would have it look for waste hundreds of times."""
 
-PRELOAD = "app.jobs.children.preloaded"
+PRELOAD = "app.analysis.preloaded"
 """The module that the fork server loads first."""
 
 TICK_S = 1.0

@@ -20,6 +20,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from app.analysis.fork_server import NotStarted, choose_context, end_child, start_child
+from app.analysis.preparing import tell_preparing
 from app.errors import (
     AppError,
     AttemptFailed,
@@ -30,8 +32,6 @@ from app.errors import (
     OutOfTime,
     RecordedProblem,
 )
-from app.jobs.children.fork_server import NotStarted, choose_context, end_child, start_child
-from app.jobs.children.preparing import tell_preparing
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
 from app.storage.store import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
@@ -117,18 +117,18 @@ def load_and_make_report(
 ) -> None:
     """Make a report by the one road; the science is loaded only here, in the child process."""
     if request.reference is not None:
-        importlib.import_module("app.roads.validate").make_validation(
+        importlib.import_module("app.analysis.validate").make_validation(
             log, request, out, on_stage, has_curves=known.cache is not None
         )
     else:
-        importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
+        importlib.import_module("app.analysis.run").make_report(log, request, out, on_stage, known)
 
 
 def load_and_render_again(
     finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
     """Take the short road: from the finished analysis in a folder to its report in another language."""
-    importlib.import_module("app.roads.analyse").make_report_again(finished, request, out, on_stage)
+    importlib.import_module("app.analysis.run").make_report_again(finished, request, out, on_stage)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from app.analysis.reading import read_logs
 from app.errors import BadParameter
 from app.report.export.all import export_results
 from app.report.export.fhir import encode_fhir
@@ -18,7 +19,6 @@ from app.report.findings import take_findings
 from app.report.render.write import RESULTS, rewrite_reports, write_reports
 from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
-from app.roads.reading import read_logs
 from app.storage.day_file import DAY_NAME, DaySegment, write_day
 from app.storage.store import NOTHING_KNOWN, KnownLogs, sync_file
 from app.version import software_revision, software_version

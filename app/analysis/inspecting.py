@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.jobs.children.attempt import Attempt, MakeReport, choose_limits, make_now
-from app.jobs.children.fork_server import warm_up
+from app.analysis.attempt import Attempt, MakeReport, choose_limits, make_now
+from app.analysis.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
 
@@ -26,10 +26,10 @@ def load_and_call(
     getattr(importlib.import_module(module), function)(log, request, out, on_stage)
 
 
-INSPECT = partial(load_and_call, "app.roads.inspect", "write_inspection")
-PREVIEW = partial(load_and_call, "app.roads.inspect", "write_preview")
-PROPOSE_COLUMNS = partial(load_and_call, "app.roads.inspect", "write_column_proposal")
-WRITE_ANGLES = partial(load_and_call, "app.roads.analyse", "write_elevation_csv")
+INSPECT = partial(load_and_call, "app.analysis.inspect", "write_inspection")
+PREVIEW = partial(load_and_call, "app.analysis.inspect", "write_preview")
+PROPOSE_COLUMNS = partial(load_and_call, "app.analysis.inspect", "write_column_proposal")
+WRITE_ANGLES = partial(load_and_call, "app.analysis.run", "write_elevation_csv")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from app.analysis.reading import read_file
+from app.analysis.run import ignore_stage
 from app.errors import UNREADABLE_PATH, StudyProblem
 from app.formats import ENDINGS
 from app.report.agreement.export import (
@@ -28,8 +30,6 @@ from app.report.render.pdf import render_pdf
 from app.report.words.messages import describe_problem
 from app.report.words.subject import Software
 from app.request import OnStage, Reference, ReportRequest
-from app.roads.analyse import ignore_stage
-from app.roads.reading import read_file
 from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
 from app.version import software_revision, software_version
 from fusion.agreement import (
@@ -263,7 +263,7 @@ def describe_failure(name: str, error: FusionError | OSError) -> StudyProblem:
     return StudyProblem(name, UNREADABLE_PATH, {"why": error.strerror or ""})
 
 
-# Every recording is compared as :mod:`app.roads.validate` does it; then the table over people is made.
+# Every recording is compared as :mod:`app.analysis.validate` does it; then the table over people is made.
 
 
 WHOLE = "all"
