@@ -51,9 +51,9 @@ from app.jobs.database.connect import (
     find_database_file,
     translate_start_errors,
 )
-from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
+from app.queue.pool import WorkerPool
 from app.services import Services, find_services
 from app.settings import Settings
 from app.start_checks import (
@@ -211,7 +211,7 @@ def _prepare_database(settings: Settings) -> None:
     finally:
         lock.release()
     if settings.engine == "procrastinate":
-        load_extra("app.jobs.cluster").install(settings.database_url)
+        load_extra("app.queue.cluster").install(settings.database_url)
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:

@@ -13,8 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.jobs.cluster import install
 from app.jobs.store import JobStore
+from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
@@ -40,7 +40,7 @@ def queue(settings: Settings, shift: Path, number: int) -> list[str]:
 
 def start_worker(settings: Settings, core: int) -> subprocess.Popen[bytes]:
     """Start a worker that may use one core, with one thread for the mathematics."""
-    command = [sys.executable, "-m", "app.jobs.worker", "--data", str(settings.data_dir)]
+    command = [sys.executable, "-m", "app.queue.worker", "--data", str(settings.data_dir)]
     environment = os.environ | settings.as_environment() | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     worker = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
     os.sched_setaffinity(worker.pid, {core})

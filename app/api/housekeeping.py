@@ -17,7 +17,7 @@ from app.api.library.uploads import drop_upload
 from app.api.webhooks import WebhookSender
 from app.errors import AppError, LockedUpload, OnHold
 from app.jobs.audit_log import Act, AuditQuestion, find_lines, record_alone
-from app.jobs.leader import Leader
+from app.queue.leader import Leader
 from app.services import Services
 from app.storage.store import TEMPORARY_S
 from app.upkeep.copies import keep_daily_copy, renew_copies

@@ -98,7 +98,7 @@ def worker(
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
     from app.jobs.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
-    from app.jobs.worker import run_by_settings  # noqa: PLC0415
+    from app.queue.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
     from app.start_checks import check_passwords  # noqa: PLC0415
 

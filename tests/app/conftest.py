@@ -12,11 +12,11 @@ import uvicorn
 from fastapi.testclient import TestClient
 
 from app.analysis.attempt import MakeReport
-from app.jobs import worker
 from app.jobs.job import Job
 from app.jobs.store import JobStore
-from app.jobs.worker import Bench, open_bench, run_next
 from app.main import configure_server, create_app
+from app.queue import worker
+from app.queue.worker import Bench, open_bench, run_next
 from app.request import ReportRequest
 from app.services import Services
 from app.settings import Settings

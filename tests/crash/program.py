@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import app.jobs.database.connect
-from app.jobs.worker import run_worker
 from app.main import serve
+from app.queue.worker import run_worker
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
 

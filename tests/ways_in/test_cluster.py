@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from app.jobs.cluster import install
 from app.jobs.database.connect import connect
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
+from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage

@@ -14,7 +14,7 @@ import pytest
 
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage

@@ -25,8 +25,8 @@ from app.jobs.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_line
 from app.jobs.database.tables import facts, sessions
 from app.jobs.job import Job
 from app.jobs.store import JobStore
-from app.jobs.worker import Bench, open_bench, run_next
 from app.logs import LineFormatter
+from app.queue.worker import Bench, open_bench, run_next
 from app.report.words.wording import LANGUAGES, load_wording
 from app.request import ReportRequest
 from app.settings import Settings

@@ -17,7 +17,7 @@ from app.jobs.governance import DAY_S, AggregateStore, ReleaseStore, RetentionSt
 from app.jobs.job import Job
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.worker import Bench
+from app.queue.worker import Bench
 from app.request import ReportRequest
 from app.services import Services
 from app.storage.store import Storage

@@ -36,7 +36,7 @@ WRITE_TABLES = (
             ("import app.start", {"typer", "app.cli", "app.settings", "numpy"}),
             ("import app.cli", COMPILED | OF_THE_COMMAND),
             ("import app.batch.tables", {"numpy", "pydantic"}),
-            ("import app.main, app.jobs.worker", COMPILED),
+            ("import app.main, app.queue.worker", COMPILED),
         ],
         [
             ("import app.report.render.write, app.report.pairs", {"numba", "scipy", "pandas", "pyarrow"}),

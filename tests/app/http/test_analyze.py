@@ -15,7 +15,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.queue.worker import run_next
 from app.request import clean_file_name
 from app.settings import Settings
 from app.storage.store import Storage

@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from app.analysis.pair import make_profile
 from app.api.pairs import ProfileView
 from app.jobs.batches import identify_study
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.request import ProfileRequest
 from app.settings import Settings
 from tests.app.analysis.days_factory import write_day

@@ -12,8 +12,8 @@ from app.analysis.attempt import Attempt, load_and_make_report, make_now
 from app.analysis.pair import make_report_of_two
 from app.api.pairs import ChangeView, PairView
 from app.jobs import kept_pairs as pairs
-from app.jobs.worker import open_bench, run_next
 from app.main import create_app
+from app.queue.worker import open_bench, run_next
 from app.request import PairRequest
 from app.settings import Settings
 from tests.app import stand_ins

@@ -15,7 +15,7 @@ from sqlalchemy import update
 from app.jobs.database.tables import purged_uploads, recordings
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.queue.worker import run_next
 from app.settings import Settings
 from app.storage.store import Storage
 from tests.app import stand_ins

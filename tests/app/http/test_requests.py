@@ -12,7 +12,7 @@ from sqlalchemy import delete
 
 from app.jobs.database.tables import batch_items
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.queue.worker import run_next
 from app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, serving

@@ -14,7 +14,7 @@ from rocrate.rocrate import ROCrate
 
 from app.analysis.attempt import MakeReport, load_and_make_report
 from app.batch.settings_file import read_settings
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.report.export.crate import CRATE
 from app.settings import Settings
 from tests.app import stand_ins

@@ -13,7 +13,7 @@ from app.analysis.attempt import load_and_make_report
 from app.cli import app
 from app.jobs.batches import identify_study
 from app.jobs.store import JobStore
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from app.storage.store import Storage
 from app.upkeep.recover import Unknown, find_unknown

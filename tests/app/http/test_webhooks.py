@@ -22,8 +22,8 @@ from app.api import housekeeping
 from app.api.webhooks import WebhookSender, check_address, is_public, send_message
 from app.errors import ForeignWebhook
 from app.jobs.webhooks import Delivery
-from app.jobs.worker import run_next
 from app.main import create_app
+from app.queue.worker import run_next
 from app.services import Services
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret

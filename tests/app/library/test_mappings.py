@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from app.jobs.job import Job, JobState
 from app.jobs.mappings import MappingStore
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.queue.worker import run_next
 from app.report.words.columns import format_columns
 from app.request import write_profile
 from app.web.recording.columns import name_columns, read_profile

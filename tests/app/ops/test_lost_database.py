@@ -16,7 +16,7 @@ from app.errors import UnknownRecordings
 from app.jobs.database.connect import connect
 from app.jobs.side_files import decode_side_file
 from app.jobs.store import JobStore
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from app.storage.store import Storage, format_side_file_name, read_recording
 from app.upkeep.recover import read_side_file

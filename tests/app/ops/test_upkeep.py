@@ -21,7 +21,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.recordings import Description, RecordingStore, UploadStore
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
-from app.jobs.worker import run_next
+from app.queue.worker import run_next
 from app.settings import Settings
 from app.storage.server_secret import ServerSecret
 from app.storage.store import Fetched, FolderLock, Storage

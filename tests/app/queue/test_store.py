@@ -19,7 +19,7 @@ from app.jobs.job import TRANSITIONS, Job, JobState
 from app.jobs.listing import Library, Took
 from app.jobs.queue import WayIn
 from app.jobs.store import JobFilter, JobStore
-from app.jobs.worker import run_next
+from app.queue.worker import run_next
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import ResultFile, Storage

@@ -16,12 +16,12 @@ from app.analysis import attempt
 from app.analysis import fork_server as forking
 from app.analysis.attempt import NICENESS, MakeReport, choose_limits
 from app.analysis.fork_server import NotStarted, end_fork_server, warm_up_and_wait
-from app.jobs import pool, worker
 from app.jobs.database.tables import analyses
 from app.jobs.job import JobState
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.worker import Lease, return_expired, run_next
+from app.queue import pool, worker
+from app.queue.worker import Lease, return_expired, run_next
 from app.request import Reference
 from app.settings import Settings
 from app.storage.store import Storage

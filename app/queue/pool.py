@@ -67,7 +67,7 @@ class WorkerPool:
 
     def _start_one(self) -> subprocess.Popen[bytes]:
         """Start a worker that runs this very code, whatever the working folder."""
-        command = [sys.executable, "-P", "-m", "app.jobs.worker"]
+        command = [sys.executable, "-P", "-m", "app.queue.worker"]
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
         code = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [code, os.environ.get("PYTHONPATH")]))

@@ -179,7 +179,7 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
         if settings.engine == "embedded":
             run_worker(settings, parent_pid=parent_pid)
         else:
-            cluster = load_extra("app.jobs.cluster")
+            cluster = load_extra("app.queue.cluster")
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
@@ -309,7 +309,7 @@ def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -
 
 
 def main() -> None:
-    """Enter from ``python -m app.jobs.worker``; all other settings come from ``ACROMION_*``."""
+    """Enter from ``python -m app.queue.worker``; all other settings come from ``ACROMION_*``."""
     parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
