@@ -44,14 +44,14 @@ from app.errors import (
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
-from app.jobs.database.connect import (
+from app.library.database.connect import (
     bring_up_to_date,
     check_whole,
     classify_error,
     find_database_file,
     translate_start_errors,
 )
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
 from app.logs import start_logging
 from app.queue.pool import WorkerPool
 from app.services import Services, find_services

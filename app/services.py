@@ -15,18 +15,18 @@ from starlette.requests import HTTPConnection
 from app.access.subjects import Subject
 from app.analysis.inspecting import Inspector
 from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
-from app.jobs.batches import BatchStore
-from app.jobs.database.connect import check_writable
-from app.jobs.governance import AggregateStore, ReleaseStore, RetentionStore
-from app.jobs.kept_pairs import PairReports
-from app.jobs.listing import SavedViews
-from app.jobs.mappings import MappingStore
-from app.jobs.queue import WayIn
-from app.jobs.recordings import RecordingStore, UploadStore
-from app.jobs.results import ResultReader
-from app.jobs.side_files import SideWriter
-from app.jobs.store import JobStore
-from app.jobs.webhooks import WebhookStore
+from app.library.batches import BatchStore
+from app.library.claims import WayIn
+from app.library.database.connect import check_writable
+from app.library.governance import AggregateStore, ReleaseStore, RetentionStore
+from app.library.jobs import JobStore
+from app.library.kept_pairs import PairReports
+from app.library.listing import SavedViews
+from app.library.mappings import MappingStore
+from app.library.recordings import RecordingStore, UploadStore
+from app.library.results import ResultReader
+from app.library.side_files import SideWriter
+from app.library.webhooks import WebhookStore
 from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
 from app.storage.decoded import DecodedCache

@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
 from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings

@@ -30,10 +30,10 @@ from sqlalchemy.exc import IntegrityError
 
 from app.access.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
 from app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
-from app.jobs.audit_log import NOBODY, Act, record
-from app.jobs.database.connect import READ_ONLY, connect, find_database_file, lock_tables, open_database
-from app.jobs.database.tables import known_browsers, people, sessions, tickets, tokens
-from app.jobs.queries import format_now
+from app.library.audit_log import NOBODY, Act, record
+from app.library.database.connect import READ_ONLY, connect, find_database_file, lock_tables, open_database
+from app.library.database.tables import known_browsers, people, sessions, tickets, tokens
+from app.library.queries import format_now
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.server_secret import ServerSecret

@@ -22,9 +22,9 @@ from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, 
 from app.access.accounts import AccountDatabase, AccountStore, Person, hash_secret, normalise_login, note_act
 from app.access.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
-from app.jobs.audit_log import NOBODY, find_actor
-from app.jobs.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
-from app.jobs.queries import format_now
+from app.library.audit_log import NOBODY, find_actor
+from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
+from app.library.queries import format_now
 from app.settings import Settings
 from app.storage.open import load_extra
 

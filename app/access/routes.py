@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Literal, cast
 
 from app.access.subjects import Permission
-from app.jobs.audit_log import ACTS, Act
+from app.library.audit_log import ACTS, Act
 
 Needed = Permission | Literal["public"]
 

@@ -16,7 +16,7 @@ from app.api.library.recordings import finish_purge, forget_samples, purge_recor
 from app.api.library.uploads import drop_upload
 from app.api.webhooks import WebhookSender
 from app.errors import AppError, LockedUpload, OnHold
-from app.jobs.audit_log import Act, AuditQuestion, find_lines, record_alone
+from app.library.audit_log import Act, AuditQuestion, find_lines, record_alone
 from app.queue.leader import Leader
 from app.services import Services
 from app.storage.store import TEMPORARY_S

@@ -24,8 +24,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from app.api.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
-from app.jobs.audit_log import record
-from app.jobs.job import Job
+from app.library.audit_log import record
+from app.library.job import Job
 from app.live.ports import (
     PLAYED,
     RAW,

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.api.library.files import serve_bytes
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
-from app.jobs.kept_pairs import AnyJobs, AskedJobs
+from app.library.kept_pairs import AnyJobs, AskedJobs
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices

@@ -17,7 +17,7 @@ from app.api.middleware.access import UsedSubject
 from app.api.middleware.callers import find_logins
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import NotPermitted
-from app.jobs.audit_log import (
+from app.library.audit_log import (
     AT_MACHINE,
     AUDIT_COLUMNS,
     NOBODY,
@@ -27,8 +27,8 @@ from app.jobs.audit_log import (
     find_lines,
     parse_moment,
 )
-from app.jobs.governance import Release
-from app.jobs.recordings import HoldReason
+from app.library.governance import Release
+from app.library.recordings import HoldReason
 from app.report.export.csv import INTERNATIONAL, encode_table
 from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedServices

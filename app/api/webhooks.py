@@ -25,7 +25,7 @@ from sqlalchemy.exc import OperationalError
 from app.api.library.analyses import run_to_end
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import ForeignWebhook, SecretUnreadable
-from app.jobs.webhooks import EVENTS, SECRET_OF_WEBHOOK, USUAL_EVENTS, Delivery, Webhook
+from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, USUAL_EVENTS, Delivery, Webhook
 from app.services import Services, UsedServices
 from app.storage.server_secret import SECRET_FILE, ServerSecret
 

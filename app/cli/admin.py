@@ -33,7 +33,7 @@ from fusion.conventions import PoseHeld
 if TYPE_CHECKING:
     from app.access.accounts import Person
     from app.access.logins import Logins
-    from app.jobs.store import JobStore
+    from app.library.jobs import JobStore
     from app.settings import Settings
     from app.upkeep.account_rows import Accounts
     from app.upkeep.backup import Copied
@@ -97,7 +97,7 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
-    from app.jobs.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
+    from app.library.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
     from app.queue.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
     from app.start_checks import check_passwords  # noqa: PLC0415
@@ -222,7 +222,7 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.library.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import find_damage  # noqa: PLC0415
     from app.upkeep.place import check_used, record_command  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
@@ -323,7 +323,7 @@ def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None
     """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
-    from app.jobs.database.connect import translate_start_errors  # noqa: PLC0415
+    from app.library.database.connect import translate_start_errors  # noqa: PLC0415
 
     try:
         with translate_start_errors(settings):
@@ -363,8 +363,8 @@ def show_trail(
     lang: LanguageOption = "en",
 ) -> None:
     """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
-    from app.jobs.audit_log import AuditQuestion, find_lines, record_alone  # noqa: PLC0415
-    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+    from app.library.audit_log import AuditQuestion, find_lines, record_alone  # noqa: PLC0415
+    from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
         if not value.isprintable():  # a broken byte of the terminal, which no database takes
@@ -388,8 +388,8 @@ def begin_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """Put a recording on hold: nothing of it is deleted for good."""
-    from app.jobs.audit_log import AT_MACHINE  # noqa: PLC0415
-    from app.jobs.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
+    from app.library.audit_log import AT_MACHINE  # noqa: PLC0415
+    from app.library.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         code = next((one for one in HOLD_REASONS if one == reason), None)
@@ -406,7 +406,7 @@ def end_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """End the hold of a recording."""
-    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+    from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         RecordingStore(store.engine, store.reader).let_go(recording)
@@ -423,8 +423,8 @@ def get(
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
-    from app.jobs.audit_log import record_readings  # noqa: PLC0415
-    from app.jobs.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
+    from app.library.audit_log import record_readings  # noqa: PLC0415
+    from app.library.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
     from app.storage.open import open_storage  # noqa: PLC0415
     from app.storage.store import borrow_recording  # noqa: PLC0415
 
@@ -475,7 +475,7 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.jobs.governance import RetentionStore  # noqa: PLC0415
+    from app.library.governance import RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
@@ -490,7 +490,7 @@ def retention(
 
 
 def _read_moment(text: str) -> str:
-    from app.jobs.audit_log import parse_moment  # noqa: PLC0415
+    from app.library.audit_log import parse_moment  # noqa: PLC0415
 
     try:
         return parse_moment(text)
@@ -499,7 +499,7 @@ def _read_moment(text: str) -> str:
 
 
 def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
-    from app.jobs.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
+    from app.library.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
 
     if form not in ("text", "csv", "jsonl"):
         raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
@@ -525,9 +525,9 @@ def _quote(value: str) -> str:
 @contextmanager
 def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
     """Open the database for whoever sits at the machine; a place without one is refused."""
-    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
-    from app.jobs.database.connect import find_database_file  # noqa: PLC0415
-    from app.jobs.store import JobStore  # noqa: PLC0415
+    from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.library.database.connect import find_database_file  # noqa: PLC0415
+    from app.library.jobs import JobStore  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
@@ -699,7 +699,7 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
     """Open the accounts; ``may_begin``: the installation may begin with them."""
     from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
     from app.access.logins import Logins  # noqa: PLC0415
-    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.storage.permissions import make_folder  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415
 

@@ -22,7 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.analysis.attempt import MakeReport
 from app.analysis.fork_server import warm_up_and_wait
-from app.jobs.database.connect import connect, lock_tables
+from app.library.database.connect import connect, lock_tables
 from app.queue.leader import REVIVAL, Leader
 from app.queue.worker import TROUBLE_S, Bench, open_bench, return_expired, run_next_patiently
 from app.settings import Settings

@@ -32,11 +32,11 @@ from app.analysis.attempt import (
 )
 from app.analysis.fork_server import warm_up_and_wait
 from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
-from app.jobs.database.connect import translate_database_errors, translate_start_errors
-from app.jobs.job import Job
-from app.jobs.listing import HeadlineFigures, read_headline
-from app.jobs.mappings import MappingStore
-from app.jobs.store import JobStore
+from app.library.database.connect import translate_database_errors, translate_start_errors
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.listing import HeadlineFigures, read_headline
+from app.library.mappings import MappingStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
 from app.request import ReportRequest

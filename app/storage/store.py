@@ -2,7 +2,7 @@
 
     root/uploads/<name>.part             bytes still arriving, and copies from a bucket while they are read
     root/recordings/<recording>          bytes whose arrival was acknowledged
-    root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.jobs.side_files`)
+    root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.library.side_files`)
     root/quarantine/<name>               unknown entries of the recordings; only people remove them
     root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row states which attempt counts
     root/erasures.jsonl                  the ledger of erasures: one line each, and nothing else about them,

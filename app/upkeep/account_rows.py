@@ -8,8 +8,8 @@ from sqlalchemy import Engine, select
 
 from app.access.logins import name_second_factor
 from app.errors import SecretUnreadable
-from app.jobs.database.tables import people, tokens, webhooks
-from app.jobs.webhooks import SECRET_OF_WEBHOOK
+from app.library.database.tables import people, tokens, webhooks
+from app.library.webhooks import SECRET_OF_WEBHOOK
 from app.report.words.messages import describe_problem
 from app.storage.server_secret import ServerSecret
 

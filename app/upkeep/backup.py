@@ -39,10 +39,10 @@ from sqlalchemy import Connection, func, insert, select, text
 
 from app.access.accounts import AccountStore
 from app.errors import BackupRefused, NotEmpty, WrongSchema
-from app.jobs.audit_log import AT_MACHINE, record
-from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
-from app.jobs.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
-from app.jobs.database.tables import (
+from app.library.audit_log import AT_MACHINE, record
+from app.library.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
+from app.library.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
+from app.library.database.tables import (
     REVISION,
     analyses,
     audit_log,
@@ -52,8 +52,8 @@ from app.jobs.database.tables import (
     schema_revision,
     uploads,
 )
-from app.jobs.recordings import drop_empty_batches
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
+from app.library.recordings import drop_empty_batches
 from app.settings import Settings
 from app.storage.open import load_extra, open_storage
 from app.storage.permissions import FILE_MODE, create_file, make_folder

@@ -18,11 +18,11 @@ from pathlib import Path
 from sqlalchemy import Engine, create_engine, select
 from sqlalchemy.exc import DBAPIError
 
-from app.jobs.database.connect import find_database_file, read_revision
-from app.jobs.database.dump import LEFT_OUT
-from app.jobs.database.tables import REVISION, recordings
-from app.jobs.queries import PURGING
-from app.jobs.recordings import delete_recording
+from app.library.database.connect import find_database_file, read_revision
+from app.library.database.dump import LEFT_OUT
+from app.library.database.tables import REVISION, recordings
+from app.library.queries import PURGING
+from app.library.recordings import delete_recording
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import sync_file, sync_folder, translate_disk_full

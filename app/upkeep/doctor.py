@@ -16,8 +16,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.accounts import AccountStore
 from app.errors import AccountsLost, AppError
-from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
-from app.jobs.store import JobStore
+from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
+from app.library.jobs import JobStore
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage

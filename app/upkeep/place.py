@@ -6,9 +6,9 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.accounts import MARKER
 from app.errors import NotHere
-from app.jobs.audit_log import AT_MACHINE, Act, record
-from app.jobs.database.connect import connect, read_revision
-from app.jobs.database.tables import REVISION
+from app.library.audit_log import AT_MACHINE, Act, record
+from app.library.database.connect import connect, read_revision
+from app.library.database.tables import REVISION
 from app.settings import Settings
 from app.storage.open import open_storage
 

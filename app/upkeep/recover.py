@@ -19,13 +19,14 @@ from typing import Literal
 from sqlalchemy import delete
 
 from app.errors import UnknownRecordings, WrongSchema
-from app.jobs.audit_log import AT_MACHINE, record
-from app.jobs.database.connect import bring_up_to_date
-from app.jobs.database.tables import REVISION, known_browsers, sessions, tickets
-from app.jobs.job import JobState
-from app.jobs.listing import SavedViews
-from app.jobs.queries import TRASHED
-from app.jobs.side_files import (
+from app.library.audit_log import AT_MACHINE, record
+from app.library.database.connect import bring_up_to_date
+from app.library.database.tables import REVISION, known_browsers, sessions, tickets
+from app.library.job import JobState
+from app.library.jobs import JobStore
+from app.library.listing import SavedViews
+from app.library.queries import TRASHED
+from app.library.side_files import (
     Rows,
     SideFile,
     SideWriter,
@@ -35,7 +36,6 @@ from app.jobs.side_files import (
     quarantine_side_file,
     replace_rows,
 )
-from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
@@ -44,7 +44,7 @@ from app.upkeep.copies import restore_copy
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
 """The name in quarantine of a side file that was newer than its row
-(:func:`app.jobs.side_files.quarantine_side_file`).
+(:func:`app.library.side_files.quarantine_side_file`).
 """
 
 Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]

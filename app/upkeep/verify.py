@@ -10,11 +10,11 @@ from typing import Any, Literal
 from sqlalchemy import Connection, func, select
 
 from app.errors import BackupRefused
-from app.jobs.database.connect import READ_ONLY, connect
-from app.jobs.database.tables import analyses, recordings, result_files
-from app.jobs.job import JobState
-from app.jobs.queries import PURGING
-from app.jobs.side_files import decode_side_file
+from app.library.database.connect import READ_ONLY, connect
+from app.library.database.tables import analyses, recordings, result_files
+from app.library.job import JobState
+from app.library.queries import PURGING
+from app.library.side_files import decode_side_file
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name

@@ -21,12 +21,12 @@ from app.api.trust import find_names
 from app.batch.folder import Task
 from app.batch.inputs import assign_participants
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
-from app.jobs.audit_log import touch
-from app.jobs.batches import Batch
-from app.jobs.job import Job, JobState
-from app.jobs.listing import Entry, Library
-from app.jobs.recordings import HOLD_REASONS, RecordingFilter
-from app.jobs.store import JobFilter
+from app.library.audit_log import touch
+from app.library.batches import Batch
+from app.library.job import Job, JobState
+from app.library.jobs import JobFilter
+from app.library.listing import Entry, Library
+from app.library.recordings import HOLD_REASONS, RecordingFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
 from app.report.export.naming import make_safe_name

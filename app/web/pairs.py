@@ -15,9 +15,9 @@ from pydantic import BaseModel, Field
 from app.api.library.files import respond_with_file
 from app.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
 from app.errors import CannotProfile, RecordedProblem
-from app.jobs.job import Job
-from app.jobs.kept_pairs import AnyJobs, AskedJobs, PairReport
-from app.jobs.listing import Entry, Library, LibraryFilter
+from app.library.job import Job
+from app.library.kept_pairs import AnyJobs, AskedJobs, PairReport
+from app.library.listing import Entry, Library, LibraryFilter
 from app.report.pairs import format_rows, load_pair_words
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_percent

@@ -11,9 +11,9 @@ from app.access.subjects import Subject
 from app.api.middleware.access import UsedSubject
 from app.api.trust import MOST_LINES, AuditQuery, build_question, find_names
 from app.errors import BadParameter
-from app.jobs.audit_log import ACTS, find_lines
-from app.jobs.governance import KINDS
-from app.jobs.recordings import HOLD_REASONS
+from app.library.audit_log import ACTS, find_lines
+from app.library.governance import KINDS
+from app.library.recordings import HOLD_REASONS
 from app.web.rendering import Page, UsedForm, UsedPage, first
 from app.web.views import format_moment
 

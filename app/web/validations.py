@@ -13,7 +13,7 @@ from starlette.datastructures import FormData
 from app.api.middleware.guard import REPORT_POLICY
 from app.api.validations import find_validation, open_form, queue_validation
 from app.errors import AppError, NoSuchFile, find_outcome_of_code
-from app.jobs.job import Job, JobState
+from app.library.job import Job, JobState
 from app.report.agreement.tables import list_sentences
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_angle

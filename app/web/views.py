@@ -11,8 +11,8 @@ from urllib.parse import urlencode
 
 from fastapi import Request
 
-from app.jobs.job import Job, JobState
-from app.jobs.listing import (
+from app.library.job import Job, JobState
+from app.library.listing import (
     FALLING,
     GROUPS,
     ORDERS,
@@ -475,7 +475,7 @@ def _build_figures(headline: HeadlineFigures, words: Words, language: Language) 
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:
-    """Draw a day of :func:`app.jobs.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
+    """Draw a day of :func:`app.library.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
 
     Gives the path with its lowest and highest angle; "" for each where no angle is known.
     """

@@ -12,8 +12,8 @@ import uvicorn
 from fastapi.testclient import TestClient
 
 from app.analysis.attempt import MakeReport
-from app.jobs.job import Job
-from app.jobs.store import JobStore
+from app.library.job import Job
+from app.library.jobs import JobStore
 from app.main import configure_server, create_app
 from app.queue import worker
 from app.queue.worker import Bench, open_bench, run_next

@@ -16,8 +16,8 @@ from app.access.accounts import AccountStore
 from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import Role
-from app.jobs.database.tables import sessions
-from app.jobs.store import JobStore
+from app.library.database.tables import sessions
+from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import StoredRecording

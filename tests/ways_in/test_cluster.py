@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from app.jobs.database.connect import connect
-from app.jobs.job import JobState
-from app.jobs.store import JobStore
+from app.library.database.connect import connect
+from app.library.job import JobState
+from app.library.jobs import JobStore
 from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings

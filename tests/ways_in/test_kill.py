@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from app.jobs.job import Job, JobState
-from app.jobs.store import JobStore
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
 from app.queue.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings

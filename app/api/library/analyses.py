@@ -35,10 +35,10 @@ from app.api.library.uploads import receive_recording
 from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.batch.settings_file import encode_settings
 from app.errors import Busy
-from app.jobs.job import Job, JobState
-from app.jobs.recordings import StoredRow
-from app.jobs.results import check_succeeded, find_or_add, retry
-from app.jobs.store import JobFilter
+from app.library.job import Job, JobState
+from app.library.jobs import JobFilter
+from app.library.recordings import StoredRow
+from app.library.results import check_succeeded, find_or_add, retry
 from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.csv import encode_table

@@ -11,9 +11,9 @@ from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.api.library.models import AnalysisSettings
 from app.api.middleware.problems import PROBLEM_RESPONSES, validate_model
 from app.errors import CANCELLED, NotFinished, ResultDamaged
-from app.jobs.batches import Batch
-from app.jobs.job import Job, JobState
-from app.jobs.results import can_regenerate
+from app.library.batches import Batch
+from app.library.job import Job, JobState
+from app.library.results import can_regenerate
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
 from app.report.figures import load_results

@@ -16,8 +16,8 @@ from starlette.types import Message, Receive, Scope, Send
 
 from app.api.middleware.guard import REPORT_POLICY
 from app.errors import AppError, NoSuchRange, ResultDamaged, StoreDamaged
-from app.jobs.job import Job
-from app.jobs.recordings import StoredRow
+from app.library.job import Job
+from app.library.recordings import StoredRow
 from app.report.export.naming import Origin, format_file_name
 from app.services import Services
 from app.storage.store import borrow_recording, read_mark

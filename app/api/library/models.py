@@ -27,8 +27,8 @@ from pydantic_core import PydanticCustomError
 
 from app.api.middleware.problems import ProblemView, view_problem
 from app.errors import BadParameter
-from app.jobs.job import Job
-from app.jobs.recordings import Description, Place, RecordingFilter, StoredRow
+from app.library.job import Job
+from app.library.recordings import Description, Place, RecordingFilter, StoredRow
 from app.report.export.csv import encode_table
 from app.report.words.subject import MAX_TEXT, check_conclusion, clean_text
 from app.report.words.wording import Language, find_other_language

@@ -46,7 +46,7 @@ from app.errors import (
     StaleVersion,
     StoreDamaged,
 )
-from app.jobs.recordings import Description, Purged, StoredRow
+from app.library.recordings import Description, Purged, StoredRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices
 from app.storage.store import StoredRecording, borrow_recording, seems_whole

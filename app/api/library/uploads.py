@@ -41,8 +41,8 @@ from app.errors import (
     WrongMediaType,
     WrongOffset,
 )
-from app.jobs.queue import WayIn
-from app.jobs.recordings import PURGED, UploadRow
+from app.library.claims import WayIn
+from app.library.recordings import PURGED, UploadRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices, find_way_in
 from app.storage.incoming import GrowingFile, name_recording

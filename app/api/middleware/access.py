@@ -24,7 +24,7 @@ from app.api.middleware.callers import SESSION_COOKIE, name_cookie
 from app.api.middleware.problems import holds_token
 from app.api.middleware.readings import KnownReadings, Recorder, RefusedLines
 from app.errors import AppError, NotConfirmed, NotPermitted, NotSignedIn, TokenInAddress
-from app.jobs.audit_log import NOBODY, set_actor
+from app.library.audit_log import NOBODY, set_actor
 from app.services import SUBJECT
 
 LOOK_S = 2.0

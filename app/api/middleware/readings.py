@@ -28,7 +28,7 @@ from app.access.logins import find_network
 from app.access.routes import ROUTE_TABLE, Route
 from app.access.subjects import Subject
 from app.api.middleware.callers import find_address
-from app.jobs.audit_log import NOBODY, Act, begin_touching, record_alone, record_readings, record_refusal
+from app.library.audit_log import NOBODY, Act, begin_touching, record_alone, record_readings, record_refusal
 from app.services import SUBJECT, find_services
 
 ONE_READING_S = 15 * 60.0

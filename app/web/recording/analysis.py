@@ -17,11 +17,11 @@ from app.api.middleware.callers import find_origin
 from app.api.middleware.problems import Refusal
 from app.api.trust import find_names, find_person_name
 from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
-from app.jobs.job import Job, JobState
-from app.jobs.listing import Entry
-from app.jobs.results import can_regenerate
-from app.jobs.results import retry as retry_job
-from app.jobs.store import JobFilter
+from app.library.job import Job, JobState
+from app.library.jobs import JobFilter
+from app.library.listing import Entry
+from app.library.results import can_regenerate
+from app.library.results import retry as retry_job
 from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem

@@ -10,8 +10,8 @@ from fastapi import APIRouter, Response
 
 from app.api.library.analyses import check_queue
 from app.errors import BadParameter
-from app.jobs.job import Job, JobState
-from app.jobs.mappings import UNNAMED
+from app.library.job import Job, JobState
+from app.library.mappings import UNNAMED
 from app.report.words.columns import format_columns
 from app.report.words.subject import clean_text, cut_text
 from app.request import write_profile

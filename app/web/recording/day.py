@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field
 
 from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.errors import BadParameter, NoSuchFile
-from app.jobs.job import Job, JobState
+from app.library.job import Job, JobState
 from app.report.words.numbers import Clock, format_angle, format_duration, format_number, format_percent
 from app.report.words.subject import MAX_TEXT
 from app.report.words.wording import Language, Words, fill, load_wording

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, time
 
 from app.errors import NoSuchFile
-from app.jobs.job import Job
+from app.library.job import Job
 from app.report.analysis.report import build_report
 from app.report.charts.day import WORST_WINDOW_S, build_timeline
 from app.report.export.results import decode_results

@@ -19,8 +19,8 @@ from app.access.accounts import LONGEST_S, AccountStore, Person, hash_secret
 from app.access.logins import Logins
 from app.access.passwords import hash_password
 from app.access.subjects import ROLES, Permission, Role
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.database.tables import tokens
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.database.tables import tokens
 from app.main import create_app
 from app.services import Services
 from app.settings import Settings

@@ -13,8 +13,8 @@ from app.access.accounts import AccountStore, Person
 from app.access.logins import Caller, Logins
 from app.cli import app
 from app.errors import AccountsLost, LoginRefused, NotEmpty
-from app.jobs.database.tables import known_browsers, sessions, tickets, tries
-from app.jobs.store import JobStore
+from app.library.database.tables import known_browsers, sessions, tickets, tries
+from app.library.jobs import JobStore
 from app.main import create_app
 from app.settings import Settings
 from app.upkeep.account_rows import Accounts

@@ -21,10 +21,10 @@ from app.api.middleware.readings import (
     KnownReadings,
     RefusedLines,
 )
-from app.jobs.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
-from app.jobs.database.tables import facts, sessions
-from app.jobs.job import Job
-from app.jobs.store import JobStore
+from app.library.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
+from app.library.database.tables import facts, sessions
+from app.library.job import Job
+from app.library.jobs import JobStore
 from app.logs import LineFormatter
 from app.queue.worker import Bench, open_bench, run_next
 from app.report.words.wording import LANGUAGES, load_wording

@@ -13,7 +13,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.access.routes import ROUTE_TABLE
 from app.access.subjects import ROLES, Permission, collect_permissions
-from app.jobs.recordings import Description
+from app.library.recordings import Description
 from app.main import PAGES, ROUTES
 from app.request import ReportRequest
 from app.settings import Settings

@@ -10,13 +10,13 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
 from app.api.housekeeping import grow_older, write_side_files
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.batches import identify_study
-from app.jobs.database.tables import analyses, answers
-from app.jobs.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
-from app.jobs.job import Job
-from app.jobs.recordings import RecordingStore
-from app.jobs.store import JobStore
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.batches import identify_study
+from app.library.database.tables import analyses, answers
+from app.library.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
 from app.queue.worker import Bench
 from app.request import ReportRequest
 from app.services import Services

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
 from app.queue.worker import run_next
 from app.request import clean_file_name
 from app.settings import Settings

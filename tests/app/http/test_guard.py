@@ -10,7 +10,7 @@ from starlette.types import Message
 
 from app.api.middleware.guard import _BodyWatch, takes_file
 from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
 from app.main import create_app
 from app.settings import Settings
 from app.start_checks import check_exposure, check_host_names

@@ -11,7 +11,7 @@ from starlette.testclient import TestClient
 from app.analysis.attempt import Attempt, load_and_make_report, make_now
 from app.analysis.pair import make_report_of_two
 from app.api.pairs import ChangeView, PairView
-from app.jobs import kept_pairs as pairs
+from app.library import kept_pairs as pairs
 from app.main import create_app
 from app.queue.worker import open_bench, run_next
 from app.request import PairRequest

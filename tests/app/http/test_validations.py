@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from app.analysis.attempt import load_and_make_report
 from app.cli import app
-from app.jobs.batches import identify_study
-from app.jobs.store import JobStore
+from app.library.batches import identify_study
+from app.library.jobs import JobStore
 from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from app.storage.store import Storage

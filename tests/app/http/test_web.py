@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 
 import app.report.words.wording
 import app.web
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
 from app.web.views import format_size
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next

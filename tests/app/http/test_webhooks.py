@@ -21,7 +21,7 @@ from fastapi.testclient import TestClient
 from app.api import housekeeping
 from app.api.webhooks import WebhookSender, check_address, is_public, send_message
 from app.errors import ForeignWebhook
-from app.jobs.webhooks import Delivery
+from app.library.webhooks import Delivery
 from app.main import create_app
 from app.queue.worker import run_next
 from app.services import Services

@@ -17,12 +17,12 @@ from typer.testing import CliRunner
 
 from app.api.housekeeping import grow_older
 from app.cli import app
-from app.jobs.database.tables import metadata
-from app.jobs.job import JobState
-from app.jobs.recordings import RecordingStore
-from app.jobs.side_files import SideWriter
-from app.jobs.store import JobStore
-from app.jobs.webhooks import EVENTS, WebhookStore
+from app.library.database.tables import metadata
+from app.library.job import JobState
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
+from app.library.side_files import SideWriter
+from app.library.webhooks import EVENTS, WebhookStore
 from app.main import create_app
 from app.services import Services
 from app.settings import Settings

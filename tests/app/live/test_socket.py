@@ -16,8 +16,8 @@ from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
 from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
-from app.jobs.database.tables import audit_log, deliveries, recordings
-from app.jobs.store import JobStore
+from app.library.database.tables import audit_log, deliveries, recordings
+from app.library.jobs import JobStore
 from app.live.ports import SerialPort, begin_files
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder

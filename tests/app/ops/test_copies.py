@@ -14,8 +14,8 @@ from fastapi.testclient import TestClient
 
 from app.access.accounts import AccountStore
 from app.api.housekeeping import grow_older
-from app.jobs.recordings import RecordingFilter, RecordingStore
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingFilter, RecordingStore
 from app.main import create_app
 from app.settings import Settings
 from app.upkeep import copies

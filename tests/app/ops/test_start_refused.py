@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.errors import DatabaseLocked
-from app.jobs.database import connect as database_module
+from app.library.database import connect as database_module
 from app.queue.worker import open_bench
 from app.request import ReportRequest
 from app.settings import Settings

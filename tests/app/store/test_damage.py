@@ -20,8 +20,8 @@ from starlette.types import Message
 from app.analysis.attempt import MakeReport
 from app.api.library.files import serve_file
 from app.errors import NotHere, ResultDamaged
-from app.jobs.job import Job, JobState
-from app.jobs.store import JobStore
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
 from app.services import Services
 from app.settings import Settings
 from app.storage.store import (
@@ -376,7 +376,7 @@ def test_a_damaged_analysis_beside_another_is_a_problem_answer(
 def test_a_damaged_report_of_two_is_made_again(
     client: TestClient, settings: Settings, finish: Finish, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.jobs.kept_pairs.load_and_make_pair", stand_ins.write_pair)
+    monkeypatch.setattr("app.library.kept_pairs.load_and_make_pair", stand_ins.write_pair)
     one, other = (finish(stand_ins.write_report, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"

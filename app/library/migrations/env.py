@@ -1,8 +1,8 @@
-"""What Alembic runs: the migrations, in the transaction of :mod:`app.jobs.migrations`."""
+"""What Alembic runs: the migrations, in the transaction of :mod:`app.library.migrations`."""
 
 from alembic import context
 
-from app.jobs.database.tables import metadata
+from app.library.database.tables import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

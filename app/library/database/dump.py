@@ -11,7 +11,7 @@ from typing import Any
 
 from sqlalchemy import Connection, MetaData, Table
 
-from app.jobs.database.tables import metadata
+from app.library.database.tables import metadata
 
 ROWS_AT_ONCE = 1000
 LEFT_OUT = ("sessions", "tickets", "tries", "known_browsers")

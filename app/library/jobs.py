@@ -21,14 +21,9 @@ from sqlalchemy import (
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
-from app.jobs.audit_log import Act, record
-from app.jobs.batches import follow_recording, join_study
-from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
-from app.jobs.database.tables import analyses, answers, facts, recordings, result_files
-from app.jobs.job import Job, JobState
-from app.jobs.listing import HeadlineFigures, adopt_description
-from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
-from app.jobs.queue import (
+from app.library.audit_log import Act, record
+from app.library.batches import follow_recording, join_study
+from app.library.claims import (
     DatabaseClock,
     WayIn,
     cancel_job,
@@ -39,9 +34,14 @@ from app.jobs.queue import (
     replace_job,
     start_job,
 )
-from app.jobs.recordings import Description, Place, check_not_purged, insert_recording, select_page
-from app.jobs.side_files import increment_revision
-from app.jobs.versions import (
+from app.library.database.connect import READ_ONLY, lock_tables, open_database
+from app.library.database.tables import analyses, answers, facts, recordings, result_files
+from app.library.job import Job, JobState
+from app.library.listing import HeadlineFigures, adopt_description
+from app.library.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
+from app.library.recordings import Description, Place, check_not_purged, insert_recording, select_page
+from app.library.side_files import increment_revision
+from app.library.versions import (
     COUNTED,
     build_item,
     drop_drafts,
@@ -298,7 +298,7 @@ class JobStore(RowStore):
         return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
 
     def claim(self) -> Job | None:
-        """Take the job whose turn it is (:mod:`app.jobs.queue`), or None when nothing waits."""
+        """Take the job whose turn it is (:mod:`app.library.claims`), or None when nothing waits."""
         with self._engine.begin() as connection:
             analysis_id = find_next(connection)
             if analysis_id is None:

@@ -29,10 +29,10 @@ from sqlalchemy import (
     update,
 )
 
-from app.jobs.audit_log import record
-from app.jobs.database.tables import analyses, answers, recordings, saved_views
-from app.jobs.job import Job, JobState
-from app.jobs.queries import (
+from app.library.audit_log import record
+from app.library.database.tables import analyses, answers, recordings, saved_views
+from app.library.job import Job, JobState
+from app.library.queries import (
     STORED,
     RowStore,
     format_diary,

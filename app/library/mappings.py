@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from sqlalchemy import ColumnElement, Row, delete, exists, insert, select, update
 
 from app.errors import NotHere
-from app.jobs.audit_log import record
-from app.jobs.database.tables import analyses, column_mappings
-from app.jobs.job import Job, JobState
-from app.jobs.queries import RowStore, format_now, read_job, select_jobs
-from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.versions import build_item, identify_work, renumber
+from app.library.audit_log import record
+from app.library.claims import enqueue_all, replace_job
+from app.library.database.tables import analyses, column_mappings
+from app.library.job import Job, JobState
+from app.library.queries import RowStore, format_now, read_job, select_jobs
+from app.library.versions import build_item, identify_work, renumber
 from app.request import ReportRequest
 
 UNNAMED = "-"

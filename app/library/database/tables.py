@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "b1"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "b1"  # of these tables; a change of them comes with a migration in app/library/migrations
 
 metadata = MetaData()
 
@@ -197,7 +197,7 @@ saved_views = Table(
     Column("created_at", String(32), nullable=False),
 )
 
-# Every act (app/jobs/audit_log.py). No key leads to other tables: its lines stay. ``since_s``: the running
+# Every act (app/library/audit_log.py). No key leads to other tables: its lines stay. ``since_s``: the running
 # time of the server at that moment, by which retention counts.
 audit_log = Table(
     "audit_log",
@@ -245,7 +245,7 @@ retention = Table(
     Column("days", Integer, nullable=False),
 )
 
-# Group figures of a study as they were published once (app/jobs/governance.py).
+# Group figures of a study as they were published once (app/library/governance.py).
 aggregate_blocks = Table(
     "aggregate_blocks",
     metadata,

@@ -1,6 +1,6 @@
 """Connect to the database, SQLite or PostgreSQL; refuse it if its tables are of another revision.
 
-A new database gets its tables here. The server alone migrates (:mod:`app.jobs.migrations`).
+A new database gets its tables here. The server alone migrates (:mod:`app.library.migrations`).
 """
 
 import importlib
@@ -16,8 +16,8 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
 from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
-from app.jobs.audit_log import keep_audit_log
-from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
+from app.library.audit_log import keep_audit_log
+from app.library.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import check_folder, translate_folder_errors
@@ -63,7 +63,7 @@ def bring_up_to_date(settings: Settings) -> None:
             lock_tables(connection)
             found = read_revision(connection)
             if found not in (None, REVISION):
-                importlib.import_module("app.jobs.migrations").upgrade(connection, found)
+                importlib.import_module("app.library.migrations").upgrade(connection, found)
     finally:
         engine.dispose()
 

@@ -14,13 +14,13 @@ from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, s
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
-from app.jobs.audit_log import Act, find_actor, record
-from app.jobs.database.tables import analyses, batch_items, recordings
-from app.jobs.job import TRANSITIONS, JobState, find_sources
-from app.jobs.queries import format_now, select_running_s
-from app.jobs.side_files import increment_revision, increment_revision_of
-from app.jobs.versions import identify_work, number_versions
-from app.jobs.webhooks import announce_end
+from app.library.audit_log import Act, find_actor, record
+from app.library.database.tables import analyses, batch_items, recordings
+from app.library.job import TRANSITIONS, JobState, find_sources
+from app.library.queries import format_now, select_running_s
+from app.library.side_files import increment_revision, increment_revision_of
+from app.library.versions import identify_work, number_versions
+from app.library.webhooks import announce_end
 from app.request import ReportRequest
 
 WayIn = Literal["web", "api"]

@@ -14,8 +14,8 @@ from typing import Any, Literal, get_args
 from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, text, update
 
 from app.errors import BadParameter, NoSuchFile, NotHere
-from app.jobs.audit_log import Act, record
-from app.jobs.database.tables import (
+from app.library.audit_log import Act, record
+from app.library.database.tables import (
     aggregate_blocks,
     aggregate_members,
     analyses,
@@ -29,10 +29,10 @@ from app.jobs.database.tables import (
     retention,
     running_time,
 )
-from app.jobs.job import TRANSITIONS, Job, JobState
-from app.jobs.queries import STORED, RowStore, format_now, select_running_s
-from app.jobs.recordings import drop_empty_batches
-from app.jobs.side_files import increment_revision
+from app.library.job import TRANSITIONS, Job, JobState
+from app.library.queries import STORED, RowStore, format_now, select_running_s
+from app.library.recordings import drop_empty_batches
+from app.library.side_files import increment_revision
 from app.request import find_code
 from fusion.conventions import FEWEST_PEOPLE
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, delete, insert, select, update
 
-from app.jobs.database.dump import reset_row
-from app.jobs.database.tables import (
+from app.library.database.dump import reset_row
+from app.library.database.tables import (
     REVISION,
     analyses,
     answers,
@@ -26,8 +26,8 @@ from app.jobs.database.tables import (
     releases,
     result_files,
 )
-from app.jobs.job import TRANSITIONS, JobState
-from app.jobs.queries import PURGING
+from app.library.job import TRANSITIONS, JobState
+from app.library.queries import PURGING
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
 
 SCHEMA = "acromion.recording/1"

@@ -11,7 +11,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection
 
 from app.errors import WrongSchema
-from app.jobs.database.tables import REVISION
+from app.library.database.tables import REVISION
 
 
 def upgrade(connection: Connection, found: str) -> None:

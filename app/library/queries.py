@@ -8,8 +8,8 @@ from typing import Any
 
 from sqlalchemy import Engine, Executable, Row, ScalarSelect, Select, func, select
 
-from app.jobs.database.tables import analyses, batch_items, recordings, running_time
-from app.jobs.job import Job, JobState
+from app.library.database.tables import analyses, batch_items, recordings, running_time
+from app.library.job import Job, JobState
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
 

@@ -6,7 +6,7 @@ folders are refused. The first migration after the release writes these tables o
 
 from alembic import op
 
-from app.jobs.database.tables import metadata
+from app.library.database.tables import metadata
 
 revision = "b1"
 down_revision = None

@@ -16,19 +16,19 @@ from sqlalchemy import Connection, Select, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from app.errors import NotHere
-from app.jobs.audit_log import record
-from app.jobs.database.connect import lock_tables
-from app.jobs.database.tables import analyses, answers, batch_items, batches
-from app.jobs.job import Job, JobState
-from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
-from app.jobs.queue import enqueue_all, replace_job
-from app.jobs.side_files import increment_revision_of
-from app.jobs.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
-from app.jobs.webhooks import announce_batch
+from app.library.audit_log import record
+from app.library.claims import enqueue_all, replace_job
+from app.library.database.connect import lock_tables
+from app.library.database.tables import analyses, answers, batch_items, batches
+from app.library.job import Job, JobState
+from app.library.queries import RowStore, format_now, read_job, select_items, select_jobs
+from app.library.side_files import increment_revision_of
+from app.library.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
+from app.library.webhooks import announce_batch
 from app.request import ReportRequest
 
 if TYPE_CHECKING:  # it imports this module
-    from app.jobs.recordings import StoredRow
+    from app.library.recordings import StoredRow
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
 
-from app.jobs.database.tables import analyses, recordings
-from app.jobs.job import Job, JobState
-from app.jobs.queries import select_jobs
+from app.library.database.tables import analyses, recordings
+from app.library.job import Job, JobState
+from app.library.queries import select_jobs
 from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
 from app.version import identify_engine
 

@@ -18,8 +18,8 @@ from typing import Literal, get_args
 
 from sqlalchemy import Connection, Engine, event, insert, select
 
-from app.jobs.database.tables import analyses, audit_log
-from app.jobs.queries import select_running_s
+from app.library.database.tables import analyses, audit_log
+from app.library.queries import select_running_s
 from app.logs import AUDIT_LOGGER
 
 Act = Literal[

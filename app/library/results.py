@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
-from app.jobs.audit_log import touch
-from app.jobs.database.connect import one_request_at_a_time
-from app.jobs.job import Job, JobState
-from app.jobs.queue import WayIn
-from app.jobs.store import JobStore
+from app.library.audit_log import touch
+from app.library.claims import WayIn
+from app.library.database.connect import one_request_at_a_time
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.storage.store import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
 

@@ -12,10 +12,11 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, Row, Select, delete, exists, insert, select, tuple_, update
 
 from app.errors import NotHere, OnHold, PurgedSince, StaleVersion
-from app.jobs.audit_log import Act, find_actor, record
-from app.jobs.batches import join_study
-from app.jobs.database.connect import BUSY_TIMEOUT_S, lock_tables
-from app.jobs.database.tables import (
+from app.library.audit_log import Act, find_actor, record
+from app.library.batches import join_study
+from app.library.claims import WayIn, cancel_job, enqueue
+from app.library.database.connect import BUSY_TIMEOUT_S, lock_tables
+from app.library.database.tables import (
     analyses,
     batch_items,
     batches,
@@ -24,8 +25,8 @@ from app.jobs.database.tables import (
     result_files,
     uploads,
 )
-from app.jobs.job import JobState
-from app.jobs.queries import (
+from app.library.job import JobState
+from app.library.queries import (
     PURGING,
     REFERENCE,
     STORED,
@@ -38,8 +39,7 @@ from app.jobs.queries import (
     read_tags,
     select_running_s,
 )
-from app.jobs.queue import WayIn, cancel_job, enqueue
-from app.jobs.side_files import increment_revision, writing_side_file
+from app.library.side_files import increment_revision, writing_side_file
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
