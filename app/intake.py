@@ -25,7 +25,7 @@ from app.library.jobs import JobStore
 from app.library.results import find_or_add
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
-from app.storage.store import COPY_BYTES, Storage, StoredRecording
+from app.store.folder import COPY_BYTES, Storage, StoredRecording
 from fusion.errors import EmptyFile, FusionError
 
 SCAN_PERIOD_S = 2.0

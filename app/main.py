@@ -63,9 +63,9 @@ from app.start_checks import (
     check_host_names,
     check_passwords,
 )
-from app.storage.open import load_extra, open_storage
-from app.storage.permissions import make_folder, restrict_permissions
-from app.storage.store import FolderLock, check_folder
+from app.store.folder import FolderLock, check_folder
+from app.store.open import load_extra, open_storage
+from app.store.permissions import make_folder, restrict_permissions
 from app.upkeep.account_rows import warn_of_lost_secret
 from app.upkeep.recover import check_known
 from app.version import software_version

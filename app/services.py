@@ -29,10 +29,10 @@ from app.library.side_files import SideWriter
 from app.library.webhooks import WebhookStore
 from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
-from app.storage.decoded import DecodedCache
-from app.storage.incoming import Incoming, UploadSlots
-from app.storage.open import open_storage
-from app.storage.store import Storage, check_folder
+from app.store.decoded import DecodedCache
+from app.store.folder import Storage, check_folder
+from app.store.incoming import Incoming, UploadSlots
+from app.store.open import open_storage
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub

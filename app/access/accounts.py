@@ -35,9 +35,9 @@ from app.library.database.connect import READ_ONLY, connect, find_database_file,
 from app.library.database.tables import known_browsers, people, sessions, tickets, tokens
 from app.library.queries import format_now
 from app.settings import Settings
-from app.storage.permissions import create_file, make_folder
-from app.storage.server_secret import ServerSecret
-from app.storage.store import sync_folder
+from app.store.folder import sync_folder
+from app.store.permissions import create_file, make_folder
+from app.store.server_secret import ServerSecret
 
 
 def hash_secret(secret: str) -> str:

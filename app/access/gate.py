@@ -10,7 +10,7 @@ from pathlib import Path
 
 from app.access.accounts import AccountStore
 from app.access.subjects import AT_THE_MACHINE, MACHINE, Subject
-from app.storage.permissions import FILE_MODE, create_file
+from app.store.permissions import FILE_MODE, create_file
 
 FILE_NAME = "secret"
 SECRET_BYTES = 32

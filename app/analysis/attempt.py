@@ -34,7 +34,7 @@ from app.errors import (
 )
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
-from app.storage.store import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
+from app.store.folder import NOTHING_KNOWN, KnownLogs, ResultFile, describe_files, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic

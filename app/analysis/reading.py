@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.request import ReportRequest
-from app.storage.decoded import hash_entry_key
-from app.storage.store import KnownLogs, hash_file
+from app.store.decoded import hash_entry_key
+from app.store.folder import KnownLogs, hash_file
 from app.version import identify_engine
 from fusion.caveats import Caveat
 from fusion.errors import FailedReader, FusionError

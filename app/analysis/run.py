@@ -19,8 +19,8 @@ from app.report.findings import take_findings
 from app.report.render.write import RESULTS, rewrite_reports, write_reports
 from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
-from app.storage.day_file import DAY_NAME, DaySegment, write_day
-from app.storage.store import NOTHING_KNOWN, KnownLogs, sync_file
+from app.store.day_file import DAY_NAME, DaySegment, write_day
+from app.store.folder import NOTHING_KNOWN, KnownLogs, sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.caveats import Caveat
@@ -42,7 +42,7 @@ from fusion.settings import AnalysisSettings
 
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
-    """Write the day of an analysis (:mod:`app.storage.day_file`); ready angles have no samples to reduce."""
+    """Write the day of an analysis (:mod:`app.store.day_file`); ready angles have no samples to reduce."""
     by_start = {segment.start_us: segment for segment in analysis.recording.segments}
     days = []
     for run in analysis.elevation.segments:

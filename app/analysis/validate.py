@@ -30,7 +30,7 @@ from app.report.render.pdf import render_pdf
 from app.report.words.messages import describe_problem
 from app.report.words.subject import Software
 from app.request import OnStage, Reference, ReportRequest
-from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
+from app.store.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
 from app.version import software_revision, software_version
 from fusion.agreement import (
     AgreementEntry,
@@ -65,7 +65,7 @@ def make_validation(
 ) -> None:
     """Compare the recording with the request's reference and write every product into the folder ``out``.
 
-    ``has_curves``: for the page, write both angles (:mod:`app.storage.day_file`) and the plot of
+    ``has_curves``: for the page, write both angles (:mod:`app.store.day_file`) and the plot of
     Bland and Altman, too.
 
     Raises fusion.errors.FusionError if the two cannot be compared; then nothing has been written.

@@ -19,7 +19,7 @@ from app.errors import AppError, LockedUpload, OnHold
 from app.library.audit_log import Act, AuditQuestion, find_lines, record_alone
 from app.queue.leader import Leader
 from app.services import Services
-from app.storage.store import TEMPORARY_S
+from app.store.folder import TEMPORARY_S
 from app.upkeep.copies import keep_daily_copy, renew_copies
 from app.upkeep.recover import (
     catch_up,

@@ -45,7 +45,7 @@ from app.report.words.subject import clean_text
 from app.report.words.wording import Language
 from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
 from app.services import Services, UsedLanguage, UsedServices, find_services
-from app.storage.store import borrow_recording
+from app.store.folder import borrow_recording
 from fusion.conventions import ArmAxis, Side
 from fusion.errors import FusionError
 

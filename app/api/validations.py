@@ -27,7 +27,7 @@ from app.request import (
     parse_window,
 )
 from app.services import Services, UsedLanguage, UsedServices, choose_language
-from app.storage.store import too_large
+from app.store.folder import too_large
 from fusion.conventions import PoseHeld
 from fusion.diary import TaskWindow, read_tasks
 

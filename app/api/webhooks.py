@@ -27,7 +27,7 @@ from app.api.middleware.problems import PROBLEM_RESPONSES
 from app.errors import ForeignWebhook, SecretUnreadable
 from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, USUAL_EVENTS, Delivery, Webhook
 from app.services import Services, UsedServices
-from app.storage.server_secret import SECRET_FILE, ServerSecret
+from app.store.server_secret import SECRET_FILE, ServerSecret
 
 # Delivery: one signed POST (Standard Webhooks 1.0), no redirect, to permitted addresses.
 

@@ -44,7 +44,7 @@ from app.batch.folder import (
 )
 from app.errors import UNREADABLE_PATH, Crashed, Interrupted
 from app.request import ReportRequest
-from app.storage.store import KnownLogs, write_durably
+from app.store.folder import KnownLogs, write_durably
 from fusion.errors import Fact
 
 # How many recordings this machine analyses at once.

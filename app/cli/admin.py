@@ -144,7 +144,7 @@ def backup(
 
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
-    from app.storage.open import open_storage  # noqa: PLC0415
+    from app.store.open import open_storage  # noqa: PLC0415
     from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
     from app.upkeep.backup_term import record_backup  # noqa: PLC0415
     from app.upkeep.place import check_used, record_command  # noqa: PLC0415
@@ -196,7 +196,7 @@ def restore(
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
 
-    from app.storage.store import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
+    from app.store.folder import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415
 
     settings = find_settings(data)
@@ -425,8 +425,8 @@ def get(
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
     from app.library.audit_log import record_readings  # noqa: PLC0415
     from app.library.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
-    from app.storage.open import open_storage  # noqa: PLC0415
-    from app.storage.store import borrow_recording  # noqa: PLC0415
+    from app.store.folder import borrow_recording  # noqa: PLC0415
+    from app.store.open import open_storage  # noqa: PLC0415
 
     if out.exists() and not (force and out.is_file()):
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
@@ -450,8 +450,8 @@ def get(
 
 def _copy_verified(source: Path, out: Path, sha256: str) -> None:
     """Copy a file whole or not at all, readable by its owner alone. Raises DiskFull or StoreDamaged."""
-    from app.storage.permissions import create_file  # noqa: PLC0415
-    from app.storage.store import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+    from app.store.folder import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+    from app.store.permissions import create_file  # noqa: PLC0415
 
     part, copied = out.with_name(f".{secrets.token_hex(8)}.part"), hashlib.sha256()
     try:
@@ -700,7 +700,7 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
     from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
     from app.access.logins import Logins  # noqa: PLC0415
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
-    from app.storage.permissions import make_folder  # noqa: PLC0415
+    from app.store.permissions import make_folder  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)

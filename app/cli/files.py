@@ -17,7 +17,7 @@ from app.errors import NO_RESULTS
 from app.report.figures import load_results
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
-from app.storage.store import write_durably
+from app.store.folder import write_durably
 from app.version import software_revision, software_version
 from fusion.errors import FusionError
 

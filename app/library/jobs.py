@@ -52,7 +52,7 @@ from app.library.versions import (
 )
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
-from app.storage.store import ResultFile, StoredRecording
+from app.store.folder import ResultFile, StoredRecording
 from fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}

@@ -25,8 +25,8 @@ from app.library.results import ResultReader
 from app.report.words.wording import find_nearest
 from app.request import Language, OnStage, PairRequest, ProfileRequest, ReportRequest
 from app.settings import Settings
-from app.storage.permissions import make_folder
-from app.storage.store import hash_file
+from app.store.folder import hash_file
+from app.store.permissions import make_folder
 from app.version import software_revision
 
 AT_ONCE = 2

@@ -46,7 +46,7 @@ from app.library.queries import (
 )
 from app.report.figures import load_results
 from app.request import ReportRequest, find_code
-from app.storage.store import Storage
+from app.store.folder import Storage
 from fusion.conventions import METHOD_VERSION
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "older", "cancelled"]

@@ -41,7 +41,7 @@ from app.library.queries import (
 )
 from app.library.side_files import increment_revision, writing_side_file
 from app.request import ReportRequest
-from app.storage.store import StoredRecording
+from app.store.folder import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
 

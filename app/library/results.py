@@ -16,7 +16,7 @@ from app.library.database.connect import one_request_at_a_time
 from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.request import ReportRequest
-from app.storage.store import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
+from app.store.folder import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
 
 _one_at_a_time = threading.Lock()
 

@@ -28,7 +28,7 @@ from app.library.database.tables import (
 )
 from app.library.job import TRANSITIONS, JobState
 from app.library.queries import PURGING
-from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
+from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releases, batches, batch_items)

@@ -16,7 +16,7 @@ from app.library.audit_log import record
 from app.library.database.tables import analyses, batch_items, batches, deliveries, webhooks
 from app.library.job import JobState
 from app.library.queries import RowStore, format_now, select_items
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 
 SECRET_OF_WEBHOOK = "webhook"  # noqa: S105 - what it is, for its encryption
 Event = Literal["analysis.finished", "batch.finished", "live.cue"]

@@ -41,9 +41,9 @@ from app.logs import start_logging
 from app.report.words.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.decoded import DecodedCache
-from app.storage.open import load_extra, open_storage
-from app.storage.store import TEMPORARY_S, KnownLogs, Storage, borrow_recording, borrow_result, check_folder
+from app.store.decoded import DecodedCache
+from app.store.folder import TEMPORARY_S, KnownLogs, Storage, borrow_recording, borrow_result, check_folder
+from app.store.open import load_extra, open_storage
 
 IDLE_S = 0.25
 RENEWAL_S = 1.0

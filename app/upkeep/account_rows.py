@@ -11,7 +11,7 @@ from app.errors import SecretUnreadable
 from app.library.database.tables import people, tokens, webhooks
 from app.library.webhooks import SECRET_OF_WEBHOOK
 from app.report.words.messages import describe_problem
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 
 logger = logging.getLogger(__name__)
 

@@ -5,8 +5,8 @@
     rows/<table>.jsonl       one row a line, all of one transaction; nothing of what goes on at the moment
                               (sessions, links, wrong tries, known browsers)
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
-    erasures.jsonl           the ledger of erasures (:mod:`app.storage.store`)
-    server.key               the secret of the server (:mod:`app.storage.server_secret`)
+    erasures.jsonl           the ledger of erasures (:mod:`app.store.folder`)
+    server.key               the secret of the server (:mod:`app.store.server_secret`)
 
 It may be encrypted as a whole to recipients (age, https://age-encryption.org). Whoever makes a backup needs
 no secret for that: a recipient (``age1...``) is public. The identity (``AGE-SECRET-KEY-1...``, in a file of
@@ -55,10 +55,7 @@ from app.library.database.tables import (
 from app.library.jobs import JobStore
 from app.library.recordings import drop_empty_batches
 from app.settings import Settings
-from app.storage.open import load_extra, open_storage
-from app.storage.permissions import FILE_MODE, create_file, make_folder
-from app.storage.server_secret import SECRET_FILE, ServerSecret
-from app.storage.store import (
+from app.store.folder import (
     COPY_BYTES,
     LEDGER_FILE,
     SIDE_SUFFIX,
@@ -73,6 +70,9 @@ from app.storage.store import (
     translate_folder_errors,
     write_durably,
 )
+from app.store.open import load_extra, open_storage
+from app.store.permissions import FILE_MODE, create_file, make_folder
+from app.store.server_secret import SECRET_FILE, ServerSecret
 from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.recover import catch_up, find_unknown
 from app.upkeep.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
-from app.storage.store import Storage
+from app.store.folder import Storage
 
 FILE = "backups.json"
 USUAL = timedelta(days=1)

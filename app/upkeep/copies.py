@@ -24,8 +24,8 @@ from app.library.database.tables import REVISION, recordings
 from app.library.queries import PURGING
 from app.library.recordings import delete_recording
 from app.settings import Settings
-from app.storage.permissions import create_file, make_folder
-from app.storage.store import sync_file, sync_folder, translate_disk_full
+from app.store.folder import sync_file, sync_folder, translate_disk_full
+from app.store.permissions import create_file, make_folder
 
 FOLDER = "copies"
 KEPT = 7

@@ -20,9 +20,9 @@ from app.library.database.connect import check_whole, connect, open_database, tr
 from app.library.jobs import JobStore
 from app.report.render.html import find_template_folder
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.permissions import make_folder
-from app.storage.server_secret import ServerSecret
+from app.store.open import open_storage
+from app.store.permissions import make_folder
+from app.store.server_secret import ServerSecret
 from app.upkeep.account_rows import find_unreadable
 from app.upkeep.place import is_used
 from app.upkeep.recover import find_strange, find_unknown

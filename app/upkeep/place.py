@@ -10,7 +10,7 @@ from app.library.audit_log import AT_MACHINE, Act, record
 from app.library.database.connect import connect, read_revision
 from app.library.database.tables import REVISION
 from app.settings import Settings
-from app.storage.open import open_storage
+from app.store.open import open_storage
 
 _KEPT = ("acromion.sqlite3", MARKER, "recordings")
 """What a folder that was ever used has one of."""

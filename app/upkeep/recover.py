@@ -37,8 +37,8 @@ from app.library.side_files import (
     replace_rows,
 )
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
+from app.store.folder import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
+from app.store.open import open_storage
 from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.upkeep.copies import restore_copy
 

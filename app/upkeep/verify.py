@@ -16,8 +16,8 @@ from app.library.job import JobState
 from app.library.queries import PURGING
 from app.library.side_files import decode_side_file
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
+from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
+from app.store.open import open_storage
 from app.upkeep.recover import find_strange
 
 RECHECKS, RECHECK_PAUSE_S = 10, 0.5

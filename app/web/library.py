@@ -34,7 +34,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest
 from app.request import SUBJECT_HINT, check_subject
 from app.services import Services, UsedServices
-from app.storage.store import COPY_BYTES, borrow_recording
+from app.store.folder import COPY_BYTES, borrow_recording
 from app.upkeep.backup_term import find_backup_term
 from app.web.recording.analysis import find_results
 from app.web.recording.day import say_whose

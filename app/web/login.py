@@ -37,7 +37,7 @@ from app.errors import (
 )
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
-from app.storage.open import load_extra
+from app.store.open import load_extra
 from app.web.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, find_base, first, take_secret
 
 router = APIRouter(include_in_schema=False)

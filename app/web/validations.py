@@ -19,7 +19,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_angle
 from app.report.words.wording import fill, find_nearest
 from app.services import UsedServices
-from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
+from app.store.day_file import OWN_CURVE, REFERENCE_CURVE
 from app.web.recording.day import DayClock, Piece, cut_curve, find_day
 from app.web.recording.page_one import CurveView
 from app.web.rendering import Page, UsedPage

@@ -20,8 +20,8 @@ from app.queue.worker import Bench, open_bench, run_next
 from app.request import ReportRequest
 from app.services import Services
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import Storage
+from app.store.folder import Storage
+from app.store.open import open_storage
 from app.upkeep import verify
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer

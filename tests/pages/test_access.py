@@ -20,7 +20,7 @@ from app.library.database.tables import sessions
 from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import StoredRecording
+from app.store.folder import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
 from tests.pages.test_everyone import LOOKS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer

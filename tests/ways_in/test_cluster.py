@@ -15,8 +15,8 @@ from app.library.jobs import JobStore
 from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import Storage
+from app.store.folder import Storage
+from app.store.open import open_storage
 from tests import ROOT
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

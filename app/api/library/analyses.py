@@ -47,8 +47,8 @@ from app.report.figures import load_results
 from app.report.words.wording import Language, find_nearest
 from app.request import Conclusion, Paper, ReportRequest, clean_file_name, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
-from app.storage.day_file import DAY_NAME
-from app.storage.store import StoredRecording
+from app.store.day_file import DAY_NAME
+from app.store.folder import StoredRecording
 
 # Waits: for the end of an analysis, and for a thread whose request was cancelled.
 

@@ -18,7 +18,7 @@ from app.report.export.columns import encode_summary, summarise_failure, summari
 from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
 from app.report.figures import load_results
 from app.services import Services, UsedLanguage, UsedServices
-from app.storage.store import is_result_whole
+from app.store.folder import is_result_whole
 
 RESULTS = "results.json"
 CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}

@@ -20,7 +20,7 @@ from app.library.job import Job
 from app.library.recordings import StoredRow
 from app.report.export.naming import Origin, format_file_name
 from app.services import Services
-from app.storage.store import borrow_recording, read_mark
+from app.store.folder import borrow_recording, read_mark
 
 # Parts of a file (RFC 9110, 14); a header that cannot be parsed is ignored.
 

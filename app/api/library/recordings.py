@@ -49,7 +49,7 @@ from app.errors import (
 from app.library.recordings import Description, Purged, StoredRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices
-from app.storage.store import StoredRecording, borrow_recording, seems_whole
+from app.store.folder import StoredRecording, borrow_recording, seems_whole
 from app.upkeep.backup_term import find_backup_term
 from app.upkeep.copies import renew_copies
 from fusion.diary import DiaryEntry, read_diary

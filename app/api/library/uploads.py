@@ -45,8 +45,8 @@ from app.library.claims import WayIn
 from app.library.recordings import PURGED, UploadRow
 from app.request import ReportRequest
 from app.services import Services, UsedServices, find_way_in
-from app.storage.incoming import GrowingFile, name_recording
-from app.storage.store import StoredRecording, Upload, read_recording, too_large
+from app.store.folder import StoredRecording, Upload, read_recording, too_large
+from app.store.incoming import GrowingFile, name_recording
 from fusion.errors import EmptyFile
 
 # Uploads in one request: bytes go from network to disk, and are acknowledged once they are durable.

@@ -20,7 +20,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from app.api.middleware.callers import find_origin
 from app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
-from app.storage.store import too_large
+from app.store.folder import too_large
 
 # A time limit for the header of each request; uvicorn itself waits for ever.
 

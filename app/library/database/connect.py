@@ -19,8 +19,8 @@ from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, 
 from app.library.audit_log import keep_audit_log
 from app.library.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings
-from app.storage.permissions import create_file, make_folder
-from app.storage.store import check_folder, translate_folder_errors
+from app.store.folder import check_folder, translate_folder_errors
+from app.store.permissions import create_file, make_folder
 
 READ_ONLY = {"acromion_read_only": True}
 _TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables

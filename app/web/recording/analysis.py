@@ -30,7 +30,7 @@ from app.report.words.subject import clean_paragraphs, clean_text
 from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
-from app.storage.store import StoredRecording, seems_whole
+from app.store.folder import StoredRecording, seems_whole
 from app.web.pairs import find_days_address, find_offers
 from app.web.recording.columns import find_offer
 from app.web.recording.day import DayClock, build_day, build_hours, find_day, list_axes

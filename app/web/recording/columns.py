@@ -16,7 +16,7 @@ from app.report.words.columns import format_columns
 from app.report.words.subject import clean_text, cut_text
 from app.request import write_profile
 from app.services import Services
-from app.storage.store import borrow_recording
+from app.store.folder import borrow_recording
 from app.web.rendering import Form, Page, UsedForm, UsedPage, first
 from app.web.views import build_problem, format_moment
 

@@ -24,7 +24,7 @@ from app.report.words.subject import MAX_TEXT
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services
-from app.storage.day_file import DAY_NAME, DayFile, open_day
+from app.store.day_file import DAY_NAME, DayFile, open_day
 from app.web.rendering import Form, Page, UsedForm, UsedPage, first, read_body
 from fusion.conventions import (
     ARM_AXES,

@@ -15,7 +15,7 @@ from app.report.model import Report
 from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
 from app.report.words.wording import Language, fill, load_wording
 from app.services import Services
-from app.storage.day_file import DayFile
+from app.store.day_file import DayFile
 from app.web.recording.day import DayClock, find_day
 from app.web.rendering import Page
 from fusion.conventions import MAIN_THRESHOLD_DEG

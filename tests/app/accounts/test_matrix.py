@@ -17,7 +17,7 @@ from app.library.recordings import Description
 from app.main import PAGES, ROUTES
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 from tests.app.accounts.conftest import House
 
 REFUSED = (401, 403)

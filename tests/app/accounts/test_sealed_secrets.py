@@ -14,7 +14,7 @@ from app.library.jobs import JobStore
 from app.library.webhooks import WebhookStore
 from app.main import create_app
 from app.settings import Settings
-from app.storage.server_secret import LENGTH_BYTES, ServerSecret
+from app.store.server_secret import LENGTH_BYTES, ServerSecret
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
 
 HERE = Caller("192.0.2.1", "")

@@ -20,7 +20,7 @@ from app.library.recordings import RecordingStore
 from app.queue.worker import Bench
 from app.request import ReportRequest
 from app.services import Services
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app.accounts.conftest import House
 from tests.app.conftest import AddJob, do_next, on_both_databases
 from tests.crash.program import write_digest

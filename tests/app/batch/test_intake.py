@@ -15,7 +15,7 @@ from app.library.job import Job
 from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from app.library.jobs import JobStore
 from app.queue.worker import run_next
 from app.request import clean_file_name
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, serving
 

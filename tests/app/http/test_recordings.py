@@ -17,7 +17,7 @@ from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
 from app.queue.worker import run_next
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, serving
 

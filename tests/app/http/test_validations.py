@@ -15,7 +15,7 @@ from app.library.batches import identify_study
 from app.library.jobs import JobStore
 from app.queue.worker import open_bench, run_next
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, serving

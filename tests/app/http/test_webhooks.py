@@ -26,7 +26,7 @@ from app.main import create_app
 from app.queue.worker import run_next
 from app.services import Services
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, services_of, serving
 from tests.loops import run_coroutine

@@ -18,7 +18,7 @@ from app.library.side_files import read_side_rows
 from app.main import create_app
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from app.web.views import draw_spark
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob

@@ -26,10 +26,10 @@ from app.library.webhooks import EVENTS, WebhookStore
 from app.main import create_app
 from app.services import Services
 from app.settings import Settings
-from app.storage.decoded import DecodedCache, hash_entry_key
-from app.storage.open import open_storage
-from app.storage.server_secret import ServerSecret
-from app.storage.store import Storage
+from app.store.decoded import DecodedCache, hash_entry_key
+from app.store.folder import Storage
+from app.store.open import open_storage
+from app.store.server_secret import ServerSecret
 from app.upkeep.backup import back_up, drill, restore
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups, services_of

@@ -14,7 +14,7 @@ from app.library.listing import HeadlineFigures, Library, LibraryFilter
 from app.library.recordings import RecordingStore, StoredRow
 from app.library.versions import identify_work
 from app.request import ReportRequest
-from app.storage.store import ResultFile
+from app.store.folder import ResultFile
 from fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob
 

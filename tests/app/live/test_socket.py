@@ -24,7 +24,7 @@ from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
 from app.main import create_app
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 from fusion.live import LiveElevation, replay_frames
 from fusion.live.cues import CueRule
 from fusion.recording import Recording

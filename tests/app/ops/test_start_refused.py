@@ -19,7 +19,7 @@ from app.library.database import connect as database_module
 from app.queue.worker import open_bench
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import StoredRecording
+from app.store.folder import StoredRecording
 from tests.postgres import PostgresServer
 
 Damage = Callable[[bytes], bytes]

@@ -24,7 +24,7 @@ from app.queue.cluster import install, revive_if_leading
 from app.queue.leader import REVIVAL, Leader
 from app.queue.worker import run_next
 from app.settings import Settings
-from app.storage.store import Storage, StoredRecording
+from app.store.folder import Storage, StoredRecording
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 from tests.loops import run_coroutine

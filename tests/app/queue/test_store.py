@@ -22,7 +22,7 @@ from app.library.listing import Library, Took
 from app.queue.worker import run_next
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import ResultFile, Storage
+from app.store.folder import ResultFile, Storage
 from app.web.views import estimate_left_s
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_databases

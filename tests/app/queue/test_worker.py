@@ -24,7 +24,7 @@ from app.queue import pool, worker
 from app.queue.worker import Lease, return_expired, run_next
 from app.request import Reference
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 

@@ -38,7 +38,7 @@ from app.report.figures import SUMMARY, find_unit
 from app.report.model import format_brief
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
-from app.storage.store import KnownLogs
+from app.store.folder import KnownLogs
 from fusion.diary import DiaryEntry
 from fusion.exposure import Interval
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject

@@ -24,7 +24,7 @@ from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.services import Services
 from app.settings import Settings
-from app.storage.store import (
+from app.store.folder import (
     VERIFIED_TERM_S,
     ResultFile,
     Storage,
@@ -460,7 +460,7 @@ def rot(folder: Storage) -> None:
 
 def test_a_verdict_spares_another_reading(folder: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
-    monkeypatch.setattr("app.storage.store.hash_file", lambda _: pytest.fail("read again"))
+    monkeypatch.setattr("app.store.folder.hash_file", lambda _: pytest.fail("read again"))
 
     assert read(folder) == b"whole"
 
@@ -476,7 +476,7 @@ def test_what_rots_is_found_when_the_verdict_is_an_hour_old(folder: Storage, clo
 
 def test_a_verdict_does_not_outlive_the_start(folder: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
-    monkeypatch.setattr("app.storage.store.hash_file", lambda _: "0" * 64)
+    monkeypatch.setattr("app.store.folder.hash_file", lambda _: "0" * 64)
 
     with pytest.raises(ResultDamaged):
         read(open_folder(folder.root))
@@ -540,7 +540,7 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
 
 
 def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.storage.store.MOST_VERIFIED", 2)
+    monkeypatch.setattr("app.store.folder.MOST_VERIFIED", 2)
     verdicts = VerifiedFiles()
 
     for name in ("a", "b", "c"):

@@ -19,7 +19,7 @@ from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
 from app.request import ReportRequest, clean_file_name
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.http.test_recordings import keep
 

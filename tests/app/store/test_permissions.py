@@ -10,8 +10,8 @@ import pytest
 from app.library.database.connect import open_database
 from app.library.jobs import JobStore
 from app.settings import Settings
-from app.storage.permissions import make_folder, restrict_permissions
-from app.storage.store import Storage
+from app.store.folder import Storage
+from app.store.permissions import make_folder, restrict_permissions
 
 
 @pytest.fixture(autouse=True)

@@ -5,14 +5,14 @@ from types import ModuleType
 
 from app.errors import NotInstalled
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 
 
 def open_storage(settings: Settings) -> Storage:
     """Open the folder or the bucket. Raises NotInstalled, StoreAway."""
     if not settings.object_store:
         return Storage(settings.data_dir)
-    bucket: Storage = load_extra("app.storage.bucket").open_bucket(settings)
+    bucket: Storage = load_extra("app.store.bucket").open_bucket(settings)
     return bucket
 
 

@@ -25,8 +25,7 @@ from obstore.store import S3Store
 
 from app.errors import StoreAway
 from app.settings import Settings
-from app.storage.permissions import create_file
-from app.storage.store import (
+from app.store.folder import (
     COPY_BYTES,
     Fetched,
     Mark,
@@ -41,6 +40,7 @@ from app.storage.store import (
     read_mark,
     translate_disk_full,
 )
+from app.store.permissions import create_file
 
 if TYPE_CHECKING:
     from obstore import ObjectMeta

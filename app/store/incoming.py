@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import IO
 
 from app.errors import TooMany
-from app.storage.permissions import create_file
-from app.storage.store import sync_folder, translate_disk_full
+from app.store.folder import sync_folder, translate_disk_full
+from app.store.permissions import create_file
 
 _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 

@@ -10,7 +10,7 @@
 
 The ledger is outside the database: ``restore``, ``recover`` and every start erase again what is in it.
 
-With many machines, recordings and results are objects in a bucket instead (:mod:`app.storage.bucket`), under
+With many machines, recordings and results are objects in a bucket instead (:mod:`app.store.bucket`), under
 the same names; the folder then only holds temporary files.
 
 The program makes every name on disk; a person's file name is never one. A file counts from the moment its row
@@ -51,10 +51,10 @@ from app.errors import (
     ResultDamaged,
     StoreDamaged,
 )
-from app.storage.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
+from app.store.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
 
 if TYPE_CHECKING:  # it needs numpy
-    from app.storage.decoded import DecodedCache
+    from app.store.decoded import DecodedCache
 
 if sys.platform != "win32":
     import fcntl
@@ -208,7 +208,7 @@ class FolderUpload(Upload):
 
 @dataclass(frozen=True, slots=True)
 class Storage:
-    """The store of recordings and results: a folder, or a bucket (:mod:`app.storage.bucket`).
+    """The store of recordings and results: a folder, or a bucket (:mod:`app.store.bucket`).
 
     :meth:`fetch` gives a file of this machine, which the caller releases. It verifies nothing: whatever is
     shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`. A name is that of a

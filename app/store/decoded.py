@@ -26,7 +26,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.storage.permissions import create_file, make_folder
+from app.store.permissions import create_file, make_folder
 from fusion.recording import QualityFlag, Recording, Segment, Span, Stated
 
 LONGEST_HEAD_BYTES = 16 << 20
