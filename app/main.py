@@ -20,9 +20,9 @@ from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import BaseRoute, Match
 
-from app.access.accounts import AccountStore
-from app.access.gate import Gate, read_or_create_secret
-from app.access.logins import Logins
+from app.accounts.accounts import AccountStore
+from app.accounts.gate import Gate, read_or_create_secret
+from app.accounts.logins import Logins
 from app.api import about, live, pairs, trust, validations, webhooks
 from app.api.housekeeping import keep_house, reconcile, write_side_files
 from app.api.library import analyses, batches, mappings, recordings, uploads

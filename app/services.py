@@ -12,7 +12,7 @@ from fastapi import Depends, Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 
-from app.access.subjects import Subject
+from app.accounts.subjects import Subject
 from app.analysis.inspecting import Inspector
 from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
 from app.library.batches import BatchStore

@@ -10,8 +10,8 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection
 
-from app.access.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
-from app.access.subjects import Permission, Subject
+from app.accounts.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
+from app.accounts.subjects import Permission, Subject
 from app.api.library.files import MEDIA_TYPES, respond_with_file
 from app.api.middleware.access import UsedSubject
 from app.api.middleware.callers import find_logins

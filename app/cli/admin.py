@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from app.access.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
+from app.accounts.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
 from app.cli.output import Exit, print_problem
 from app.errors import (
     UNREADABLE_PATH,
@@ -31,8 +31,8 @@ from app.report.words.wording import Language, fill, load_wording
 from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
-    from app.access.accounts import Person
-    from app.access.logins import Logins
+    from app.accounts.accounts import Person
+    from app.accounts.logins import Logins
     from app.library.jobs import JobStore
     from app.settings import Settings
     from app.upkeep.account_rows import Accounts
@@ -596,7 +596,7 @@ def add(
     lang: LanguageOption = "en",
 ) -> None:
     """Add a person; prints an address that works once, by which a password is chosen."""
-    from app.access.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang, may_begin=True) as desk:
         roles = frozenset(_read_known("--role", role, ROLES))
@@ -643,7 +643,7 @@ def reset(
     lang: LanguageOption = "en",
 ) -> None:
     """Let a person choose a new password by an address that works once, for an hour."""
-    from app.access.logins import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.logins import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang) as desk:
         person = desk.find(login)
@@ -676,7 +676,7 @@ def token(
     lang: LanguageOption = "en",
 ) -> None:
     """Make a token for a person's scripts; it is printed once."""
-    from app.access.accounts import format_end, make_token  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.accounts import format_end, make_token  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang) as desk:
         person, chosen = desk.find(login), _read_known("--may", permission, PERMISSIONS)
@@ -697,8 +697,8 @@ def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
 @contextmanager
 def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
     """Open the accounts; ``may_begin``: the installation may begin with them."""
-    from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
-    from app.access.logins import Logins  # noqa: PLC0415
+    from app.accounts.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.logins import Logins  # noqa: PLC0415
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.store.permissions import make_folder  # noqa: PLC0415
     from app.upkeep.place import check_used  # noqa: PLC0415

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sqlalchemy import Engine, select
 
-from app.access.logins import name_second_factor
+from app.accounts.logins import name_second_factor
 from app.errors import SecretUnreadable
 from app.library.database.tables import people, tokens, webhooks
 from app.library.webhooks import SECRET_OF_WEBHOOK

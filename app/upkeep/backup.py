@@ -37,7 +37,7 @@ from typing import IO, Any
 
 from sqlalchemy import Connection, func, insert, select, text
 
-from app.access.accounts import AccountStore
+from app.accounts.accounts import AccountStore
 from app.errors import BackupRefused, NotEmpty, WrongSchema
 from app.library.audit_log import AT_MACHINE, record
 from app.library.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision

@@ -14,7 +14,7 @@ from pathlib import Path
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.access.accounts import AccountStore
+from app.accounts.accounts import AccountStore
 from app.errors import AccountsLost, AppError
 from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.library.jobs import JobStore

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.access.accounts import MARKER
+from app.accounts.accounts import MARKER
 from app.errors import NotHere
 from app.library.audit_log import AT_MACHINE, Act, record
 from app.library.database.connect import connect, read_revision

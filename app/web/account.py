@@ -10,9 +10,9 @@ from typing import cast
 
 from fastapi import APIRouter, Response
 
-from app.access.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
-from app.access.logins import FORGOTTEN_S, INVITED_S
-from app.access.subjects import ROLES, Permission, Role, Subject, collect_permissions
+from app.accounts.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
+from app.accounts.logins import FORGOTTEN_S, INVITED_S
+from app.accounts.subjects import ROLES, Permission, Role, Subject, collect_permissions
 from app.api.middleware.callers import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
 from app.api.trust import UsedPerson, find_names
 from app.errors import (

@@ -6,9 +6,9 @@ from urllib.parse import urlencode, urlsplit
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
-from app.access.accounts import LONGEST_S
-from app.access.logins import BROWSER_TERM_S, EXTRA, Entered
-from app.access.subjects import Permission, Subject
+from app.accounts.accounts import LONGEST_S
+from app.accounts.logins import BROWSER_TERM_S, EXTRA, Entered
+from app.accounts.subjects import Permission, Subject
 from app.api.middleware.access import UsedSubject, find_gate
 from app.api.middleware.callers import (
     BROWSER_COOKIE,
@@ -333,7 +333,7 @@ def _open_provider(page: Page) -> Any:
     settings = find_settings(page.request)
     if not settings.oidc_issuer or not find_gate(page.request).needs_accounts:
         raise ProviderRefused(said="none")
-    return load_extra("app.access.provider", EXTRA).Provider(page.logins.accounts, settings)
+    return load_extra("app.accounts.provider", EXTRA).Provider(page.logins.accounts, settings)
 
 
 def _find_back(page: Page) -> str:

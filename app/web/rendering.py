@@ -21,8 +21,8 @@ from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
-from app.access.logins import Logins
-from app.access.subjects import Permission, Subject
+from app.accounts.logins import Logins
+from app.accounts.subjects import Permission, Subject
 from app.api.middleware.callers import find_logins
 from app.api.middleware.guard import REPORT_POLICY
 from app.api.middleware.problems import drop_secrets

@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import HTMLResponse
 
-from app.access.subjects import Subject
+from app.accounts.subjects import Subject
 from app.api.middleware.access import UsedSubject
 from app.api.trust import MOST_LINES, AuditQuery, build_question, find_names
 from app.errors import BadParameter

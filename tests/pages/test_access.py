@@ -12,10 +12,10 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 from sqlalchemy import update
 
-from app.access.accounts import AccountStore
-from app.access.logins import Logins
-from app.access.passwords import hash_password
-from app.access.subjects import Role
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Logins
+from app.accounts.passwords import hash_password
+from app.accounts.subjects import Role
 from app.library.database.tables import sessions
 from app.library.jobs import JobStore
 from app.request import ReportRequest

@@ -17,9 +17,9 @@ from starlette.responses import Response
 from starlette.status import WS_1008_POLICY_VIOLATION
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.access.gate import Credentials, Gate
-from app.access.routes import ROUTE_TABLE
-from app.access.subjects import Permission, Subject
+from app.accounts.gate import Credentials, Gate
+from app.accounts.routes import ROUTE_TABLE
+from app.accounts.subjects import Permission, Subject
 from app.api.middleware.callers import SESSION_COOKIE, name_cookie
 from app.api.middleware.problems import holds_token
 from app.api.middleware.readings import KnownReadings, Recorder, RefusedLines

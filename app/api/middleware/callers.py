@@ -5,7 +5,7 @@ from typing import cast
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
-from app.access.logins import Caller, Logins
+from app.accounts.logins import Caller, Logins
 from app.settings import Settings
 
 SESSION_COOKIE = "acromion_session"

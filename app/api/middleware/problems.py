@@ -15,7 +15,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
-from app.access.accounts import TOKEN_PREFIX
+from app.accounts.accounts import TOKEN_PREFIX
 from app.api.middleware.guard import check_json
 from app.errors import (
     AppError,

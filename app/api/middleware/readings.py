@@ -1,7 +1,7 @@
 """Lines of the audit log for what changes no row: readings, downloads, exports and refusals.
 
 One place for every route: a response is held back until its line is written. The route declares its act
-beside its permission (:mod:`app.access.routes`). The ids of its path say what was read; if it has none, the
+beside its permission (:mod:`app.accounts.routes`). The ids of its path say what was read; if it has none, the
 analyses whose files were read.
 
 - A **download** is ``file.exported``, or any other answer that leaves the server as an attachment. Each is a
@@ -24,9 +24,9 @@ from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.types import Message, Scope, Send
 
-from app.access.logins import find_network
-from app.access.routes import ROUTE_TABLE, Route
-from app.access.subjects import Subject
+from app.accounts.logins import find_network
+from app.accounts.routes import ROUTE_TABLE, Route
+from app.accounts.subjects import Subject
 from app.api.middleware.callers import find_address
 from app.library.audit_log import NOBODY, Act, begin_touching, record_alone, record_readings, record_refusal
 from app.services import SUBJECT, find_services

@@ -263,7 +263,7 @@ aggregate_members = Table(
     Column("block_id", ForeignKey("aggregate_blocks.id"), nullable=False, index=True),
 )
 
-# Who may sign in (app/access), and with what.
+# Who may sign in (app/accounts), and with what.
 people = Table(
     "people",
     metadata,

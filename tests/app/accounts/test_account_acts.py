@@ -8,8 +8,8 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Caller, Logins
 from app.cli import app
 from app.errors import LoginRefused
 from app.library.audit_log import AuditLine, AuditQuestion, acting, find_lines

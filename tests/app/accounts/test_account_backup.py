@@ -9,8 +9,8 @@ import pytest
 from sqlalchemy import Table, func, select
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import Caller, Logins
 from app.cli import app
 from app.errors import AccountsLost, LoginRefused, NotEmpty
 from app.library.database.tables import known_browsers, sessions, tickets, tries

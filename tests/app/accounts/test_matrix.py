@@ -11,8 +11,8 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from app.access.routes import ROUTE_TABLE
-from app.access.subjects import ROLES, Permission, collect_permissions
+from app.accounts.routes import ROUTE_TABLE
+from app.accounts.subjects import ROLES, Permission, collect_permissions
 from app.library.recordings import Description
 from app.main import PAGES, ROUTES
 from app.request import ReportRequest

@@ -6,8 +6,8 @@ import re
 import pytest
 from httpx2 import Response
 
-from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Caller, Logins
 from app.library.audit_log import AuditQuestion, find_lines
 from app.library.jobs import JobStore
 from app.settings import Settings

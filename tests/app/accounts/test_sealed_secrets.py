@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select, update
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import Caller, Logins
 from app.errors import SecondFactorLost, SecretUnreadable
 from app.library.database.tables import people, tickets
 from app.library.jobs import JobStore

@@ -6,9 +6,9 @@ import json
 import pytest
 from sqlalchemy import select
 
-from app.access import passwords
-from app.access.accounts import AccountStore, Person
-from app.access.logins import TOLD_S, Budget, Caller, Logins, limit_address
+from app.accounts import passwords
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import TOLD_S, Budget, Caller, Logins, limit_address
 from app.errors import LoginRefused, TooManyTries
 from app.library.audit_log import NOBODY, acting
 from app.library.database.tables import audit_log, tries

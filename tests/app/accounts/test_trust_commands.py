@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import Caller, Logins
 from app.cli import app
 from app.library.audit_log import AuditQuestion, find_lines
 from app.library.jobs import JobStore

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from app.access.accounts import AccountStore
+from app.accounts.accounts import AccountStore
 from app.api.housekeeping import grow_older
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingFilter, RecordingStore

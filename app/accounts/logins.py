@@ -19,8 +19,15 @@ from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, update
 
-from app.access.accounts import AccountDatabase, AccountStore, Person, hash_secret, normalise_login, note_act
-from app.access.subjects import Subject
+from app.accounts.accounts import (
+    AccountDatabase,
+    AccountStore,
+    Person,
+    hash_secret,
+    normalise_login,
+    note_act,
+)
+from app.accounts.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
 from app.library.audit_log import NOBODY, find_actor
 from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
@@ -555,7 +562,7 @@ class Logins:
 
     @property
     def _passwords(self) -> ModuleType:
-        return load_extra("app.access.passwords", EXTRA)
+        return load_extra("app.accounts.passwords", EXTRA)
 
     def _take(self, found: Credentials | None, caller: Caller, of_person: Budget) -> Sequence[Budget]:
         """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, cast
 
-from app.access.subjects import Permission
+from app.accounts.subjects import Permission
 from app.library.audit_log import ACTS, Act
 
 Needed = Permission | Literal["public"]

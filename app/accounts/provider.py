@@ -21,9 +21,9 @@ from joserfc import jwt
 from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import TicketStore
-from app.access.subjects import ROLES
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import TicketStore
+from app.accounts.subjects import ROLES
 from app.errors import NotPermitted, ProviderRefused, TicketSpent
 from app.settings import Settings
 

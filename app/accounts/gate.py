@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.access.accounts import AccountStore
-from app.access.subjects import AT_THE_MACHINE, MACHINE, Subject
+from app.accounts.accounts import AccountStore
+from app.accounts.subjects import AT_THE_MACHINE, MACHINE, Subject
 from app.store.permissions import FILE_MODE, create_file
 
 FILE_NAME = "secret"

@@ -28,7 +28,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import IntegrityError
 
-from app.access.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
+from app.accounts.subjects import PERMISSIONS, ROLES, Permission, Role, Subject, collect_permissions
 from app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
 from app.library.audit_log import NOBODY, Act, record
 from app.library.database.connect import READ_ONLY, connect, find_database_file, lock_tables, open_database
