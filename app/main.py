@@ -53,6 +53,8 @@ from app.library.database.connect import (
 )
 from app.library.jobs import JobStore
 from app.logs import start_logging
+from app.ops.account_rows import warn_of_lost_secret
+from app.ops.recover import check_known
 from app.queue.pool import WorkerPool
 from app.services import Services, find_services
 from app.settings import Settings
@@ -66,8 +68,6 @@ from app.start_checks import (
 from app.store.folder import FolderLock, check_folder
 from app.store.open import load_extra, open_storage
 from app.store.permissions import make_folder, restrict_permissions
-from app.upkeep.account_rows import warn_of_lost_secret
-from app.upkeep.recover import check_known
 from app.version import software_version
 from app.web import account, help, library, login, rendering  # noqa: A004
 from app.web import live as live_page

@@ -17,11 +17,8 @@ from app.api.library.uploads import drop_upload
 from app.api.webhooks import WebhookSender
 from app.errors import AppError, LockedUpload, OnHold
 from app.library.audit_log import Act, AuditQuestion, find_lines, record_alone
-from app.queue.leader import Leader
-from app.services import Services
-from app.store.folder import TEMPORARY_S
-from app.upkeep.copies import keep_daily_copy, renew_copies
-from app.upkeep.recover import (
+from app.ops.copies import keep_daily_copy, renew_copies
+from app.ops.recover import (
     catch_up,
     check_known,
     drop_stale_attempts,
@@ -30,6 +27,9 @@ from app.upkeep.recover import (
     quarantine_strange,
     restore_known,
 )
+from app.queue.leader import Leader
+from app.services import Services
+from app.store.folder import TEMPORARY_S
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200

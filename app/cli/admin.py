@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from app.accounts.accounts import Person
     from app.accounts.logins import Logins
     from app.library.jobs import JobStore
+    from app.ops.account_rows import Accounts
+    from app.ops.backup import Copied
+    from app.ops.verify import Fault
     from app.settings import Settings
-    from app.upkeep.account_rows import Accounts
-    from app.upkeep.backup import Copied
-    from app.upkeep.verify import Fault
 
 T = TypeVar("T", bound=str)
 
@@ -144,10 +144,10 @@ def backup(
 
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
+    from app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
+    from app.ops.backup_term import record_backup  # noqa: PLC0415
+    from app.ops.place import check_used, record_command  # noqa: PLC0415
     from app.store.open import open_storage  # noqa: PLC0415
-    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
-    from app.upkeep.backup_term import record_backup  # noqa: PLC0415
-    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
@@ -172,7 +172,7 @@ def drill(
     lang: LanguageOption = "en",
 ) -> None:
     """Restore a backup into a temporary folder, read every byte, and say how long it took."""
-    from app.upkeep.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
     with _refusals_printed(lang, find_settings(None)):
         done = try_out(file, identity)
@@ -196,8 +196,8 @@ def restore(
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
 
+    from app.ops.backup import restore as put_back  # noqa: PLC0415
     from app.store.folder import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import restore as put_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(lang, settings):
@@ -223,9 +223,9 @@ def verify(
 ) -> None:
     """Read every file and compare it with what its row says."""
     from app.library.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import find_damage  # noqa: PLC0415
-    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
-    from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
+    from app.ops.backup import find_damage  # noqa: PLC0415
+    from app.ops.place import check_used, record_command  # noqa: PLC0415
+    from app.ops.verify import find_faults, find_kept  # noqa: PLC0415
 
     with _refusals_printed(lang, find_settings(data)):
         settings = find_settings(data)
@@ -247,8 +247,8 @@ def verify(
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
+    from app.ops.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(lang, settings):
@@ -269,7 +269,7 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Look for what would keep Acromion from working well on this machine, and say the cure."""
-    from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.doctor import examine  # noqa: PLC0415  the database, and only this needs it
 
     words, healthy = load_wording(lang, "operations"), True
     for found in examine(find_settings(data)):
@@ -528,7 +528,7 @@ def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, 
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
     from app.library.database.connect import find_database_file  # noqa: PLC0415
     from app.library.jobs import JobStore  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.ops.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(language, settings), acting(AT_MACHINE):
@@ -700,8 +700,8 @@ def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Itera
     from app.accounts.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
     from app.accounts.logins import Logins  # noqa: PLC0415
     from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.ops.place import check_used  # noqa: PLC0415
     from app.store.permissions import make_folder  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(lang, settings):

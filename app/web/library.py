@@ -27,6 +27,7 @@ from app.library.job import Job, JobState
 from app.library.jobs import JobFilter
 from app.library.listing import Entry, Library
 from app.library.recordings import HOLD_REASONS, RecordingFilter
+from app.ops.backup_term import find_backup_term
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
 from app.report.export.naming import make_safe_name
@@ -35,7 +36,6 @@ from app.report.words.wording import Language, fill, find_nearest
 from app.request import SUBJECT_HINT, check_subject
 from app.services import Services, UsedServices
 from app.store.folder import COPY_BYTES, borrow_recording
-from app.upkeep.backup_term import find_backup_term
 from app.web.recording.analysis import find_results
 from app.web.recording.day import say_whose
 from app.web.rendering import Form, Page, UsedForm, UsedPage, first, read_body

@@ -15,6 +15,7 @@ from app.analysis.attempt import MakeReport
 from app.library.job import Job
 from app.library.jobs import JobStore
 from app.main import configure_server, create_app
+from app.ops import verify
 from app.queue import worker
 from app.queue.worker import Bench, open_bench, run_next
 from app.request import ReportRequest
@@ -22,7 +23,6 @@ from app.services import Services
 from app.settings import Settings
 from app.store.folder import Storage
 from app.store.open import open_storage
-from app.upkeep import verify
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

@@ -47,11 +47,11 @@ from app.errors import (
     StoreDamaged,
 )
 from app.library.recordings import Description, Purged, StoredRow
+from app.ops.backup_term import find_backup_term
+from app.ops.copies import renew_copies
 from app.request import ReportRequest
 from app.services import Services, UsedServices
 from app.store.folder import StoredRecording, borrow_recording, seems_whole
-from app.upkeep.backup_term import find_backup_term
-from app.upkeep.copies import renew_copies
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])

@@ -13,10 +13,10 @@ from app.analysis.attempt import load_and_make_report
 from app.cli import app
 from app.library.batches import identify_study
 from app.library.jobs import JobStore
+from app.ops.recover import Unknown, find_unknown
 from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from app.store.folder import Storage
-from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, serving
 

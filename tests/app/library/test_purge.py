@@ -24,13 +24,13 @@ from app.library.recordings import RecordingStore
 from app.library.side_files import SideWriter
 from app.library.webhooks import EVENTS, WebhookStore
 from app.main import create_app
+from app.ops.backup import back_up, drill, restore
 from app.services import Services
 from app.settings import Settings
 from app.store.decoded import DecodedCache, hash_entry_key
 from app.store.folder import Storage
 from app.store.open import open_storage
 from app.store.server_secret import ServerSecret
-from app.upkeep.backup import back_up, drill, restore
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups, services_of
 from tests.factories import hold

@@ -16,10 +16,10 @@ from app.errors import UnknownRecordings
 from app.library.database.connect import connect
 from app.library.jobs import JobStore
 from app.library.side_files import decode_side_file
+from app.ops.recover import read_side_file
 from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from app.store.folder import Storage, format_side_file_name, read_recording
-from app.upkeep.recover import read_side_file
 from tests.app import stand_ins
 from tests.app.conftest import on_both_set_ups, serving
 from tests.app.ops.conftest import Acromion, lose_sqlite

@@ -21,11 +21,11 @@ from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.library.recordings import Description, RecordingStore, UploadStore
 from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
+from app.ops.recover import catch_up
 from app.queue.worker import run_next
 from app.settings import Settings
 from app.store.folder import Fetched, FolderLock, Storage
 from app.store.server_secret import ServerSecret
-from app.upkeep.recover import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 from tests.app.ops.conftest import Acromion

@@ -15,10 +15,10 @@ from app.library.database.tables import analyses, recordings, result_files
 from app.library.job import JobState
 from app.library.queries import PURGING
 from app.library.side_files import decode_side_file
+from app.ops.recover import find_strange
 from app.settings import Settings
 from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
 from app.store.open import open_storage
-from app.upkeep.recover import find_strange
 
 RECHECKS, RECHECK_PAUSE_S = 10, 0.5
 """How often, and after what pause, a side file that differs is compared again."""

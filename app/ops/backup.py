@@ -54,6 +54,9 @@ from app.library.database.tables import (
 )
 from app.library.jobs import JobStore
 from app.library.recordings import drop_empty_batches
+from app.ops.account_rows import NO_ACCOUNTS, Accounts, find_accounts
+from app.ops.recover import catch_up, find_unknown
+from app.ops.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
 from app.settings import Settings
 from app.store.folder import (
     COPY_BYTES,
@@ -73,9 +76,6 @@ from app.store.folder import (
 from app.store.open import load_extra, open_storage
 from app.store.permissions import FILE_MODE, create_file, make_folder
 from app.store.server_secret import SECRET_FILE, ServerSecret
-from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
-from app.upkeep.recover import catch_up, find_unknown
-from app.upkeep.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
 from app.version import software_version
 
 FORMAT = "acromion.backup/3"

@@ -36,11 +36,11 @@ from app.library.side_files import (
     quarantine_side_file,
     replace_rows,
 )
+from app.ops.account_rows import NO_ACCOUNTS, Accounts, find_accounts
+from app.ops.copies import restore_copy
 from app.settings import Settings
 from app.store.folder import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
 from app.store.open import open_storage
-from app.upkeep.account_rows import NO_ACCOUNTS, Accounts, find_accounts
-from app.upkeep.copies import restore_copy
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
 """The name in quarantine of a side file that was newer than its row

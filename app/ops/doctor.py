@@ -18,15 +18,15 @@ from app.accounts.accounts import AccountStore
 from app.errors import AccountsLost, AppError
 from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.library.jobs import JobStore
+from app.ops.account_rows import find_unreadable
+from app.ops.place import is_used
+from app.ops.recover import find_strange, find_unknown
+from app.ops.verify import find_faults, find_kept, measure_kept
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.store.open import open_storage
 from app.store.permissions import make_folder
 from app.store.server_secret import ServerSecret
-from app.upkeep.account_rows import find_unreadable
-from app.upkeep.place import is_used
-from app.upkeep.recover import find_strange, find_unknown
-from app.upkeep.verify import find_faults, find_kept, measure_kept
 from fusion.numba_kernels import make_kernel_folder
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
