@@ -11,8 +11,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
-from app.api.housekeeping import write_side_files
-from app.api.middleware.readings import (
+from app.http.api.housekeeping import write_side_files
+from app.http.middleware.readings import (
     MOST_COUNTED,
     MOST_KNOWN,
     MOST_LINES,

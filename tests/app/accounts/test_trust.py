@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
-from app.api.housekeeping import grow_older, write_side_files
+from app.http.api.housekeeping import grow_older, write_side_files
 from app.library.audit_log import AuditQuestion, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers

@@ -7,7 +7,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.analysis.pair import make_profile
-from app.api.pairs import ProfileView
+from app.http.api.pairs import ProfileView
 from app.library.batches import identify_study
 from app.queue.worker import open_bench, run_next
 from app.request import ProfileRequest

@@ -10,7 +10,7 @@ from starlette.testclient import TestClient
 
 from app.analysis.attempt import Attempt, load_and_make_report, make_now
 from app.analysis.pair import make_report_of_two
-from app.api.pairs import ChangeView, PairView
+from app.http.api.pairs import ChangeView, PairView
 from app.library import kept_pairs as pairs
 from app.main import create_app
 from app.queue.worker import open_bench, run_next

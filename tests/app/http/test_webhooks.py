@@ -18,9 +18,9 @@ import anyio
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api import housekeeping
-from app.api.webhooks import WebhookSender, check_address, is_public, send_message
 from app.errors import ForeignWebhook
+from app.http.api import housekeeping
+from app.http.api.webhooks import WebhookSender, check_address, is_public, send_message
 from app.library.webhooks import Delivery
 from app.main import create_app
 from app.queue.worker import run_next

@@ -9,6 +9,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from app.errors import BadParameter, StaleVersion
+from app.http.pages.recording.analysis import describe_draft, read_conclusion
 from app.library import versions
 from app.library.database.tables import audit_log
 from app.library.job import Job
@@ -19,7 +20,6 @@ from app.report.analysis.report import build_report
 from app.report.export.results import build_results, identify_report
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ConclusionDraft, ReportRequest
-from app.web.recording.analysis import describe_draft, read_conclusion
 from fusion.conventions import METHOD_VERSION
 from fusion.diary import DiaryEntry
 from fusion.settings import DEFAULT_SETTINGS

@@ -8,6 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
+from app.http.pages.views import draw_spark
 from app.library.batches import identify_study
 from app.library.database.tables import saved_views
 from app.library.job import Job, JobState
@@ -19,7 +20,6 @@ from app.main import create_app
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
 from app.store.folder import Storage
-from app.web.views import draw_spark
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next

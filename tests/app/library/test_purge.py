@@ -15,8 +15,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from typer.testing import CliRunner
 
-from app.api.housekeeping import grow_older
 from app.cli import app
+from app.http.api.housekeeping import grow_older
 from app.library.database.tables import metadata
 from app.library.job import JobState
 from app.library.jobs import JobStore

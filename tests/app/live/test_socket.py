@@ -15,7 +15,7 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
+from app.http.api.live import LIVE_FOLDER, _find_limiter, find_hub
 from app.library.database.tables import audit_log, deliveries, recordings
 from app.library.jobs import JobStore
 from app.live.ports import SerialPort, begin_files
@@ -317,7 +317,7 @@ def test_a_message_that_is_no_message_ends_the_connection_not_the_session(
 def test_a_message_that_is_too_long_in_coming_ends_the_connection(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.api.live.FIRST_LIMIT_S", 0.05)
+    monkeypatch.setattr("app.http.api.live.FIRST_LIMIT_S", 0.05)
     with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
         assert socket.receive_json()["code"] == "E-PARAMETER"
 
@@ -394,7 +394,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(fresh: Settings, t
 def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Board]:
     """A board on a serial port; it writes 1,500 rows once its port is open, which drops earlier ones."""
     made, opening = Board(tmp_path), SerialPort.__init__
-    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(made.path),))
+    monkeypatch.setattr("app.http.api.live.find_serial_ports", lambda: (str(made.path),))
     writing: list[threading.Thread] = []
 
     def open_and_write(port: SerialPort, name: str, baud: int = 115_200) -> None:

@@ -13,7 +13,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.accounts.accounts import AccountStore
-from app.api.housekeeping import grow_older
+from app.http.api.housekeeping import grow_older
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingFilter, RecordingStore
 from app.main import create_app

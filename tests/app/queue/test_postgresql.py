@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
-from app.api.library.analyses import run_to_end
+from app.http.api.library.analyses import run_to_end
 from app.library.database.connect import lock_tables, one_request_at_a_time, open_database
 from app.library.database.tables import analyses, recordings
 from app.library.job import Job, JobState

@@ -13,6 +13,7 @@ from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
+from app.http.pages.views import estimate_left_s
 from app.library.audit_log import acting
 from app.library.claims import WayIn
 from app.library.database.tables import analyses, recordings
@@ -23,7 +24,6 @@ from app.queue.worker import run_next
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import ResultFile, Storage
-from app.web.views import estimate_left_s
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_databases
 from tests.app.stand_ins import write_report

@@ -18,8 +18,8 @@ from fastapi.testclient import TestClient
 from starlette.types import Message
 
 from app.analysis.attempt import MakeReport
-from app.api.library.files import serve_file
 from app.errors import NotHere, ResultDamaged
+from app.http.api.library.files import serve_file
 from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.services import Services

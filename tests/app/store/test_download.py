@@ -11,8 +11,8 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from app.api.library.files import format_disposition
 from app.cli import app
+from app.http.api.library.files import format_disposition
 from app.library.audit_log import AuditLine, AuditQuestion, find_lines
 from app.library.job import Job
 from app.library.jobs import JobStore
