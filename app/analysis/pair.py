@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.errors import AppError, CannotPair, CannotProfile
-from app.report.days.document import describe_profile, encode_day_table, encode_overlay_table
-from app.report.days.people import MeasuredDay, Stage, group_days
-from app.report.days.report import build_days
 from app.report.findings import Kept
 from app.report.model import Report, Table
 from app.report.pairs import (
@@ -31,6 +28,9 @@ from app.report.pairs import (
     refuse_no_comparison,
 )
 from app.report.render.write import read_kept, write_report
+from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
+from app.report.several.people import MeasuredDay, Stage, group_days
+from app.report.several.report import build_days
 from app.request import PairRequest, ProfileRequest
 from fusion.angle_files.elevation_parquet import read_elevation
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
@@ -204,7 +204,7 @@ def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) ->
     ``overlay.csv`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
 
     Raises CannotProfile if a folder holds no finished analysis, or the analyses are no days to be set
-    together (:func:`app.report.days.people.group_days`).
+    together (:func:`app.report.several.people.group_days`).
     """
     days = []
     for rank, folder in enumerate(folders):

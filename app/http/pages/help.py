@@ -27,7 +27,6 @@ from app.http.pages.recording.page_one import PageOne
 from app.http.pages.rendering import UsedPage, lay_way_of_query
 from app.http.pages.views import build_answer
 from app.intake import Intake
-from app.report.analysis.report import build_report
 from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
 from app.report.charts.svg import NARROW, WIDE
@@ -35,6 +34,7 @@ from app.report.export.results import decode_results
 from app.report.figures import load_results
 from app.report.model import Report, format_brief
 from app.report.render.html import find_template_folder, render_html
+from app.report.single.report import build_report
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
 from app.report.words.numbers import Clock, format_duration, format_number, format_percent, percent_sign
 from app.report.words.wording import Language, Words, fill, find_other_language, load_wording

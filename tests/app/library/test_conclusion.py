@@ -16,8 +16,8 @@ from app.library.job import Job
 from app.library.jobs import JobStore
 from app.library.listing import HeadlineFigures
 from app.library.side_files import read_side_rows
-from app.report.analysis.report import build_report
 from app.report.export.results import build_results, identify_report
+from app.report.single.report import build_report
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ConclusionDraft, ReportRequest
 from fusion.conventions import METHOD_VERSION

@@ -20,7 +20,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.analysis.run import make_report
-from app.report.analysis.report import build_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
 from app.report.export.columns import (
     PERIOD_COLUMNS,
@@ -36,6 +35,7 @@ from app.report.export.naming import Origin, format_file_name, format_report_nam
 from app.report.export.results import encode_results
 from app.report.figures import SUMMARY, find_unit
 from app.report.model import format_brief
+from app.report.single.report import build_report
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
 from app.store.folder import KnownLogs

@@ -9,11 +9,11 @@ from app.errors import NoSuchFile
 from app.http.pages.recording.day import DayClock, find_day
 from app.http.pages.rendering import Page
 from app.library.job import Job
-from app.report.analysis.report import build_report
 from app.report.charts.day import WORST_WINDOW_S, build_timeline
 from app.report.export.results import decode_results
 from app.report.findings import Findings
 from app.report.model import Report
+from app.report.single.report import build_report
 from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
 from app.report.words.wording import Language, fill, load_wording
 from app.services import Services

@@ -8,8 +8,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import accumulate
 
-from app.report.analysis.context import Context
-from app.report.analysis.tables import build_measures
 from app.report.bibliography import format_bibliography
 from app.report.charts.bars import build_parts, is_drawable
 from app.report.charts.day import format_reason
@@ -17,6 +15,8 @@ from app.report.charts.distribution import build_spread
 from app.report.export.results import SCHEMA
 from app.report.findings import CalibrationFacts, Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
+from app.report.single.context import Context
+from app.report.single.tables import build_measures
 from app.report.words.columns import format_columns
 from app.report.words.messages import describe_flag
 from app.report.words.numbers import (

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 
-from app.report.analysis.chapters import choose_ranges, format_pose_caution, format_quality
-from app.report.analysis.context import Context
 from app.report.charts.day import WORST_WINDOW_S, Block, build_day
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
 from app.report.model import Drawing, Profile, Table, Tile
+from app.report.single.chapters import choose_ranges, format_pose_caution, format_quality
+from app.report.single.context import Context
 from app.report.words.numbers import (
     NONE,
     format_duration,

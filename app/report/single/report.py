@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from app.report.analysis.chapters import (
+from app.report.charts.bars import build_bar
+from app.report.charts.day import WORST_WINDOW_S
+from app.report.findings import Findings
+from app.report.model import Note, Pair, Report
+from app.report.single.chapters import (
     build_sections,
     build_verdict,
     choose_ranges,
@@ -14,12 +18,8 @@ from app.report.analysis.chapters import (
     format_pose_state,
     format_walking_note,
 )
-from app.report.analysis.context import Context
-from app.report.analysis.profile import build_profile
-from app.report.charts.bars import build_bar
-from app.report.charts.day import WORST_WINDOW_S
-from app.report.findings import Findings
-from app.report.model import Note, Pair, Report
+from app.report.single.context import Context
+from app.report.single.profile import build_profile
 from app.report.words.numbers import (
     NARROW,
     Clock,

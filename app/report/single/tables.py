@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.analysis.context import Context
 from app.report.figures import (
     CYCLES,
     ENTRIES,
@@ -19,6 +18,7 @@ from app.report.figures import (
     format_figure_range,
 )
 from app.report.model import Table
+from app.report.single.context import Context
 from app.report.words.numbers import (
     NONE,
     format_angle,

@@ -8,10 +8,10 @@ from math import inf
 from statistics import fmean
 from typing import Any
 
-from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.export.csv import encode_table
 from app.report.figures import round_all
 from app.report.pairs import describe_source, name_method
+from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from fusion.comparison import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
 from fusion.conventions import FEWEST_PEOPLE
 from fusion.days import (

@@ -11,11 +11,11 @@ from math import ceil
 from app.report.charts import svg
 from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, Overlay, draw_overlays
 from app.report.charts.svg import NARROW, Plot, Span
-from app.report.days.document import MAIN, follow_days
-from app.report.days.people import ArmDays
 from app.report.figures import format_figure
 from app.report.model import Chart
 from app.report.pairs import format_points
+from app.report.several.document import MAIN, follow_days
+from app.report.several.people import ArmDays
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
 from fusion.days.overlay import PERCENTS, QUARTER_S, ClockBand, find_first_quarter

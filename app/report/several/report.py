@@ -1,6 +1,6 @@
 """The report of several days, for people: of one person, of both arms, of a group, before and after.
 
-Pure. Its figures are those of :mod:`app.report.days.document`; each is defined in docs/profile.md.
+Pure. Its figures are those of :mod:`app.report.several.document`; each is defined in docs/profile.md.
 """
 
 from __future__ import annotations
@@ -8,20 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from app.report.analysis.chapters import format_pose_caution
-from app.report.days.charts import FigureRow, build_overlays, build_rows, build_visits
-from app.report.days.document import (
-    FIGURES,
-    MAIN,
-    describe_arm,
-    describe_profile,
-    find_group_pose,
-    follow_days,
-    list_changes,
-    list_groups,
-    tell_days,
-)
-from app.report.days.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
 from app.report.figures import format_figure, format_figure_range
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
@@ -32,6 +18,20 @@ from app.report.pairs import (
     load_pair_words,
     name_method,
 )
+from app.report.several.charts import FigureRow, build_overlays, build_rows, build_visits
+from app.report.several.document import (
+    FIGURES,
+    MAIN,
+    describe_arm,
+    describe_profile,
+    find_group_pose,
+    follow_days,
+    list_changes,
+    list_groups,
+    tell_days,
+)
+from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
+from app.report.single.chapters import format_pose_caution
 from app.report.words.numbers import (
     NONE,
     Clock,
