@@ -25,7 +25,7 @@ settings.load_profile("untimed")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-# The servers of the tests ask for no secret; those of tests/app/access ask as every server does.
+# The servers of the tests ask for no secret; those of tests/app/accounts ask as every server does.
 os.environ["ACROMION_NO_SECRET"] = "1"
 
 SHARED_DATA = ROOT.parent / "shared" / "data"

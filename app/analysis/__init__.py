@@ -1,1 +1,1 @@
-"""The roads from stored files to results, taken by page, API and command line alike."""
+"""From stored files to results: one pipeline for page, API and command line."""

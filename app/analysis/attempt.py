@@ -115,7 +115,7 @@ Outcome = Finished | Refused | Died | Stopped | Unstarted
 def load_and_make_report(
     log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
 ) -> None:
-    """Make a report by the one road; the science is loaded only here, in the child process."""
+    """Make a report; the science is loaded only here, in the child process."""
     if request.reference is not None:
         importlib.import_module("app.analysis.validate").make_validation(
             log, request, out, on_stage, has_curves=known.cache is not None
@@ -127,7 +127,7 @@ def load_and_make_report(
 def load_and_render_again(
     finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
-    """Take the short road: from the finished analysis in a folder to its report in another language."""
+    """Set the report of a finished analysis in another language, without analysing again."""
     importlib.import_module("app.analysis.run").make_report_again(finished, request, out, on_stage)
 
 

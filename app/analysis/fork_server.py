@@ -20,7 +20,7 @@ from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-ROADS = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect")
+MODULES = ("app.analysis.attempt", "app.analysis.run", "app.analysis.inspect")
 
 
 def load() -> None:
@@ -32,7 +32,7 @@ def load() -> None:
     """
     gc.disable()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small; threads wait busily
-    for name in ROADS:
+    for name in MODULES:
         importlib.import_module(name)
     importlib.import_module("fusion.numba_kernels").make_ready()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""The road of an inspection: what a file is, without analysing it."""
+"""Inspect a file: what it is, without analysing it."""
 
 import json
 from dataclasses import asdict

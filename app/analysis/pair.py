@@ -1,4 +1,4 @@
-"""The road from finished analyses to a report of several: of two (both arms, or two days), or of many days.
+"""From finished analyses to a report of several: of two (both arms, or two days), or of many days.
 
 It starts from the folders that finished analyses leave; nothing is fused again. Page, API and command line
 all take it.

@@ -1,6 +1,6 @@
 """The kernels are compiled once after an installation: beside the first analysis, and people are told.
 
-The fork server starts a process that compiles from the end of the road (:mod:`fusion.prepare`), while the
+The fork server starts a process that compiles from the end of an analysis (:mod:`fusion.prepare`), while the
 first analysis compiles what it comes to. Until both have met, every stage is told as "preparing".
 """
 

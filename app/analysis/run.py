@@ -1,4 +1,4 @@
-"""The one road from a stored file to a report, taken by page, API and command line alike."""
+"""From a stored file to a report: the one pipeline of page, API and command line."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

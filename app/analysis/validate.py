@@ -1,4 +1,4 @@
-"""The road of a validation: from a recording and a reference to how far they agree."""
+"""From a recording and a reference to how far they agree."""
 
 import json
 import re

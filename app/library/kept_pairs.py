@@ -46,8 +46,8 @@ def load_and_make_pair(
     _on_stage: OnStage,
 ) -> None:
     """Make a report of several in the child process, from the folders of finished analyses."""
-    road = importlib.import_module("app.analysis.pair")
-    make = road.make_profile if isinstance(asked, ProfileRequest) else road.make_report_of_two
+    pair = importlib.import_module("app.analysis.pair")
+    make = pair.make_profile if isinstance(asked, ProfileRequest) else pair.make_report_of_two
     make(sources, asked, out)
 
 

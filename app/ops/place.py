@@ -1,4 +1,4 @@
-"""The place that a command of upkeep works on: whether it holds anything, and a line in its audit log."""
+"""The place that a command of operations works on: whether it holds anything, and a line in its audit log."""
 
 from contextlib import suppress
 

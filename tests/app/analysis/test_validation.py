@@ -1,4 +1,4 @@
-"""A recording beside its reference, through the one road and the command."""
+"""A recording beside its reference, through the pipeline and the command."""
 
 import csv
 import json

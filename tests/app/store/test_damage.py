@@ -555,7 +555,7 @@ def test_only_the_store_itself_and_its_upkeep_fetch_without_comparing() -> None:
         path.relative_to(app).as_posix() for path in app.rglob("*.py") if ".fetch(" in path.read_text("utf-8")
     }
 
-    assert callers <= {"storage/store.py", "upkeep/backup.py"}
+    assert callers <= {"store/folder.py", "ops/backup.py"}
 
 
 def test_no_copy_of_health_data_stays_in_a_browser(client: TestClient, finish: Finish) -> None:
