@@ -1,8 +1,8 @@
 """The leader: the one of several processes that does the work they share.
 
-Of the web servers it does the housekeeping (terms, webhooks): with three that all count time, a term of thirty days
-would pass in ten. Of the workers it puts back what dead ones held: where each reads the rows of all, their
-number goes with the square of the workers.
+Of the web servers it does the housekeeping (terms, webhooks): with three that all count time, a term of
+thirty days would pass in ten. Of the workers it puts back what dead ones held: where each reads the rows of
+all, their number goes with the square of the workers.
 """
 
 from contextlib import suppress
