@@ -178,7 +178,7 @@ def test_no_page_names_another_host(shared: TestClient) -> None:
 
 def test_every_word_of_the_page_is_used() -> None:
     folder = Path(app.http.pages.__path__[0])
-    sources = [*folder.rglob("*.py"), *(folder.parents[1] / "templates" / "web").rglob("*.html")]
+    sources = [*folder.rglob("*.py"), *(folder.parents[2] / "templates" / "web").rglob("*.html")]
     code = "".join(path.read_text() for path in sources)
     wording = Path(app.report.words.wording.__file__).parent / "en.toml"
     built = (

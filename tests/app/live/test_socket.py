@@ -463,7 +463,7 @@ def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
 def test_boards_that_are_silent_hold_up_no_other_request(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 3.0)
+    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 600.0)
     silent = 45  # more than the threads that answer requests
     with ExitStack() as sockets:
         for _ in range(silent):
@@ -473,6 +473,7 @@ def test_boards_that_are_silent_hold_up_no_other_request(
         client.get("/healthz")
 
         assert count_starting(client) == silent
+        monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.0)
 
 
 def count_starting(client: TestClient) -> int:
