@@ -20,9 +20,9 @@ from typing import BinaryIO
 from app.errors import AppError
 from app.formats import ENDINGS
 from app.library.claims import WayIn
-from app.library.job import Job
 from app.library.jobs import JobStore
 from app.library.results import find_or_add
+from app.library.rows import Job
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
 from app.store.folder import COPY_BYTES, Storage, StoredRecording

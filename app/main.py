@@ -60,7 +60,7 @@ from app.library.database.connect import (
 )
 from app.library.jobs import JobStore
 from app.logs import start_logging
-from app.ops.account_rows import warn_of_lost_secret
+from app.ops.place import warn_of_lost_secret
 from app.ops.recover import check_known
 from app.queue.pool import WorkerPool
 from app.services import Services, find_services
@@ -72,8 +72,7 @@ from app.start_checks import (
     check_host_names,
     check_passwords,
 )
-from app.store.folder import FolderLock, check_folder
-from app.store.open import load_extra, open_storage
+from app.store.folder import FolderLock, check_folder, load_extra, open_storage
 from app.store.permissions import make_folder, restrict_permissions
 from app.version import software_version
 from fusion.errors import FusionError
@@ -324,7 +323,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
-        proxy_headers=False,  # middleware/callers.py reads what a proxy says, only from the one that is set
+        proxy_headers=False,  # middleware/guard.py reads what a proxy says, only from the one that is set
         access_log=False,
         log_config=None,
     )

@@ -30,9 +30,8 @@ from app.library.webhooks import WebhookStore
 from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
 from app.store.decoded import DecodedCache
-from app.store.folder import Storage, check_folder
+from app.store.folder import Storage, check_folder, open_storage
 from app.store.incoming import Incoming, UploadSlots
-from app.store.open import open_storage
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub

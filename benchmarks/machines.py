@@ -17,7 +17,7 @@ from app.library.jobs import JobStore
 from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings
-from app.store.open import open_storage
+from app.store.folder import open_storage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 

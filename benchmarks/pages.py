@@ -19,8 +19,8 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from sqlalchemy import insert
 
 from app.library.database.tables import analyses, answers, recordings
-from app.library.job import JobState
 from app.library.jobs import JobStore
+from app.library.rows import JobState
 from app.request import ReportRequest
 from app.settings import Settings
 from fusion.simulation import write_recordings

@@ -33,7 +33,7 @@ from app.errors import AccountsLost, BadParameter, NotHere, NotPermitted
 from app.library.audit_log import NOBODY, Act, record
 from app.library.database.connect import READ_ONLY, connect, find_database_file, lock_tables, open_database
 from app.library.database.tables import known_browsers, people, sessions, tickets, tokens
-from app.library.queries import format_now
+from app.library.rows import format_now
 from app.settings import Settings
 from app.store.folder import sync_folder
 from app.store.permissions import create_file, make_folder

@@ -31,9 +31,9 @@ from app.accounts.subjects import Subject
 from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
 from app.library.audit_log import NOBODY, find_actor
 from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
-from app.library.queries import format_now
+from app.library.rows import format_now
 from app.settings import Settings
-from app.store.open import load_extra
+from app.store.folder import load_extra
 
 # What people log in with.
 

@@ -4,7 +4,7 @@ A line names method, path and act. ``public`` routes are answered to anybody. A 
 ``WS``. If the trash keeps nothing, deleting asks for ``erase`` as well
 (:func:`app.http.api.library.recordings.check_may_erase`).
 
-The act is what the answer leaves in the audit log (:mod:`app.http.middleware.readings`). ``rows``: what the
+The act is what the answer leaves in the audit log (:mod:`app.http.middleware.access`). ``rows``: what the
 route changes leaves its lines in its own transaction. ``none``: nothing about a person is read.
 
 ``again``: a person gives the password again first: to erase; to take out the data of many recordings; to open

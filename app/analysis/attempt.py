@@ -20,8 +20,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from app.analysis.fork_server import NotStarted, choose_context, end_child, start_child
-from app.analysis.preparing import tell_preparing
+from app.analysis.fork_server import NotStarted, choose_context, end_child, start_child, tell_preparing
 from app.errors import (
     AppError,
     AttemptFailed,

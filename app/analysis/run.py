@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.reading import read_logs
+from app.analysis.inspect import read_logs
 from app.errors import BadParameter
-from app.report.export.all import export_results
+from app.report.export.all import encode_elevation_csv, export_results, write_elevation
 from app.report.export.fhir import encode_fhir
-from app.report.export.parquet import encode_elevation_csv, write_elevation
 from app.report.export.results import encode_results, identify_report
 from app.report.figures import load_results
-from app.report.findings import take_findings
+from app.report.findings import ReportSubject, Software, take_findings
 from app.report.render.write import RESULTS, rewrite_reports, write_reports
-from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
 from app.store.day_file import DAY_NAME, DaySegment, write_day
 from app.store.folder import NOTHING_KNOWN, KnownLogs, sync_file

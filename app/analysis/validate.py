@@ -9,26 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.reading import read_file
+from app.analysis.inspect import read_file
 from app.analysis.run import ignore_stage
 from app.errors import UNREADABLE_PATH, StudyProblem
 from app.formats import ENDINGS
-from app.report.agreement.export import (
+from app.report.agreement import (
     ComparisonSubject,
+    build_agreement,
+    build_study,
     build_study_json,
     build_validation,
     encode_agreement_table,
     encode_cells,
     encode_entries,
     encode_validation,
+    tell_agreement,
 )
-from app.report.agreement.report import build_agreement, build_study
-from app.report.agreement.tables import tell_agreement
-from app.report.export.csv import Row, encode_table
+from app.report.export.tables import Row, encode_table
+from app.report.findings import Software
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.messages import describe_problem
-from app.report.words.subject import Software
 from app.request import OnStage, Reference, ReportRequest
 from app.store.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
 from app.version import software_revision, software_version

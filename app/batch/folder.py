@@ -22,8 +22,8 @@ from pathlib import Path
 
 from app.errors import UnusableList
 from app.formats import ENDINGS
-from app.report.export.csv import Origin
-from app.report.words.subject import clean_text
+from app.report.export.tables import Origin
+from app.report.words.wording import clean_text
 from app.request import Language, Paper, ReportRequest, clean_file_name, compare_settings
 from app.store.folder import hash_file
 from app.version import identify_engine

@@ -11,19 +11,24 @@ from typing import Any
 
 from app.batch.run import Outcome
 from app.batch.settings_file import encode_settings
-from app.report.export.columns import (
+from app.report.bibliography import write_methods
+from app.report.export.crate import CRATE, Made, encode_crate
+from app.report.export.tables import (
     DATAPACKAGE,
+    FRENCH_EXCEL,
     PERIOD_COLUMNS,
+    PROBLEM_COLUMNS,
+    Row,
+    add_origin,
     describe_periods,
     encode_datapackage,
     encode_dictionary,
     encode_summary,
+    encode_table,
     summarise_failure,
     summarise_results,
+    tell_problem,
 )
-from app.report.export.crate import CRATE, Made, encode_crate
-from app.report.export.csv import FRENCH_EXCEL, PROBLEM_COLUMNS, Row, add_origin, encode_table, tell_problem
-from app.report.export.methods_text import write_methods
 from app.report.export.xlsx import encode_workbook
 from app.report.figures import load_results
 from app.report.render.html import IndexRow, render_index

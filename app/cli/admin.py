@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from app.accounts.accounts import Person
     from app.accounts.logins import Logins
     from app.library.jobs import JobStore
-    from app.ops.account_rows import Accounts
     from app.ops.backup import Copied
+    from app.ops.place import Accounts
     from app.ops.verify import Fault
     from app.settings import Settings
 
@@ -145,9 +145,9 @@ def backup(
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
     from app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
-    from app.ops.backup_term import record_backup  # noqa: PLC0415
+    from app.ops.copies import record_backup  # noqa: PLC0415
     from app.ops.place import check_used, record_command  # noqa: PLC0415
-    from app.store.open import open_storage  # noqa: PLC0415
+    from app.store.folder import open_storage  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
@@ -425,8 +425,7 @@ def get(
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
     from app.library.audit_log import record_readings  # noqa: PLC0415
     from app.library.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
-    from app.store.folder import borrow_recording  # noqa: PLC0415
-    from app.store.open import open_storage  # noqa: PLC0415
+    from app.store.folder import borrow_recording, open_storage  # noqa: PLC0415
 
     if out.exists() and not (force and out.is_file()):
         raise typer.BadParameter(f"{out} exists", param_hint="-o")

@@ -19,7 +19,7 @@ from typing import Literal, get_args
 from sqlalchemy import Connection, Engine, event, insert, select
 
 from app.library.database.tables import analyses, audit_log
-from app.library.queries import select_running_s
+from app.library.rows import select_running_s
 from app.logs import AUDIT_LOGGER
 
 Act = Literal[

@@ -20,8 +20,7 @@ from app.library.audit_log import record
 from app.library.claims import enqueue_all, replace_job
 from app.library.database.connect import lock_tables
 from app.library.database.tables import analyses, answers, batch_items, batches
-from app.library.job import Job, JobState
-from app.library.queries import RowStore, format_now, read_job, select_items, select_jobs
+from app.library.rows import Job, JobState, RowStore, format_now, read_job, select_items, select_jobs
 from app.library.side_files import increment_revision_of
 from app.library.versions import KEYS_PER_QUERY, build_item, identify_work, select_same
 from app.library.webhooks import announce_batch

@@ -16,8 +16,7 @@ from sqlalchemy.sql.functions import FunctionElement
 
 from app.library.audit_log import Act, find_actor, record
 from app.library.database.tables import analyses, batch_items, recordings
-from app.library.job import TRANSITIONS, JobState, find_sources
-from app.library.queries import format_now, select_running_s
+from app.library.rows import TRANSITIONS, JobState, find_sources, format_now, select_running_s
 from app.library.side_files import increment_revision, increment_revision_of
 from app.library.versions import identify_work, number_versions
 from app.library.webhooks import announce_end

@@ -29,9 +29,8 @@ from app.library.database.tables import (
     retention,
     running_time,
 )
-from app.library.job import TRANSITIONS, Job, JobState
-from app.library.queries import STORED, RowStore, format_now, select_running_s
 from app.library.recordings import drop_empty_batches
+from app.library.rows import STORED, TRANSITIONS, Job, JobState, RowStore, format_now, select_running_s
 from app.library.side_files import increment_revision
 from app.request import find_code
 from fusion.conventions import FEWEST_PEOPLE

@@ -36,10 +36,19 @@ from app.library.claims import (
 )
 from app.library.database.connect import READ_ONLY, lock_tables, open_database
 from app.library.database.tables import analyses, answers, facts, recordings, result_files
-from app.library.job import Job, JobState
 from app.library.listing import HeadlineFigures, adopt_description
-from app.library.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
 from app.library.recordings import Description, Place, check_not_purged, insert_recording, select_page
+from app.library.rows import (
+    PURGING,
+    TRASHED,
+    Job,
+    JobState,
+    RowStore,
+    format_now,
+    read_job,
+    select_items,
+    select_jobs,
+)
 from app.library.side_files import increment_revision
 from app.library.versions import (
     COUNTED,

@@ -20,8 +20,8 @@ from typing import Any, Generic, TypeVar
 
 from app.analysis.attempt import Attempt, choose_limits, make_now
 from app.errors import RecordedProblem
-from app.library.job import Job
 from app.library.results import ResultReader
+from app.library.rows import Job
 from app.report.words.wording import find_nearest
 from app.request import Language, OnStage, PairRequest, ProfileRequest, ReportRequest
 from app.settings import Settings

@@ -31,9 +31,10 @@ from sqlalchemy import (
 
 from app.library.audit_log import record
 from app.library.database.tables import analyses, answers, recordings, saved_views
-from app.library.job import Job, JobState
-from app.library.queries import (
+from app.library.rows import (
     STORED,
+    Job,
+    JobState,
     RowStore,
     format_diary,
     format_now,

@@ -12,8 +12,7 @@ from app.errors import NotHere
 from app.library.audit_log import record
 from app.library.claims import enqueue_all, replace_job
 from app.library.database.tables import analyses, column_mappings
-from app.library.job import Job, JobState
-from app.library.queries import RowStore, format_now, read_job, select_jobs
+from app.library.rows import Job, JobState, RowStore, format_now, read_job, select_jobs
 from app.library.versions import build_item, identify_work, renumber
 from app.request import ReportRequest
 

@@ -25,12 +25,12 @@ from app.library.database.tables import (
     result_files,
     uploads,
 )
-from app.library.job import JobState
-from app.library.queries import (
+from app.library.rows import (
     PURGING,
     REFERENCE,
     STORED,
     TRASHED,
+    JobState,
     RowStore,
     format_diary,
     format_now,

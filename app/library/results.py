@@ -13,8 +13,8 @@ from app.errors import NoSuchFile, NotFinished, ResultDamaged, StoreDamaged
 from app.library.audit_log import touch
 from app.library.claims import WayIn
 from app.library.database.connect import one_request_at_a_time
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
+from app.library.rows import Job, JobState
 from app.request import ReportRequest
 from app.store.folder import ResultFile, Storage, borrow_result, is_recording_whole, is_result_whole
 

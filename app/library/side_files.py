@@ -15,7 +15,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, delete, insert, select, update
 
-from app.library.database.dump import reset_row
+from app.library.database.connect import reset_row
 from app.library.database.tables import (
     REVISION,
     analyses,
@@ -26,8 +26,7 @@ from app.library.database.tables import (
     releases,
     result_files,
 )
-from app.library.job import TRANSITIONS, JobState
-from app.library.queries import PURGING
+from app.library.rows import PURGING, TRANSITIONS, JobState
 from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
 
 SCHEMA = "acromion.recording/1"

@@ -17,8 +17,7 @@ from typing import Any
 from sqlalchemy import Connection, Select, select, update
 
 from app.library.database.tables import analyses, recordings
-from app.library.job import Job, JobState
-from app.library.queries import select_jobs
+from app.library.rows import Job, JobState, select_jobs
 from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
 from app.version import identify_engine
 

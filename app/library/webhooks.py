@@ -14,8 +14,7 @@ from sqlalchemy import Connection, delete, func, insert, select, update
 from app.errors import NotHere
 from app.library.audit_log import record
 from app.library.database.tables import analyses, batch_items, batches, deliveries, webhooks
-from app.library.job import JobState
-from app.library.queries import RowStore, format_now, select_items
+from app.library.rows import JobState, RowStore, format_now, select_items
 from app.store.server_secret import ServerSecret
 
 SECRET_OF_WEBHOOK = "webhook"  # noqa: S105 - what it is, for its encryption

@@ -40,8 +40,18 @@ from sqlalchemy import Connection, func, insert, select, text
 from app.accounts.accounts import AccountStore
 from app.errors import BackupRefused, NotEmpty, WrongSchema
 from app.library.audit_log import AT_MACHINE, record
-from app.library.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
-from app.library.database.dump import LEFT_OUT, read_rows, reflect_tables, reset_row, write_all_rows
+from app.library.database.connect import (
+    LEFT_OUT,
+    READ_ONLY,
+    connect,
+    create_tables,
+    lock_tables,
+    read_revision,
+    read_rows,
+    reflect_tables,
+    reset_row,
+    write_all_rows,
+)
 from app.library.database.tables import (
     REVISION,
     analyses,
@@ -54,7 +64,7 @@ from app.library.database.tables import (
 )
 from app.library.jobs import JobStore
 from app.library.recordings import drop_empty_batches
-from app.ops.account_rows import NO_ACCOUNTS, Accounts, find_accounts
+from app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
 from app.ops.recover import catch_up, find_unknown
 from app.ops.verify import Fault, KeptFile, find_faults, find_files, find_kept, read_promised
 from app.settings import Settings
@@ -66,6 +76,8 @@ from app.store.folder import (
     Storage,
     format_ledger,
     hash_file,
+    load_extra,
+    open_storage,
     parse_ledger,
     sync_file,
     sync_folder,
@@ -73,7 +85,6 @@ from app.store.folder import (
     translate_folder_errors,
     write_durably,
 )
-from app.store.open import load_extra, open_storage
 from app.store.permissions import FILE_MODE, create_file, make_folder
 from app.store.server_secret import SECRET_FILE, ServerSecret
 from app.version import software_version

@@ -1,4 +1,4 @@
-"""The daily copies of the rows: a lost database costs at most a day, even without a backup.
+"""The daily copies of the rows, and how long backups last: a lost database costs at most a day.
 
     data_dir/copies/rows-<number>.sqlite3     a whole database without sessions; the newest seven are kept
 
@@ -6,25 +6,27 @@ SQLite only: PostgreSQL has its own dump. ``acromion recover`` begins with the n
 up to date from the side files. A purge deletes every copy, and writes a new one without what is purged.
 """
 
+import json
 import logging
 import shutil
 import sqlite3
 import threading
 import time
 from contextlib import closing
-from datetime import UTC, datetime
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Literal
 
 from sqlalchemy import Engine, create_engine, select
 from sqlalchemy.exc import DBAPIError
 
-from app.library.database.connect import find_database_file, read_revision
-from app.library.database.dump import LEFT_OUT
+from app.library.database.connect import LEFT_OUT, find_database_file, read_revision
 from app.library.database.tables import REVISION, recordings
-from app.library.queries import PURGING
 from app.library.recordings import delete_recording
+from app.library.rows import PURGING
 from app.settings import Settings
-from app.store.folder import sync_file, sync_folder, translate_disk_full
+from app.store.folder import Storage, sync_file, sync_folder, translate_disk_full
 from app.store.permissions import create_file, make_folder
 
 FOLDER = "copies"
@@ -156,3 +158,58 @@ def _leave_out(part: Path) -> None:
             connection.commit()
     finally:
         engine.dispose()
+
+
+# How long backups can contain what was erased: ``acromion backup`` writes it down.
+#
+#     backups.json    {"keep": number of kept backups or null, "made_at": [when the kept ones were made]}
+#
+# Once a backup was made that nothing deletes (without ``--keep``), ``keep`` stays null: delete that backup,
+# then this file.
+
+
+BACKUPS_FILE = "backups.json"
+USUAL = timedelta(days=1)
+"""The time between two backups where only one is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class BackupTerm:
+    """``none``: no backup is known; ``until`` a date; ``unlimited``: nothing deletes old backups."""
+
+    kind: Literal["none", "until", "unlimited"]
+    until: str = ""
+
+
+def record_backup(storage: Storage, keep: int | None) -> None:
+    """Write down that a backup was made."""
+    kept, before = _read(storage)
+    if before and kept is None:
+        keep = None
+    made_at = [*before, datetime.now(UTC).isoformat(timespec="seconds")]
+    content = {"keep": keep, "made_at": made_at[-(keep or 2) :]}
+    storage.write_small(BACKUPS_FILE, json.dumps(content).encode())
+
+
+def find_backup_term(storage: Storage) -> BackupTerm:
+    """Return until when backups can contain what is erased now.
+
+    The newest backup is deleted once as many further ones are made as are kept: at the pace of those known,
+    and at most one a day.
+    """
+    keep, made_at = _read(storage)
+    if not made_at:
+        return BackupTerm("none")
+    if keep is None:
+        return BackupTerm("unlimited")
+    moments = [datetime.fromisoformat(one) for one in made_at]
+    between = (moments[-1] - moments[0]) / (len(moments) - 1) if len(moments) > 1 else USUAL
+    return BackupTerm("until", (moments[-1] + keep * max(between, USUAL) + USUAL).date().isoformat())
+
+
+def _read(storage: Storage) -> tuple[int | None, list[str]]:
+    try:
+        found = json.loads(storage.read_small(BACKUPS_FILE) or b"{}")
+        return found.get("keep"), list(found.get("made_at", ()))
+    except ValueError:
+        return None, []

@@ -18,13 +18,12 @@ from app.accounts.accounts import AccountStore
 from app.errors import AccountsLost, AppError
 from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.library.jobs import JobStore
-from app.ops.account_rows import find_unreadable
-from app.ops.place import is_used
+from app.ops.place import find_unreadable, is_used
 from app.ops.recover import find_strange, find_unknown
 from app.ops.verify import find_faults, find_kept, measure_kept
 from app.report.render.html import find_template_folder
 from app.settings import Settings
-from app.store.open import open_storage
+from app.store.folder import open_storage
 from app.store.permissions import make_folder
 from app.store.server_secret import ServerSecret
 from fusion.numba_kernels import make_kernel_folder

@@ -22,10 +22,9 @@ from app.errors import UnknownRecordings, WrongSchema
 from app.library.audit_log import AT_MACHINE, record
 from app.library.database.connect import bring_up_to_date
 from app.library.database.tables import REVISION, known_browsers, sessions, tickets
-from app.library.job import JobState
 from app.library.jobs import JobStore
 from app.library.listing import SavedViews
-from app.library.queries import TRASHED
+from app.library.rows import TRASHED, JobState
 from app.library.side_files import (
     Rows,
     SideFile,
@@ -36,11 +35,17 @@ from app.library.side_files import (
     quarantine_side_file,
     replace_rows,
 )
-from app.ops.account_rows import NO_ACCOUNTS, Accounts, find_accounts
 from app.ops.copies import restore_copy
+from app.ops.place import NO_ACCOUNTS, Accounts, find_accounts
 from app.settings import Settings
-from app.store.folder import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
-from app.store.open import open_storage
+from app.store.folder import (
+    SIDE_SUFFIX,
+    FolderLock,
+    Storage,
+    format_recording_name,
+    format_side_file_name,
+    open_storage,
+)
 
 OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
 """The name in quarantine of a side file that was newer than its row

@@ -12,13 +12,11 @@ from sqlalchemy import Connection, func, select
 from app.errors import BackupRefused
 from app.library.database.connect import READ_ONLY, connect
 from app.library.database.tables import analyses, recordings, result_files
-from app.library.job import JobState
-from app.library.queries import PURGING
+from app.library.rows import PURGING, JobState
 from app.library.side_files import decode_side_file
 from app.ops.recover import find_strange
 from app.settings import Settings
-from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name
-from app.store.open import open_storage
+from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name, open_storage
 
 RECHECKS, RECHECK_PAUSE_S = 10, 0.5
 """How often, and after what pause, a side file that differs is compared again."""

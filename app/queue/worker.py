@@ -33,17 +33,25 @@ from app.analysis.attempt import (
 from app.analysis.fork_server import warm_up_and_wait
 from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
 from app.library.database.connect import translate_database_errors, translate_start_errors
-from app.library.job import Job
 from app.library.jobs import JobStore
 from app.library.listing import HeadlineFigures, read_headline
 from app.library.mappings import MappingStore
+from app.library.rows import Job
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.decoded import DecodedCache
-from app.store.folder import TEMPORARY_S, KnownLogs, Storage, borrow_recording, borrow_result, check_folder
-from app.store.open import load_extra, open_storage
+from app.store.folder import (
+    TEMPORARY_S,
+    KnownLogs,
+    Storage,
+    borrow_recording,
+    borrow_result,
+    check_folder,
+    load_extra,
+    open_storage,
+)
 
 IDLE_S = 0.25
 RENEWAL_S = 1.0

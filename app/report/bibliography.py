@@ -1,11 +1,19 @@
-"""What the report cites, with the identifiers that lead there; the same in every language.
+"""What the report and a paper cite, with the identifiers that lead there, and the methods of a run as a text.
 
 Context for a reader: nothing here is turned into a figure about one person.
 """
 
 import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from app.report.words.numbers import HOUR_S, format_number, format_rate
+from app.report.words.wording import Language, Words, fill, load_wording
+from app.version import software_revision, software_version
+from fusion.devices import find_device_name as find_known_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,3 +32,62 @@ BIBLIOGRAPHY = tuple(Publication(cited, **told) for cited, told in _LISTED.items
 def format_bibliography() -> tuple[str, ...]:
     """Return every publication in full, in the order of the first author."""
     return tuple(f"{one.full} doi:{one.doi}" if one.doi else one.full for one in BIBLIOGRAPHY)
+
+
+# ------------------------------------------------------------------ the methods of a run
+
+Results = Mapping[str, Any]
+
+
+def write_methods(every: Sequence[Results], failed: int, language: Language) -> bytes:
+    """Write the paragraph as Markdown; ``every`` holds the results.json of each recording analysed."""
+    words = load_wording(language, "run")["methods"]
+    if not every:
+        return f"# {words['title']}\n\n{words['nothing']}\n".encode()
+    poses, axes = (_count(every, "calibration", name) for name in ("pose", "axis"))
+    told = ["sensor", "recordings", "fusion"]
+    told += ["pose"] if poses else []
+    told += ["axis"] if axes else []
+    told += ["elevation", "figures", "interval"]
+    told += ["npose"] if "n-pose" in poses else []
+    facts = _describe_run(every, words, language) | {
+        "failed": str(failed) if failed else "",
+        "n": str(axes.total()),
+        "poses": "; ".join(
+            fill(words["pose_named"][pose], {"n": str(number)}) for pose, number in poses.items()
+        ),
+    }
+    text = " ".join(fill(words[name], facts) for name in (*told, "limits", "settings"))
+    sources = "\n".join(f"- {source}" for source in format_bibliography())
+    cited = f"## {words['bibliography']}\n\n{sources}\n"
+    return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n\n{cited}".encode()
+
+
+def _describe_run(every: Sequence[Results], words: Words, language: Language) -> dict[str, str]:
+    devices = []
+    for device in _count(every, "recording", "device"):
+        known = fill(words["device"]["known"], {"name": find_known_name(device) or device})
+        devices.append(str(words["device"].get(device) or known))
+    # Each method and its version once; a file of ready angles has none, which stands last.
+    found = (results["method"] for results in every)
+    named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
+    methods = sorted(named, key=lambda method: (method[0] == "none", method))
+    rates_hz = [results["recording"]["rate_hz"] for results in every]
+    rates = dict.fromkeys(format_rate(rate_hz, language) for rate_hz in (min(rates_hz), max(rates_hz)))
+    amounts = {"hours": "analysed_s", "missing": "missing_s", "excluded": "excluded_s"}
+    return {
+        "devices": "; ".join(devices),
+        "rates": f"{'–'.join(rates)} Hz",
+        "version": software_version(),
+        "revision": software_revision(),
+        "analysed": str(len(every)),
+        "method": "; ".join(fill(words["fused_by"][name], {"version": version}) for name, version in methods),
+        **{
+            name: format_number(sum(results["time"][key] for results in every) / HOUR_S, 1, language)
+            for name, key in amounts.items()
+        },
+    }
+
+
+def _count(every: Iterable[Results], part: str, name: str) -> Counter[str]:
+    return Counter(results[part][name] for results in every if results[part] and results[part][name])

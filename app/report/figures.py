@@ -27,7 +27,7 @@ from app.report.words.numbers import (
 from app.report.words.wording import Language, fill, load_wording
 
 if TYPE_CHECKING:
-    from app.report.export.csv import Cell, CellKind
+    from app.report.export.tables import Cell, CellKind
     from fusion.exposure.types import Interval
 
 TableName = Literal["summary", "periods"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from app.report.words.subject import ReportSubject
+from app.request import Conclusion
 from fusion.conventions import CalibrationState, Pose
 from fusion.exposure.types import Exposure
 from fusion.quality.types import Quality, TimeAccount
@@ -20,6 +20,36 @@ from fusion.recording import Span
 
 if TYPE_CHECKING:
     from fusion.pipeline import Analysis
+
+
+@dataclass(frozen=True, slots=True)
+class Software:
+    """Version and revision as printed in every report."""
+
+    version: str
+    revision: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSubject:
+    """``subject`` is a code, never a name; all texts come from outside and are only ever text.
+
+    ``version`` counts from 1; a later one replaces the one before: ``changes`` name what is different (a
+    setting, "input" or "engine"), ``reason`` is what a person said. ``columns`` is the JSON of the column
+    profile by which a table was read, "" for none. ``conclusion`` is what a clinician concludes, and
+    ``report_id`` is made by :func:`app.report.export.results.identify_report`.
+    """
+
+    file_name: str
+    subject: str
+    side: Literal["left", "right"] | None
+    software: Software
+    version: int = 1
+    reason: str = ""
+    changes: tuple[str, ...] = ()
+    columns: str = ""
+    conclusion: Conclusion | None = None
+    report_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ from typing import Any
 
 from app.report.words.messages import describe_flag, format_facts
 from app.report.words.numbers import format_exact, format_long_duration, format_number
-from app.report.words.subject import clean_text
-from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from app.report.words.wording import Language, Words, clean_text, fill, find_device_name, load_wording
 from fusion.caveats import Caveat
 from fusion.recording import QualityFlag
 

@@ -35,8 +35,16 @@ from app.report.words.numbers import (
     format_percent,
     format_range,
 )
-from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from app.report.words.wording import (
+    LONGEST_CODE,
+    Language,
+    Words,
+    clean_text,
+    cut_text,
+    fill,
+    find_device_name,
+    load_wording,
+)
 from app.request import find_code
 from fusion.comparison import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
 from fusion.conventions import CONFIRMED, UNHELD

@@ -19,6 +19,7 @@ is committed, and it is on the disk before: write, fsync, rename, fsync of the f
 
 import errno
 import hashlib
+import importlib
 import json
 import logging
 import os
@@ -37,6 +38,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from stat import S_ISREG
+from types import ModuleType
 from typing import IO, TYPE_CHECKING, ClassVar
 
 from app.errors import (
@@ -48,13 +50,16 @@ from app.errors import (
     FolderReadOnly,
     FolderTaken,
     FolderUnusable,
+    NotInstalled,
     ResultDamaged,
     StoreDamaged,
 )
 from app.store.permissions import FILE_MODE, FOLDER_MODE, create_file, make_folder
 
-if TYPE_CHECKING:  # it needs numpy
+if TYPE_CHECKING:
+    from app.settings import Settings
     from app.store.decoded import DecodedCache
+
 
 if sys.platform != "win32":
     import fcntl
@@ -710,3 +715,22 @@ def parse_ledger(content: bytes) -> frozenset[str]:
         except (ValueError, TypeError, KeyError):
             continue
     return frozenset(found)
+
+
+# ------------------------------------------------------------------ the folder or the bucket of the settings
+
+
+def open_storage(settings: "Settings") -> Storage:
+    """Open the folder or the bucket. Raises NotInstalled, StoreAway."""
+    if not settings.object_store:
+        return Storage(settings.data_dir)
+    bucket: Storage = load_extra("app.store.bucket").open_bucket(settings)
+    return bucket
+
+
+def load_extra(module: str, extra: str = "many") -> ModuleType:
+    """Load a module of ours that needs the libraries of an extra. Raises NotInstalled."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise NotInstalled(name=error.name or "", extra=extra) from error

@@ -12,8 +12,8 @@ import uvicorn
 from fastapi.testclient import TestClient
 
 from app.analysis.attempt import MakeReport
-from app.library.job import Job
 from app.library.jobs import JobStore
+from app.library.rows import Job
 from app.main import configure_server, create_app
 from app.ops import verify
 from app.queue import worker
@@ -21,8 +21,7 @@ from app.queue.worker import Bench, open_bench, run_next
 from app.request import ReportRequest
 from app.services import Services
 from app.settings import Settings
-from app.store.folder import Storage
-from app.store.open import open_storage
+from app.store.folder import Storage, open_storage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

@@ -21,12 +21,11 @@ import httpx2
 
 from app.errors import Crashed, Interrupted
 from app.library.audit_log import AuditQuestion, find_lines
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
+from app.library.rows import Job, JobState
 from app.ops.verify import find_faults, find_kept
 from app.settings import Settings
-from app.store.folder import format_result_name
-from app.store.open import open_storage
+from app.store.folder import format_result_name, open_storage
 from tests import ROOT
 from tests.ways_in.servers import list_children, read_stat, wait_for
 

@@ -17,8 +17,8 @@ from sqlalchemy import select
 
 from app.library.claims import DatabaseClock
 from app.library.database.tables import analyses
-from app.library.job import JobState
 from app.library.jobs import JobStore
+from app.library.rows import JobState
 from app.settings import Settings
 from tests.crash.harness import (
     PARTS,

@@ -10,13 +10,12 @@ import pytest
 from sqlalchemy import text
 
 from app.library.database.connect import connect
-from app.library.job import JobState
 from app.library.jobs import JobStore
+from app.library.rows import JobState
 from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings
-from app.store.folder import Storage
-from app.store.open import open_storage
+from app.store.folder import Storage, open_storage
 from tests import ROOT
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

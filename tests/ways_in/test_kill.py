@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
+from app.library.rows import Job, JobState
 from app.queue.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings
-from app.store.open import open_storage
+from app.store.folder import open_storage
 from tests import ROOT
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.main import create_app
-from app.report.export.columns import write_document
+from app.report.export.tables import write_document
 from app.report.words.wording import load_wording
 from app.settings import Settings
 from tests import ROOT

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from app.errors import NotHere, list_refusals
 from app.formats import FORMATS, find_added_formats
 from app.http.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
-from app.report.export.columns import describe_dictionary
+from app.report.export.tables import describe_dictionary
 from app.report.words.messages import find_flag_codes
 from app.report.words.wording import is_french
 from app.services import GOOD, UsedLanguage, UsedServices

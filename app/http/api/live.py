@@ -25,7 +25,7 @@ from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.http.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
 from app.intake import Intake
 from app.library.audit_log import record
-from app.library.job import Job
+from app.library.rows import Job
 from app.live.ports import (
     PLAYED,
     RAW,
@@ -41,8 +41,7 @@ from app.live.ports import (
     open_port,
 )
 from app.report.words.messages import describe_problem
-from app.report.words.subject import clean_text
-from app.report.words.wording import Language
+from app.report.words.wording import Language, clean_text
 from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
 from app.services import Services, UsedLanguage, UsedServices, find_services
 from app.store.folder import borrow_recording

@@ -15,7 +15,7 @@ from app.accounts.subjects import Permission, Subject
 from app.errors import NotPermitted
 from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.middleware.access import UsedSubject
-from app.http.middleware.callers import find_logins
+from app.http.middleware.guard import find_logins
 from app.http.middleware.problems import PROBLEM_RESPONSES
 from app.library.audit_log import (
     AT_MACHINE,
@@ -29,7 +29,7 @@ from app.library.audit_log import (
 )
 from app.library.governance import Release
 from app.library.recordings import HoldReason
-from app.report.export.csv import INTERNATIONAL, encode_table
+from app.report.export.tables import INTERNATIONAL, encode_table
 from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedServices
 

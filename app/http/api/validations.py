@@ -15,7 +15,7 @@ from app.errors import BadParameter, NotHere
 from app.http.api.library.files import serve_file
 from app.http.middleware.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.intake import store_file
-from app.library.job import Job, JobState
+from app.library.rows import Job, JobState
 from app.report.words.wording import Language, find_nearest
 from app.request import (
     SUBJECT_HINT,

@@ -23,7 +23,7 @@ from app.errors import (
     WeakPassword,
 )
 from app.http.api.trust import UsedPerson, find_names
-from app.http.middleware.callers import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
+from app.http.middleware.guard import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
 from app.http.pages.login import check_next, render_enrolment, render_with_problem
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, take_secret
 from app.report.words.wording import Language, load_wording

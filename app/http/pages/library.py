@@ -36,14 +36,22 @@ from app.http.pages.views import (
 )
 from app.library.audit_log import touch
 from app.library.batches import Batch
-from app.library.job import Job, JobState
 from app.library.jobs import JobFilter
 from app.library.listing import Entry, Library
 from app.library.recordings import HOLD_REASONS, RecordingFilter
-from app.ops.backup_term import find_backup_term
-from app.report.export.columns import encode_summary, summarise_failure, summarise_results
-from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
+from app.library.rows import Job, JobState
+from app.ops.copies import find_backup_term
 from app.report.export.naming import make_safe_name
+from app.report.export.tables import (
+    FRENCH_EXCEL,
+    INTERNATIONAL,
+    Origin,
+    Row,
+    encode_summary,
+    encode_table,
+    summarise_failure,
+    summarise_results,
+)
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest
 from app.request import SUBJECT_HINT, check_subject

@@ -22,7 +22,7 @@ from app.errors import (
     find_outcome_of_code,
 )
 from app.http.middleware.access import UsedSubject, find_gate
-from app.http.middleware.callers import (
+from app.http.middleware.guard import (
     BROWSER_COOKIE,
     SESSION_COOKIE,
     STATE_COOKIE,
@@ -38,7 +38,7 @@ from app.http.middleware.problems import drop_secrets
 from app.http.pages.rendering import YEAR_S, Form, Page, UsedForm, UsedPage, find_base, first, take_secret
 from app.report.words.messages import describe_problem
 from app.services import SUBJECT
-from app.store.open import load_extra
+from app.store.folder import load_extra
 
 router = APIRouter(include_in_schema=False)
 

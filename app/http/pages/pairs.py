@@ -17,9 +17,9 @@ from app.http.api.library.files import respond_with_file
 from app.http.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
 from app.http.pages.recording.page_one import Laid, build_curves
 from app.http.pages.rendering import Page, UsedPage, lay_way_of_query
-from app.library.job import Job
 from app.library.kept_pairs import AnyJobs, AskedJobs, PairReport
 from app.library.listing import Entry, Library, LibraryFilter
+from app.library.rows import Job
 from app.report.pairs import format_rows, load_pair_words
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_percent

@@ -24,8 +24,7 @@ from starlette.types import Scope
 from app.accounts.logins import Logins
 from app.accounts.subjects import Permission, Subject
 from app.errors import BadParameter, NotHere
-from app.http.middleware.callers import find_logins
-from app.http.middleware.guard import REPORT_POLICY
+from app.http.middleware.guard import REPORT_POLICY, find_logins
 from app.http.middleware.problems import drop_secrets
 from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent

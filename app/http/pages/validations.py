@@ -17,8 +17,8 @@ from app.http.pages.recording.day import DayClock, Piece, cut_curve, find_day
 from app.http.pages.recording.page_one import CurveView
 from app.http.pages.rendering import Page, UsedPage
 from app.http.pages.views import build_row, format_size
-from app.library.job import Job, JobState
-from app.report.agreement.tables import list_sentences
+from app.library.rows import Job, JobState
+from app.report.agreement import list_sentences
 from app.report.words.messages import describe_problem
 from app.report.words.numbers import format_angle
 from app.report.words.wording import fill, find_nearest

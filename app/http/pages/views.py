@@ -13,7 +13,6 @@ from fastapi import Request
 
 from app.http.pages.recording.day import DayClock, format_axis, place_rows
 from app.http.pages.rendering import OldVersion, Page
-from app.library.job import Job, JobState
 from app.library.listing import (
     FALLING,
     GROUPS,
@@ -26,8 +25,8 @@ from app.library.listing import (
     Order,
     Took,
 )
-from app.report.words.columns import format_columns
-from app.report.words.messages import Problem, describe_problem
+from app.library.rows import Job, JobState
+from app.report.words.messages import Problem, describe_problem, format_columns
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.report.agreement.export import find_paper_row
 from app.report.charts import svg
 from app.report.charts.svg import NARROW, Plot, Span
 from app.report.model import Chart
 from app.report.words.numbers import format_angle, format_elapsed, format_number
-from app.report.words.subject import clean_text
-from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from app.report.words.wording import Language, Words, clean_text, fill, find_device_name, load_wording
+from fusion.source_paper import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -255,6 +254,15 @@ def _draw_two_lines(
 ROW_PX = 19
 TOP_PX = 26
 STEPS_DEG = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
+
+
+def find_paper_row(cell: AgreementCell) -> dict[str, float | None] | None:
+    """Return the paper's figures for this task and device, where it has them."""
+    paper = TABLE_1.get(cell.device, {}).get(cell.paper_task or 0)
+    if paper is None:
+        return None
+    r = None if cell.paper_task in QUASI_STATIC else paper.r
+    return {"r": r, "rmse_deg": paper.rmse_deg, "mean_absolute_error_deg": paper.absolute_deg}
 
 
 def draw_study(

@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
-from app.report.export.csv import guard_text
+from app.report.export.tables import guard_text
 from app.report.figures import Results
 from app.request import find_code
 from app.version import software_version

@@ -15,8 +15,8 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime, timedelta
 from typing import Any
 
-from app.report.export.columns import summarise_results
 from app.report.export.naming import format_report_name
+from app.report.export.tables import summarise_results
 from app.report.figures import RANGE_ENDS, SUMMARY, Results, find_unit, read_ranges
 from app.report.words.wording import Language
 

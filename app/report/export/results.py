@@ -35,9 +35,8 @@ from app.report.figures import (
     Group,
     round_all,
 )
-from app.report.findings import Findings, Kept
+from app.report.findings import Findings, Kept, ReportSubject, Software
 from app.report.words.numbers import Clock
-from app.report.words.subject import ReportSubject, Software
 from app.request import Conclusion
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS

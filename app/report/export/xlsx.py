@@ -7,14 +7,15 @@ from typing import Any
 
 import xlsxwriter
 
-from app.report.export.columns import (
+from app.report.export.tables import (
     DICTIONARY_COLUMNS,
     PERIOD_COLUMNS,
+    Row,
     describe_dictionary,
     describe_periods,
+    find_place,
     summarise_results,
 )
-from app.report.export.csv import Row, find_place
 from app.report.figures import SUMMARY, Results
 
 _NO_TIME = datetime(2000, 1, 1, tzinfo=UTC).replace(tzinfo=None)

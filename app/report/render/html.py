@@ -13,8 +13,7 @@ from markupsafe import Markup
 
 from app.report.model import AgreementReport, Report
 from app.report.words.numbers import format_duration, format_percent
-from app.report.words.subject import clean_text
-from app.report.words.wording import Language, fill, load_wording
+from app.report.words.wording import Language, clean_text, fill, load_wording
 
 
 @cache

@@ -8,7 +8,7 @@ from math import inf
 from statistics import fmean
 from typing import Any
 
-from app.report.export.csv import encode_table
+from app.report.export.tables import encode_table
 from app.report.figures import round_all
 from app.report.pairs import describe_source, name_method
 from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays

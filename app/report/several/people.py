@@ -13,7 +13,7 @@ from typing import Literal
 from app.errors import CannotProfile
 from app.report.findings import Kept
 from app.report.pairs import OnePerson, are_mixed, judge_person, name_pose, read_code
-from app.report.words.subject import clean_text
+from app.report.words.wording import clean_text
 from fusion.comparison import WHOLE_DAY_S
 from fusion.conventions import FEWEST_PEOPLE
 from fusion.days import ClockBand

@@ -42,8 +42,16 @@ from app.report.words.numbers import (
     format_number,
     format_range,
 )
-from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from app.report.words.wording import (
+    LONGEST_CODE,
+    Language,
+    Words,
+    clean_text,
+    cut_text,
+    fill,
+    find_device_name,
+    load_wording,
+)
 from fusion.comparison import SOURCE
 from fusion.days import LEAST_OWN_DAYS
 from fusion.exposure.types import Interval

@@ -9,8 +9,7 @@ from math import ceil
 from app.report.charts.day import WORST_WINDOW_S, Block, build_day
 from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
 from app.report.model import Drawing, Profile, Table, Tile
-from app.report.single.chapters import choose_ranges, format_pose_caution, format_quality
-from app.report.single.context import Context
+from app.report.single.chapters import Context, choose_ranges, format_pose_caution, format_quality
 from app.report.words.numbers import (
     NONE,
     format_duration,
@@ -20,8 +19,7 @@ from app.report.words.numbers import (
     format_rate,
     percent_sign,
 )
-from app.report.words.subject import clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, join_clauses
+from app.report.words.wording import Language, Words, clean_text, cut_text, fill, join_clauses
 from fusion.caveats import Caveat
 from fusion.comparison import BETWEEN_DAY_SD, REFERENCES, WHOLE_DAY_S, find_detectable_change
 from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose

@@ -6,9 +6,10 @@ from datetime import datetime
 
 from app.report.charts.bars import build_bar
 from app.report.charts.day import WORST_WINDOW_S
-from app.report.findings import Findings
+from app.report.findings import Findings, ReportSubject, Software
 from app.report.model import Note, Pair, Report
 from app.report.single.chapters import (
+    Context,
     build_sections,
     build_verdict,
     choose_ranges,
@@ -18,7 +19,6 @@ from app.report.single.chapters import (
     format_pose_state,
     format_walking_note,
 )
-from app.report.single.context import Context
 from app.report.single.profile import build_profile
 from app.report.words.numbers import (
     NARROW,
@@ -33,15 +33,17 @@ from app.report.words.numbers import (
     format_range,
     format_rate,
 )
-from app.report.words.subject import (
+from app.report.words.wording import (
     LONGEST_CODE,
-    ReportSubject,
-    Software,
+    Language,
     clean_paragraphs,
     clean_text,
     cut_text,
+    fill,
+    find_device_name,
+    load_wording,
+    name_ranges,
 )
-from app.report.words.wording import Language, fill, find_device_name, load_wording, name_ranges
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import LEAST_RANGED_S, Episodes
 from fusion.recording import MICROSECONDS

@@ -1,17 +1,18 @@
 """The sentences that people read: one TOML file for each language, a table for each part of the product.
 
-The code knows only the keys.
+The code knows only the keys. Texts that come from outside are cleaned here, and are only ever text.
 """
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from app.report.words.subject import clean_text
+from app.request import LONGEST_CONCLUSION
 from app.request import Language as Language  # noqa: PLC0414  it is named here, too
 from fusion.devices import KNOWN_DEVICES
 from fusion.devices import find_device_name as find_known_name
@@ -176,3 +177,42 @@ def set_spaces(text: str, language: Language) -> str:
     for france, quebec in _QUEBEC_WORDS:
         text = france.sub(quebec, text)
     return re.sub(r" (?=[;!?])", "", text)
+
+
+# ------------------------------------------------------------------ texts from outside
+
+MAX_TEXT = 200
+LONGEST_CODE = 24
+"""Of a subject code at the head of a page; the provenance holds it whole."""
+_UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+
+
+def cut_text(text: str, most: int) -> str:
+    """Cut what is too long for its place, and show that it was cut."""
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+def clean_text(text: str) -> str:
+    """Take out what cannot be seen (controls, direction marks, surrogates) and cut at 200 characters."""
+    return _leave_seen(text)[:MAX_TEXT]
+
+
+def check_conclusion(text: str) -> str:
+    """Take a conclusion of one paragraph or more, each on a line of its own.
+
+    Raises ValueError if nothing of it can be seen.
+    """
+    paragraphs = clean_paragraphs(text)
+    if not paragraphs:
+        raise ValueError(f"1 … {LONGEST_CONCLUSION}")
+    return "\n".join(paragraphs)
+
+
+def clean_paragraphs(text: str) -> tuple[str, ...]:
+    """Return the paragraphs of a longer text, without what cannot be seen, at most 1,000 characters."""
+    lines = (_leave_seen(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
+    return tuple(line for line in lines if line)
+
+
+def _leave_seen(text: str) -> str:
+    return "".join(c for c in text if unicodedata.category(c) not in _UNSEEN)

@@ -16,8 +16,8 @@ from app.errors import AccountsLost, LoginRefused, NotEmpty
 from app.library.database.tables import known_browsers, sessions, tickets, tries
 from app.library.jobs import JobStore
 from app.main import create_app
-from app.ops.account_rows import Accounts
 from app.ops.backup import back_up, find_damage, restore
+from app.ops.place import Accounts
 from app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
 from tests.app.conftest import on_both_databases

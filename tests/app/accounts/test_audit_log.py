@@ -12,7 +12,7 @@ from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.http.api.housekeeping import write_side_files
-from app.http.middleware.readings import (
+from app.http.middleware.access import (
     MOST_COUNTED,
     MOST_KNOWN,
     MOST_LINES,
@@ -23,8 +23,8 @@ from app.http.middleware.readings import (
 )
 from app.library.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
 from app.library.database.tables import facts, sessions
-from app.library.job import Job
 from app.library.jobs import JobStore
+from app.library.rows import Job
 from app.logs import LineFormatter
 from app.queue.worker import Bench, open_bench, run_next
 from app.report.words.wording import LANGUAGES, load_wording

@@ -14,9 +14,9 @@ from app.library.audit_log import AuditQuestion, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers
 from app.library.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
-from app.library.job import Job
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
+from app.library.rows import Job
 from app.queue.worker import Bench
 from app.request import ReportRequest
 from app.services import Services

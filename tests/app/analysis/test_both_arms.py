@@ -14,7 +14,7 @@ from pypdf import PdfReader
 
 from app.analysis.pair import find_offset_s, make_report_of_two, read_analysed, widen_unconfirmed
 from app.errors import CannotPair
-from app.report.export.parquet import write_elevation
+from app.report.export.all import write_elevation
 from app.report.export.results import encode_results
 from app.report.findings import Kept
 from app.report.model import Report, format_brief

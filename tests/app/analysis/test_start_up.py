@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app import version
-from app.analysis.preparing import LOCK, _take_turn, tell_preparing
+from app.analysis.fork_server import LOCK, _take_turn, tell_preparing
 from app.request import Stage
 from fusion import numba_kernels
 from fusion.numba_kernels import DONE, USUAL_KERNELS
@@ -24,7 +24,7 @@ SLOW = {
 }
 
 WRITE_TABLES = (
-    "import numpy; from app.report.export.parquet import *; from app.report.export.all import *;"
+    "import numpy; from app.report.export.all import *;"
     "encode_parquet([]); lay_numbers(numpy.zeros(1)); lay_flags(numpy.ones(1, bool))"
 )
 
@@ -33,7 +33,7 @@ WRITE_TABLES = (
     "steps",
     [
         [
-            ("import app.start", {"typer", "app.cli", "app.settings", "numpy"}),
+            ("import app.__main__", {"typer", "app.cli", "app.settings", "numpy"}),
             ("import app.cli", COMPILED | OF_THE_COMMAND),
             ("import app.batch.tables", {"numpy", "pydantic"}),
             ("import app.main, app.queue.worker", COMPILED),

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from app.analysis.validate import make_validation
 from app.cli import app
-from app.report.agreement.tables import tabulate_lags, tell_drift
+from app.report.agreement import tabulate_lags, tell_drift
 from app.report.model import Table
 from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest

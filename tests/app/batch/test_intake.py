@@ -11,8 +11,8 @@ import pytest
 
 from app import intake
 from app.intake import FolderWatch, Intake
-from app.library.job import Job
 from app.library.jobs import JobStore
+from app.library.rows import Job
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import Storage

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.report.export.parquet import write_elevation
+from app.report.export.all import write_elevation
 from fusion.elevation import Elevation, ElevationSegment
 from tests import ROOT
 

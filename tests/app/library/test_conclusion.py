@@ -12,13 +12,13 @@ from app.errors import BadParameter, StaleVersion
 from app.http.pages.recording.analysis import describe_draft, read_conclusion
 from app.library import versions
 from app.library.database.tables import audit_log
-from app.library.job import Job
 from app.library.jobs import JobStore
 from app.library.listing import HeadlineFigures
+from app.library.rows import Job
 from app.library.side_files import read_side_rows
 from app.report.export.results import build_results, identify_report
+from app.report.findings import ReportSubject
 from app.report.single.report import build_report
-from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ConclusionDraft, ReportRequest
 from fusion.conventions import METHOD_VERSION
 from fusion.diary import DiaryEntry

@@ -11,10 +11,10 @@ from sqlalchemy import delete
 from app.http.pages.views import draw_spark
 from app.library.batches import identify_study
 from app.library.database.tables import saved_views
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.library.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter, SavedViews, summarise_day
 from app.library.recordings import RecordingStore
+from app.library.rows import Job, JobState
 from app.library.side_files import read_side_rows
 from app.main import create_app
 from app.request import Conclusion, ReportRequest

@@ -7,11 +7,11 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.http.pages.recording.columns import name_columns, read_profile
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.library.mappings import MappingStore
+from app.library.rows import Job, JobState
 from app.queue.worker import run_next
-from app.report.words.columns import format_columns
+from app.report.words.messages import format_columns
 from app.request import write_profile
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench

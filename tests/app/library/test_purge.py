@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.http.api.housekeeping import grow_older
 from app.library.database.tables import metadata
-from app.library.job import JobState
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
+from app.library.rows import JobState
 from app.library.side_files import SideWriter
 from app.library.webhooks import EVENTS, WebhookStore
 from app.main import create_app
@@ -28,8 +28,7 @@ from app.ops.backup import back_up, drill, restore
 from app.services import Services
 from app.settings import Settings
 from app.store.decoded import DecodedCache, hash_entry_key
-from app.store.folder import Storage
-from app.store.open import open_storage
+from app.store.folder import Storage, open_storage
 from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups, services_of

@@ -8,10 +8,10 @@ import pytest
 from app.errors import NotHere, StaleVersion
 from app.library.batches import BatchStore
 from app.library.claims import WayIn
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.library.listing import HeadlineFigures, Library, LibraryFilter
 from app.library.recordings import RecordingStore, StoredRow
+from app.library.rows import Job, JobState
 from app.library.versions import identify_work
 from app.request import ReportRequest
 from app.store.folder import ResultFile

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.library.database.tables import REVISION
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.library.recordings import Description, RecordingStore, UploadStore
+from app.library.rows import Job, JobState
 from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
 from app.ops.recover import catch_up
 from app.queue.worker import run_next

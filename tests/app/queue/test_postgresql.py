@@ -15,10 +15,10 @@ from sqlalchemy.exc import OperationalError
 from app.http.api.library.analyses import run_to_end
 from app.library.database.connect import lock_tables, one_request_at_a_time, open_database
 from app.library.database.tables import analyses, recordings
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
 from app.library.recordings import Description, RecordingStore, insert_recording
 from app.library.results import find_or_add
+from app.library.rows import Job, JobState
 from app.main import create_app
 from app.queue.cluster import install, revive_if_leading
 from app.queue.leader import REVIVAL, Leader

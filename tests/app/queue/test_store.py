@@ -17,9 +17,9 @@ from app.http.pages.views import estimate_left_s
 from app.library.audit_log import acting
 from app.library.claims import WayIn
 from app.library.database.tables import analyses, recordings
-from app.library.job import TRANSITIONS, Job, JobState
 from app.library.jobs import JobFilter, JobStore
 from app.library.listing import Library, Took
+from app.library.rows import TRANSITIONS, Job, JobState
 from app.queue.worker import run_next
 from app.request import ReportRequest
 from app.settings import Settings

@@ -17,9 +17,9 @@ from app.analysis import fork_server as forking
 from app.analysis.attempt import NICENESS, MakeReport, choose_limits
 from app.analysis.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.library.database.tables import analyses
-from app.library.job import JobState
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
+from app.library.rows import JobState
 from app.queue import pool, worker
 from app.queue.worker import Lease, return_expired, run_next
 from app.request import Reference

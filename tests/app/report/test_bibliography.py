@@ -6,8 +6,7 @@ from typing import get_args
 
 import pytest
 
-from app.report.bibliography import BIBLIOGRAPHY, format_bibliography
-from app.report.export.methods_text import write_methods
+from app.report.bibliography import BIBLIOGRAPHY, format_bibliography, write_methods
 from app.report.export.results import build_results
 from app.report.findings import CalibrationFacts
 from app.report.render.html import render_html

@@ -21,18 +21,19 @@ from hypothesis import strategies as st
 
 from app.analysis.run import make_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
-from app.report.export.columns import (
-    PERIOD_COLUMNS,
-    encode_dictionary,
-    encode_summary,
-    find_paths,
-    summarise_failure,
-)
-from app.report.export.csv import FRENCH_EXCEL, encode_table
-from app.report.export.csv import Origin as FailedOrigin
 from app.report.export.fhir import encode_fhir
 from app.report.export.naming import Origin, format_file_name, format_report_name, pack_files
 from app.report.export.results import encode_results
+from app.report.export.tables import (
+    FRENCH_EXCEL,
+    PERIOD_COLUMNS,
+    encode_dictionary,
+    encode_summary,
+    encode_table,
+    find_paths,
+    summarise_failure,
+)
+from app.report.export.tables import Origin as FailedOrigin
 from app.report.figures import SUMMARY, find_unit
 from app.report.model import format_brief
 from app.report.single.report import build_report

@@ -17,9 +17,8 @@ import pytest
 from pypdf import PdfReader
 
 from app.report.export.all import encode_redcap_import
-from app.report.export.columns import encode_summary, summarise_results
-from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL
 from app.report.export.results import build_results
+from app.report.export.tables import FRENCH_EXCEL, INTERNATIONAL, encode_summary, summarise_results
 from app.report.export.xlsx import encode_workbook
 from app.report.findings import Findings
 from app.report.model import format_brief

@@ -10,8 +10,16 @@ import pytest
 
 from app.report.export.results import build_results, decode_results, encode_results, identify_report
 from app.report.figures import load_results
-from app.report.findings import CalibrationFacts, Findings, PartFacts, QuestionFacts, RepeatFacts, StillFacts
-from app.report.words.subject import ReportSubject, Software
+from app.report.findings import (
+    CalibrationFacts,
+    Findings,
+    PartFacts,
+    QuestionFacts,
+    RepeatFacts,
+    ReportSubject,
+    Software,
+    StillFacts,
+)
 from app.request import Conclusion
 from fusion.diary import read_diary
 from fusion.exposure import Interval, PeakWindow

@@ -20,8 +20,8 @@ from starlette.types import Message
 from app.analysis.attempt import MakeReport
 from app.errors import NotHere, ResultDamaged
 from app.http.api.library.files import serve_file
-from app.library.job import Job, JobState
 from app.library.jobs import JobStore
+from app.library.rows import Job, JobState
 from app.services import Services
 from app.settings import Settings
 from app.store.folder import (

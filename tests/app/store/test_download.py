@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.http.api.library.files import format_disposition
 from app.library.audit_log import AuditLine, AuditQuestion, find_lines
-from app.library.job import Job
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
+from app.library.rows import Job
 from app.request import ReportRequest, clean_file_name
 from app.settings import Settings
 from app.store.folder import Storage

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.analysis.run import make_report
-from app.report.export.parquet import (
+from app.report.export.all import (
     encode_elevation_csv,
     lay_flags,
     lay_numbers,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.analysis.reading import read_file
+from app.analysis.inspect import read_file
 from app.formats import Format, find_added_formats
 from app.request import ReportRequest
 from fusion import plugins

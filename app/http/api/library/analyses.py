@@ -35,14 +35,13 @@ from app.http.api.library.models import (
 )
 from app.http.api.library.uploads import receive_recording
 from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.library.job import Job, JobState
 from app.library.jobs import JobFilter
 from app.library.recordings import StoredRow
 from app.library.results import check_succeeded, find_or_add, retry
-from app.report.export.columns import PERIOD_COLUMNS, describe_periods
+from app.library.rows import Job, JobState
 from app.report.export.crate import CRATE, Made, encode_crate
-from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
+from app.report.export.tables import PERIOD_COLUMNS, describe_periods, encode_table
 from app.report.figures import load_results
 from app.report.words.wording import Language, find_nearest
 from app.request import Conclusion, Paper, ReportRequest, clean_file_name, write_profile

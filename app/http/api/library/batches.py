@@ -12,10 +12,19 @@ from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.api.library.models import AnalysisSettings
 from app.http.middleware.problems import PROBLEM_RESPONSES, validate_model
 from app.library.batches import Batch
-from app.library.job import Job, JobState
 from app.library.results import can_regenerate
-from app.report.export.columns import encode_summary, summarise_failure, summarise_results
-from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
+from app.library.rows import Job, JobState
+from app.report.export.tables import (
+    PROBLEM_COLUMNS,
+    Origin,
+    Row,
+    add_origin,
+    encode_summary,
+    encode_table,
+    summarise_failure,
+    summarise_results,
+    tell_problem,
+)
 from app.report.figures import load_results
 from app.services import Services, UsedLanguage, UsedServices
 from app.store.folder import is_result_whole

@@ -16,8 +16,8 @@ from starlette.types import Message, Receive, Scope, Send
 
 from app.errors import AppError, NoSuchRange, ResultDamaged, StoreDamaged
 from app.http.middleware.guard import REPORT_POLICY
-from app.library.job import Job
 from app.library.recordings import StoredRow
+from app.library.rows import Job
 from app.report.export.naming import Origin, format_file_name
 from app.services import Services
 from app.store.folder import borrow_recording, read_mark

@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from app.http.api.library.files import respond_with_file
 from app.http.middleware.problems import PROBLEM_RESPONSES
-from app.report.words.subject import clean_text
+from app.report.words.wording import clean_text
 from app.services import UsedServices
 
 router = APIRouter(prefix="/api/v1/columns", responses=PROBLEM_RESPONSES, tags=["columns"])

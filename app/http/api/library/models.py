@@ -27,11 +27,10 @@ from pydantic_core import PydanticCustomError
 
 from app.errors import BadParameter
 from app.http.middleware.problems import ProblemView, view_problem
-from app.library.job import Job
 from app.library.recordings import Description, Place, RecordingFilter, StoredRow
-from app.report.export.csv import encode_table
-from app.report.words.subject import MAX_TEXT, check_conclusion, clean_text
-from app.report.words.wording import Language, find_other_language
+from app.library.rows import Job
+from app.report.export.tables import encode_table
+from app.report.words.wording import MAX_TEXT, Language, check_conclusion, clean_text, find_other_language
 from app.request import (
     LONGEST_CONCLUSION,
     LONGEST_SUBJECT,

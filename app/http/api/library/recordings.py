@@ -47,8 +47,7 @@ from app.http.api.library.uploads import (
 from app.http.middleware.access import check_confirmed, check_may, find_subject
 from app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.library.recordings import Description, Purged, StoredRow
-from app.ops.backup_term import find_backup_term
-from app.ops.copies import renew_copies
+from app.ops.copies import find_backup_term, renew_copies
 from app.request import ReportRequest
 from app.services import Services, UsedServices
 from app.store.folder import StoredRecording, borrow_recording, seems_whole

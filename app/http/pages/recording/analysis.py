@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.http.api.trust import find_names, find_person_name
 from app.http.middleware.access import UsedSubject, find_subject, may
-from app.http.middleware.callers import find_origin
+from app.http.middleware.guard import find_origin
 from app.http.middleware.problems import Refusal
 from app.http.pages.pairs import find_days_address, find_offers
 from app.http.pages.recording.columns import find_offer
@@ -40,17 +40,24 @@ from app.http.pages.views import (
     format_windows,
     read_filter,
 )
-from app.library.job import Job, JobState
 from app.library.jobs import JobFilter
 from app.library.listing import Entry
 from app.library.results import can_regenerate
 from app.library.results import retry as retry_job
+from app.library.rows import Job, JobState
 from app.report.figures import load_results
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_date, format_percent
-from app.report.words.subject import clean_paragraphs, clean_text
-from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
+from app.report.words.wording import (
+    Language,
+    clean_paragraphs,
+    clean_text,
+    fill,
+    find_nearest,
+    load_device_names,
+    load_wording,
+)
 from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
 from app.services import Services, choose_language, find_services
 from app.store.folder import StoredRecording, seems_whole

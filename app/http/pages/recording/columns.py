@@ -12,10 +12,10 @@ from app.errors import BadParameter
 from app.http.api.library.analyses import check_queue
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first
 from app.http.pages.views import build_problem, format_moment
-from app.library.job import Job, JobState
 from app.library.mappings import UNNAMED
-from app.report.words.columns import format_columns
-from app.report.words.subject import clean_text, cut_text
+from app.library.rows import Job, JobState
+from app.report.words.messages import format_columns
+from app.report.words.wording import clean_text, cut_text
 from app.request import write_profile
 from app.services import Services
 from app.store.folder import borrow_recording

@@ -19,10 +19,9 @@ from pydantic import BaseModel, Field
 from app.errors import BadParameter, NoSuchFile
 from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
-from app.library.job import Job, JobState
+from app.library.rows import Job, JobState
 from app.report.words.numbers import Clock, format_angle, format_duration, format_number, format_percent
-from app.report.words.subject import MAX_TEXT
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import MAX_TEXT, Language, Words, fill, load_wording
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services
 from app.store.day_file import DAY_NAME, DayFile, open_day

@@ -8,7 +8,7 @@ from datetime import datetime, time
 from app.errors import NoSuchFile
 from app.http.pages.recording.day import DayClock, find_day
 from app.http.pages.rendering import Page
-from app.library.job import Job
+from app.library.rows import Job
 from app.report.charts.day import WORST_WINDOW_S, build_timeline
 from app.report.export.results import decode_results
 from app.report.findings import Findings

@@ -1,1 +1,0 @@
-"""The report of an agreement with a reference, and of a study of several."""
