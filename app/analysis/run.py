@@ -58,6 +58,16 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     proposed = propose_poses(recording) if calibration else ()
     not_worn = propose_nonwear(recording, analysis.exclusions) if calibration else ()
     used = calibration.windows if calibration else ()
+    questions: dict[str, Any] = {"asked": []}
+    if calibration is not None:  # what only a person knows: which stillness was the pose, did the sensor move
+        questions = {
+            "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
+            "spread_deg": calibration.spread_deg,
+            "needs_pose": calibration.needs_pose,
+            "not_held": any(flag.code == Caveat.NOT_HELD for flag in analysis.quality.flags),
+            "moves": [[q.kind, q.first_s, q.end_s, q.apart_deg] for q in calibration.questions],
+            "unread": list(_list_unread(analysis)),
+        }
     return {
         "device": recording.device,
         "start": recording.start.isoformat() if recording.start else None,
@@ -66,31 +76,13 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
         "not_worn": [_bound(span) for span in not_worn],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
         "calibration": [[still.start_s, still.end_s, still.score] for still in used],
-        **_describe_questions(analysis),
+        **questions,
         "nearest_axis": list(find_nearest_axis(calibration.arm_axis)) if calibration else None,
     }
 
 
-def _describe_questions(analysis: Analysis) -> dict[str, Any]:
-    """Describe what only a person knows: which stillness was the pose, whether the sensor moved.
-
-    ``unread``: each stretch that waits for a pose, with the stillnesses at its beginning that may be one.
-    """
-    calibration = analysis.calibration
-    if calibration is None:
-        return {"asked": []}
-    moves = [[q.kind, q.first_s, q.end_s, q.apart_deg] for q in calibration.questions]
-    return {
-        "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
-        "spread_deg": calibration.spread_deg,
-        "needs_pose": calibration.needs_pose,
-        "not_held": any(flag.code == Caveat.NOT_HELD for flag in analysis.quality.flags),
-        "moves": moves,
-        "unread": list(_list_unread(analysis)),
-    }
-
-
 def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
+    """Return each stretch that waits for a pose, with the stillnesses at its beginning that may be one."""
     duration_s = analysis.recording.duration_us / MICROSECONDS
     left_out = [part for part in analysis.axis_parts if part.arm_axis is None]
     parts = [part for part in left_out if awaits_pose(part.start_s, part.end_s)]

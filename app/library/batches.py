@@ -174,8 +174,12 @@ def identify_study(name: str) -> str:
 
 
 def join_study(connection: Connection, name: str, analysis_id: str) -> str:
-    """Add an analysis to the study of a name, which begins with its first; gives the study's id."""
-    study_id = _begin_study(connection, name)
+    """Add an analysis to the study of a name, which begins with its first; return the study's id."""
+    study_id = identify_study(name)
+    make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    study = {"id": study_id, "name": name, "item_count": 0, "created_at": format_now(), "duplicate_count": 0}
+    connection.execute(make_insert(batches).values(study).on_conflict_do_nothing())
+    connection.execute(select(batches.c.id).where(batches.c.id == study_id).with_for_update())
     if not _replace_recording(connection, study_id, analysis_id):
         mine = batch_items.c.batch_id == study_id
         place = select(func.coalesce(func.max(batch_items.c.place) + 1, 0)).where(mine).scalar_subquery()
@@ -199,16 +203,6 @@ def follow_recording(connection: Connection, analysis_id: str) -> None:
         if batch.id == identify_study(batch.name):
             _replace_recording(connection, batch.id, analysis_id)
             increment_revision_of(connection, analysis_id)
-
-
-def _begin_study(connection: Connection, name: str) -> str:
-    """Write the row of the study unless it is there, and lock it; gives its id."""
-    study_id = identify_study(name)
-    make_insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    row = {"id": study_id, "name": name, "item_count": 0, "created_at": format_now(), "duplicate_count": 0}
-    connection.execute(make_insert(batches).values(row).on_conflict_do_nothing())
-    connection.execute(select(batches.c.id).where(batches.c.id == study_id).with_for_update())
-    return study_id
 
 
 def _replace_recording(connection: Connection, study_id: str, analysis_id: str) -> bool:

@@ -180,21 +180,21 @@ def read_envelope(path: Path, identity: Path | None = None) -> Iterator[IO[bytes
         if identity is None:
             raise BackupRefused(why=f"{path.name}: age, --identity FILE")
         with translate_disk_full(), tempfile.TemporaryFile(dir=path.resolve().parent) as clear:
-            _decrypt(file, clear, identity)
+            pyrage = load_extra("pyrage")
+            lines = [line.strip() for line in identity.read_text("utf-8").splitlines()]
+            try:
+                known = [
+                    pyrage.x25519.Identity.from_str(line)
+                    for line in lines
+                    if line and not line.startswith("#")
+                ]
+                pyrage.decrypt_io(file, clear, known)
+            except Exception as error:
+                if isinstance(error, OSError) and error.errno is not None:
+                    raise
+                raise BackupRefused(why=f"--identity {identity.name}: {error}"[:200]) from error
             clear.seek(0)
             yield clear
-
-
-def _decrypt(file: IO[bytes], clear: IO[bytes], identity: Path) -> None:
-    pyrage = load_extra("pyrage")
-    lines = [line.strip() for line in identity.read_text("utf-8").splitlines()]
-    try:
-        known = [pyrage.x25519.Identity.from_str(line) for line in lines if line and not line.startswith("#")]
-        pyrage.decrypt_io(file, clear, known)
-    except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        raise BackupRefused(why=f"--identity {identity.name}: {error}"[:200]) from error
 
 
 # What is in it.
@@ -455,7 +455,17 @@ def _restore(settings: Settings, archive: zipfile.ZipFile, erased: frozenset[str
             storage.prepare()
             storage.add_erased(erased)
             erased = storage.find_erased()
-            copied = _restore_files(storage, archive, erased)
+            files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
+            beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
+            strangers = sorted(present - {file.name for file in files} - beside)
+            if strangers:
+                raise NotEmpty(number=len(strangers), where=strangers[0])
+            restored = (
+                _restore_file(storage, archive, file, is_present=file.name in present) for file in files
+            )
+            faults = tuple(fault for fault in restored if fault)
+            gone = sum(row["id"] in erased for row in read_rows(archive, "recordings"))
+            copied = Copied(len(files), faults, erased=gone)
             for table in reversed(reflect_tables(connection)):
                 table.drop(connection)
             schema_revision.drop(connection, checkfirst=True)
@@ -479,18 +489,6 @@ def _check_no_rows(connection: Connection) -> None:
         transient = (facts.name, audit_log.name, purged_uploads.name, *LEFT_OUT)  # of a start, of a purge
         if number and table.name not in transient:
             raise NotEmpty(number=number, where=table.name)
-
-
-def _restore_files(storage: Storage, archive: zipfile.ZipFile, erased: frozenset[str]) -> Copied:
-    files, present = tuple(_read_promised(archive, erased)), frozenset(storage.find_names())
-    beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
-    strangers = sorted(present - {file.name for file in files} - beside)
-    if strangers:
-        raise NotEmpty(number=len(strangers), where=strangers[0])
-    restored = (_restore_file(storage, archive, file, is_present=file.name in present) for file in files)
-    faults = tuple(fault for fault in restored if fault)
-    gone = sum(row["id"] in erased for row in read_rows(archive, "recordings"))
-    return Copied(len(files), faults, erased=gone)
 
 
 def _restore_file(

@@ -57,7 +57,19 @@ class DecodedCache:
         path = self._path(key)
         try:
             with path.open("rb") as file:
-                recording = _read_entry(file)
+                # a damaged entry raises ValueError, KeyError or TypeError
+                sha256, _, described = file.readline(LONGEST_HEAD_BYTES).rstrip(b"\n").partition(b" ")
+                digest = hashlib.sha256(described)
+                facts = json.loads(described)
+                segments = []
+                for about in facts.pop("segments"):
+                    rows = int(about.pop("rows"))
+                    acc_g, gyr_dps = _read_samples(file, rows, digest), _read_samples(file, rows, digest)
+                    bridged = tuple((first, stop) for first, stop in about.pop("bridged"))
+                    segments.append(Segment(acc_g=acc_g, gyr_dps=gyr_dps, bridged=bridged, **about))
+                if file.read(1) or digest.hexdigest().encode() != sha256:
+                    raise ValueError
+                recording = _build(facts, tuple(segments))
             os.utime(path)  # the entry that was used last is removed last
         except FileNotFoundError:
             return None
@@ -93,7 +105,18 @@ class DecodedCache:
         part = self._path(key).with_suffix(f".{secrets.token_hex(4)}.part")
         try:
             with create_file(part) as file:
-                _write_entry(file, recording)
+                described = json.dumps(_describe(recording))
+                arrays = [
+                    np.ascontiguousarray(samples, dtype="<f4")
+                    for segment in recording.segments
+                    for samples in (segment.acc_g, segment.gyr_dps)
+                ]
+                digest = hashlib.sha256(described.encode())
+                for samples in arrays:
+                    digest.update(samples.data.cast("B"))
+                file.write(f"{digest.hexdigest()} {described}\n".encode())
+                for samples in arrays:
+                    file.write(samples.data.cast("B"))
             part.replace(self._path(key))
         finally:
             part.unlink(missing_ok=True)
@@ -116,37 +139,6 @@ def _find_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
     for path in folder.iterdir():
         with suppress(FileNotFoundError):  # another worker may remove it meanwhile
             yield path, path.stat()
-
-
-def _write_entry(file: IO[bytes], recording: Recording) -> None:
-    described = json.dumps(_describe(recording))
-    arrays = [
-        np.ascontiguousarray(samples, dtype="<f4")
-        for segment in recording.segments
-        for samples in (segment.acc_g, segment.gyr_dps)
-    ]
-    digest = hashlib.sha256(described.encode())
-    for samples in arrays:
-        digest.update(samples.data.cast("B"))
-    file.write(f"{digest.hexdigest()} {described}\n".encode())
-    for samples in arrays:
-        file.write(samples.data.cast("B"))
-
-
-def _read_entry(file: IO[bytes]) -> Recording:
-    """Read an entry. Raises ValueError, KeyError, TypeError: the entry is damaged."""
-    sha256, _, described = file.readline(LONGEST_HEAD_BYTES).rstrip(b"\n").partition(b" ")
-    digest = hashlib.sha256(described)
-    facts = json.loads(described)
-    segments = []
-    for about in facts.pop("segments"):
-        rows = int(about.pop("rows"))
-        acc_g, gyr_dps = _read_samples(file, rows, digest), _read_samples(file, rows, digest)
-        bridged = tuple((first, stop) for first, stop in about.pop("bridged"))
-        segments.append(Segment(acc_g=acc_g, gyr_dps=gyr_dps, bridged=bridged, **about))
-    if file.read(1) or digest.hexdigest().encode() != sha256:
-        raise ValueError
-    return _build(facts, tuple(segments))
 
 
 def _read_samples(file: IO[bytes], rows: int, digest: "hashlib._Hash") -> NDArray[np.float32]:

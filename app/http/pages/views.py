@@ -19,7 +19,6 @@ from app.library.listing import (
     ORDERS,
     Entry,
     Group,
-    HeadlineFigures,
     Library,
     LibraryFilter,
     Order,
@@ -444,7 +443,20 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
     job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
     if attempt is not None and attempt.state is JobState.CANCELLED:
         attempt = None
-    start = (entry.headline.start if entry.headline else None) or ""
+    headline, start, figures = entry.headline, "", None
+    if headline is not None:
+        start = headline.start or ""
+        spark, lowest, highest = draw_spark(headline.day)  # "" where the day is not known
+        figures = {
+            "hours": format_duration(headline.recorded_s, language),
+            "verdict": headline.verdict,
+            "quality": str(words["verdict_short"].get(headline.verdict, "")),
+            "is_older": 0 < headline.method_version < int(METHOD_VERSION),
+            "is_pose_open": headline.calibration_state == "assumed",
+            "above": format_percent(headline.above_60_percent, language),
+            "spark": spark,
+            "spark_words": fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
+        }
     return ShownEntry(
         row=build_row(job, language, took),
         recording_id=job.recording_id,
@@ -452,25 +464,10 @@ def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> 
         when=start[:16].replace("T", " ") or format_time(job.created_at),
         is_added=not start,
         arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
-        figures=_build_figures(entry.headline, words, language) if entry.headline else None,
+        figures=figures,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=build_row(attempt, language, took) if attempt else None,
     )
-
-
-def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> dict[str, Any]:
-    """Show the main figures of a report; ``spark`` draws the day, "" where it is not known."""
-    spark, lowest, highest = draw_spark(headline.day)
-    return {
-        "hours": format_duration(headline.recorded_s, language),
-        "verdict": headline.verdict,
-        "quality": str(words["verdict_short"].get(headline.verdict, "")),
-        "is_older": 0 < headline.method_version < int(METHOD_VERSION),
-        "is_pose_open": headline.calibration_state == "assumed",
-        "above": format_percent(headline.above_60_percent, language),
-        "spark": spark,
-        "spark_words": fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
-    }
 
 
 def draw_spark(day: str) -> tuple[str, str, str]:

@@ -256,16 +256,13 @@ def _prepare_sqlite(connection: Any, _record: Any) -> None:
     The time-out is set first: turning on WAL takes a lock that a peer that starts now may hold.
     """
     connection.isolation_level = None  # _begin_sqlite begins the transactions
-    connection.create_function("lower", 1, _lower, deterministic=True)  # SQLite's own knows ASCII only
+    # SQLite's own knows ASCII only
+    connection.create_function("lower", 1, lambda text: text and text.lower(), deterministic=True)
     cursor = connection.cursor()
     settings = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
     for pragma in (f"busy_timeout={1000 * BUSY_TIMEOUT_S}", *settings):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
-
-
-def _lower(text: str | None) -> str | None:
-    return None if text is None else text.lower()
 
 
 def _begin_sqlite(connection: Connection) -> None:

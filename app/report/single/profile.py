@@ -43,7 +43,8 @@ END_PER_H = 120.0
 def build_profile(context: Context) -> Profile:
     """Build the first page."""
     entry, subject = context.words["profile"], context.subject
-    tasks = _rank_tasks(context)
+    named = [part for part in context.exposure.by_task if _is_task(part) and part.analysed_s > 0]
+    tasks = sorted(named, key=lambda part: -_find_above_s(part))[:SHOWN_TASKS]
     blocks = _lay_out_blocks(tasks, context)
     versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
     amended = fill(context.words["heading"]["amended_short"], versions) if subject.version > 1 else ""
@@ -166,11 +167,6 @@ def _format_published(values: Sequence[float], language: Language) -> str:
 
 
 # ------------------------------------------------------------------ tasks
-
-
-def _rank_tasks(context: Context) -> list[PartExposure]:
-    named = [part for part in context.exposure.by_task if _is_task(part) and part.analysed_s > 0]
-    return sorted(named, key=lambda part: -_find_above_s(part))[:SHOWN_TASKS]
 
 
 def _is_task(part: PartExposure) -> bool:

@@ -109,7 +109,11 @@ VECTORS = ("acceleration", "angular_rate")
 def format_columns(profile: str, language: Language) -> str:
     """Write a column profile: "Acceleration: p, q, r (mg) · Angular rate (gyroscope): 5, 6, 7 · Time: k"."""
     values, words = json.loads(profile), load_wording(language, "columns")
-    told = {name: _format_vector(values, name, language) for name in VECTORS if values.get(name)}
+    told = {}
+    for name in filter(values.get, VECTORS):
+        factor = values.get(f"{name}_factor")
+        unit = f" (× {_format_factor(factor, language)})" if factor else _format_unit(values, name)
+        told[name] = _format_places(values.get(name)) + unit
     if values.get("sensor"):
         told["sensor"] = clean_text(values["sensor"])
         told |= {name: str(values[f"{name}_unit"]) for name in VECTORS if values.get(f"{name}_unit")}
@@ -122,12 +126,6 @@ def format_columns(profile: str, language: Language) -> str:
     if values.get("pose_held"):
         told["pose_held"] = words[values["pose_held"]]
     return " · ".join(f"{words[name]}{words['colon']} {text}" for name, text in told.items())
-
-
-def _format_vector(values: Mapping[str, Any], name: str, language: Language) -> str:
-    factor = values.get(f"{name}_factor")
-    unit = f" (× {_format_factor(factor, language)})" if factor else _format_unit(values, name)
-    return _format_places(values.get(name)) + unit
 
 
 def _format_unit(values: Mapping[str, Any], name: str) -> str:
