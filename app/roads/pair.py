@@ -33,8 +33,8 @@ from app.report.pairs import (
 from app.report.render.write import read_kept, write_report
 from app.request import PairRequest, ProfileRequest
 from fusion.angle_files.elevation_parquet import read_elevation
-from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
-from fusion.days import lay_on_clock, overlay_days
+from fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
+from fusion.comparison.days import lay_on_clock, overlay_days
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.intervals import join_intervals

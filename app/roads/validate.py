@@ -32,9 +32,9 @@ from app.roads.analyse import ignore_stage
 from app.roads.reading import read_file
 from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
 from app.version import software_revision, software_version
-from fusion.agreement import (
+from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
+from fusion.comparison.agreement import (
     AgreementEntry,
-    ClockSettings,
     Comparison,
     ComparisonSettings,
     Side,
@@ -43,7 +43,7 @@ from fusion.agreement import (
     take_angle_file,
     take_recording,
 )
-from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
+from fusion.comparison.alignment import ClockSettings
 from fusion.diary import read_tasks
 from fusion.errors import FusionError, NoReference, UnknownFormat, UnusableStudy
 from fusion.pipeline import fuse_recording

@@ -26,7 +26,7 @@ from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest,
 from app.services import Services, UsedServices
 from app.web.recording.page_one import Laid, build_curves
 from app.web.rendering import Page, UsedPage, lay_way_of_query
-from fusion.comparison import FigureChange
+from fusion.comparison.change import FigureChange
 
 DAY = 10  # characters of an ISO date
 MOST_TRUNKS = 50

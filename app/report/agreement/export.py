@@ -12,11 +12,19 @@ from typing import TYPE_CHECKING, Any
 from app.report.export.csv import Row, encode_table
 from app.report.figures import round_all
 from app.report.words.subject import Software, clean_text
-from fusion.source_paper import QUASI_STATIC, TABLE_1
+from fusion.comparison.change import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
     from app.errors import StudyProblem
-    from fusion.agreement import Agreement, AgreementCell, AgreementEntry, Comparison, Limits, Side, Stratum
+    from fusion.comparison.agreement import (
+        Agreement,
+        AgreementCell,
+        AgreementEntry,
+        Comparison,
+        Limits,
+        Side,
+        Stratum,
+    )
 
 
 STATISTICS = (

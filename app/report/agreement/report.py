@@ -37,7 +37,7 @@ from app.report.words.wording import (
 
 if TYPE_CHECKING:
     from app.report.agreement.export import ComparisonSubject
-    from fusion.agreement import AgreementCell, AgreementEntry, Comparison
+    from fusion.comparison.agreement import AgreementCell, AgreementEntry, Comparison
 
 DECIMALS = {"r": 3, "rmse_deg": 2, "mean_absolute_error_deg": 2}
 """The statistics in the table of a study."""

@@ -10,11 +10,18 @@ from app.report.model import Table
 from app.report.words.numbers import NONE, format_angle, format_duration, format_number, format_percent
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
-from fusion.source_paper import QUASI_STATIC, TABLE_1
+from fusion.comparison.change import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
-    from fusion.agreement import Agreement, Comparison, FigureDifference, Limits, Stratum, TaskAgreement
-    from fusion.agreement.pairs import WindowLag
+    from fusion.comparison.agreement import (
+        Agreement,
+        Comparison,
+        FigureDifference,
+        Limits,
+        Stratum,
+        TaskAgreement,
+    )
+    from fusion.comparison.alignment import WindowLag
 
 LONGEST_TASK = 40
 MOST_LAGS = 12

@@ -36,7 +36,7 @@ from app.report.words.numbers import (
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, join_clauses
 from fusion.caveats import Caveat
-from fusion.comparison import STATEMENTS, Reference, compare_with_references
+from fusion.comparison.change import STATEMENTS, Reference, compare_with_references
 from fusion.conventions import UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, PartExposure
 from fusion.recording import MICROSECONDS, QualityFlag

@@ -19,7 +19,8 @@ from app.report.words.wording import Language, Words, fill, find_device_name, lo
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fusion.agreement import Agreement, AgreementCell, AgreementEntry, Pairs
+    from fusion.comparison.agreement import Agreement, AgreementCell, AgreementEntry
+    from fusion.comparison.alignment import Pairs
 
     Vector = NDArray[np.float64]
 

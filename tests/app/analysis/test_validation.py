@@ -17,7 +17,7 @@ from app.report.model import Table
 from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
 from app.roads.validate import make_validation
-from fusion.agreement.pairs import WindowLag
+from fusion.comparison.alignment import WindowLag
 from fusion.diary import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 

@@ -15,7 +15,7 @@ from app.report.agreement.report import build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
 from app.roads.validate import find_study_files
-from fusion.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
+from fusion.comparison.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
 from tests.fusion.comparison.test_agreement import OURS, REFERENCE
 from tests.simulated_tasks import TITLES

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.comparison import (
+from fusion.comparison.change import (
     NOT_SHIPPED,
     REFERENCES,
     STATEMENTS,

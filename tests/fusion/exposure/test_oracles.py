@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.agreement.statistics import find_icc, measure_agreement
+from fusion.comparison.agreement import find_icc, measure_agreement
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import summarise_exposure
 from fusion.exposure.cycles import RANGE_EDGES_DEG, CycleTally, count_rainflow
