@@ -19,8 +19,8 @@ from fusion.exposure.episodes import find_stays
 from fusion.exposure.metric_filter import MetricAngle, filter_angle
 from fusion.exposure.parts import split_hours
 from fusion.exposure.speeds import SpeedTally, find_mean_power_frequency, measure_turns
-from fusion.numerics.runs import START, STOP, find_stays_above
 from fusion.recording import IntArray
+from fusion.runs import START, STOP, find_stays_above
 
 
 def swing(time_s: FloatVector) -> FloatVector:

@@ -25,8 +25,8 @@ from fusion.errors import (
     UnusableTime,
     WrongAngle,
 )
-from fusion.numerics.runs import find_runs
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, QualityFlag, Recording, Segment
+from fusion.runs import find_runs
 
 COLUMNS = ("time_s", "elevation_deg")
 LONGEST_BRIDGE_S = 0.05

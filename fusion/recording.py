@@ -1,16 +1,16 @@
 """What the sensor wrote: even runs of samples, what lies between them, and the caveats of reading."""
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.conventions import ArmAxis, PoseHeld
-from fusion.numerics.intervals import find_uncovered
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -244,3 +244,33 @@ def flag_stretches(
     seconds = sum(end_s - start_s for start_s, end_s in spans_s)
     first_s, last_s = spans_s[0][0], spans_s[-1][1]
     return QualityFlag(caveat, len(spans_s), seconds, first_s, last_s, facts or {}, tuple(spans_s))
+
+
+# Stretches of time or ranges of rows, (start, end).
+
+Number = TypeVar("Number", int, float)
+
+
+def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Number, Number]]:
+    """Return spans in order; those that meet are one."""
+    joined: list[tuple[Number, Number]] = []
+    for start, end in sorted(spans):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], end))
+        else:
+            joined.append((start, end))
+    return joined
+
+
+def find_uncovered(
+    spans: Iterable[tuple[Number, Number]], start: Number, end: Number, tolerance: Number
+) -> list[tuple[Number, Number]]:
+    """Return what no span covers between ``start`` and ``end``, where it is longer than ``tolerance``."""
+    uncovered: list[tuple[Number, Number]] = []
+    covered = sorted(spans)
+    covered.append((end, end))
+    for first, stop in covered:
+        if first - start > tolerance:
+            uncovered.append((start, first))
+        start = max(start, stop)
+    return uncovered

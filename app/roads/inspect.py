@@ -10,7 +10,6 @@ import numpy as np
 from app.request import OnStage, ReportRequest
 from app.roads.reading import read_file
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
-from fusion.numerics.intervals import find_uncovered
 from fusion.pose.poses import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
 from fusion.readers import identify_header
@@ -18,7 +17,7 @@ from fusion.readers.archives import unpack
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.source import open_source
 from fusion.readers.tables.profile import propose_profile
-from fusion.recording import MICROSECONDS
+from fusion.recording import MICROSECONDS, find_uncovered
 
 MOST_ROUNDING_US = 2
 

@@ -29,7 +29,7 @@ from fusion.conventions import CalibrationState
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
 from fusion.exposure import Exposure, summarise_exposure
-from fusion.numerics.rotations import find_angle_deg
+from fusion.numerics import find_angle_deg
 from fusion.pipeline import Analysis, analyse
 from fusion.quality import Verdict
 from fusion.recording import Float64Array

@@ -16,9 +16,17 @@ from fusion.caveats import Caveat
 from fusion.checks.summary import BLOCK_ROWS, SensorSummary, summarise
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.numba_kernels import inner, kernel
-from fusion.numerics.intervals import join_overlapping
-from fusion.numerics.runs import find_runs
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Recording, Segment, Span, flag_gaps, flag_spans
+from fusion.recording import (
+    LONGEST_BRIDGE_US,
+    MICROSECONDS,
+    Recording,
+    Segment,
+    Span,
+    flag_gaps,
+    flag_spans,
+    join_overlapping,
+)
+from fusion.runs import find_runs
 
 Rows = NDArray[np.int64]
 """Ranges of rows, shape (m, 2): first row and first row after, in order."""

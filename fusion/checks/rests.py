@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
-from fusion.numerics.robust import weigh_cauchy
+from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array, Segment
 
 Marks = NDArray[np.bool_]

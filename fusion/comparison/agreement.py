@@ -28,9 +28,19 @@ from fusion.comparison.alignment import (
 from fusion.diary import TaskWindow
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
 from fusion.exposure import Exposure, summarise_exposure
-from fusion.numerics.intervals import join_overlapping
 from fusion.pipeline import FusedRecording
-from fusion.recording import Float64Array, FloatArray
+from fusion.recording import Float64Array, FloatArray, join_overlapping
+
+# How far two angles agree. ``ours`` and ``reference`` are always shape (n,), deg, at the same moments.
+#
+# Pearson's r, root mean square and mean absolute error: as in Table 1 of the source paper. Bias and limits of
+# agreement: Bland and Altman 1986; with repeated measures, Bland and Altman 2007, section 3 (the true value
+# varies). ICC(A,1): McGraw and Wong 1996, two-way, absolute agreement, one measurement (Shrout and Fleiss's
+# ICC(2,1)). Concordance: Lin 1989.
+#
+# r, ICC and concordance compare the error with the spread of the angle. Where the angle hardly moves they
+# do not measure the error, so they are not given (NaN) where the reference is quasi-static: its standard
+# deviation below 5 deg. The paper leaves r out of its quasi-static tasks without naming a rule.
 
 QUASI_STATIC_DEG = 5.0
 LIMIT_SD = 1.96

@@ -16,9 +16,9 @@ from scipy.stats import theilslopes
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import NotAligned, NothingInCommon
 from fusion.numba_kernels import njit
-from fusion.numerics.robust import weigh_huber
-from fusion.numerics.runs import find_runs
+from fusion.numerics import weigh_huber
 from fusion.recording import MICROSECONDS, Float64Array, FloatArray
+from fusion.runs import find_runs
 
 # The angle of one side as unbroken, even runs in its own clock.
 

@@ -16,6 +16,12 @@ from fusion.exposure.metric_filter import filter_elevation
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS, Float64Array
 
+# Days overlaid by the clock, as the Ambulatory Glucose Profile overlays days of glucose.
+#
+# The layout follows the Ambulatory Glucose Profile (J Diabetes Sci Technol 2013;7:562): median, 25 to 75 %
+# and 10 to 90 % by clock time over all days. Here each day that is analysed for half of a quarter hour counts
+# once in it, so that a long day weighs no more than a short one.
+
 QUARTER_S = 900.0
 QUARTERS = 96
 LEAST_ANALYSED_S = QUARTER_S / 2

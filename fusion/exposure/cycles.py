@@ -6,10 +6,10 @@ import numpy as np
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Figures, Resampling
-from fusion.exposure.rows import find_part_rows, find_parts
 from fusion.exposure.types import Cycles
 from fusion.numba_kernels import inner, kernel, kernel_making_arrays
 from fusion.recording import Float64Array, IntArray
+from fusion.runs import find_part_rows, find_parts
 
 HYSTERESIS_DEG = 5.0
 RANGE_EDGES_DEG = (10.0, 30.0, 60.0, 90.0, None)

@@ -19,11 +19,21 @@ from fusion.exposure.bins import (
 )
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import GROWTH, Figures, Resampling, lower_thresholds, scale_draws
-from fusion.exposure.rows import add_spans, find_part_rows, find_parts
 from fusion.exposure.types import Entries, Episodes
 from fusion.numba_kernels import kernel
-from fusion.numerics.runs import IS_CUT, IS_ENTRY, LEVEL, RUN, START, STOP, find_stays_above
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
+from fusion.runs import (
+    IS_CUT,
+    IS_ENTRY,
+    LEVEL,
+    RUN,
+    START,
+    STOP,
+    add_spans,
+    find_part_rows,
+    find_parts,
+    find_stays_above,
+)
 
 HALF_HYSTERESIS_DEG = 5.0
 MERGED_GAP_S = 0.5

@@ -6,10 +6,10 @@ import numpy as np
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Figures, Resampling
-from fusion.exposure.rows import add_rows, find_part_rows
 from fusion.exposure.types import Eva, EvaSummary
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import Float64Array, IntArray
+from fusion.runs import add_rows, find_part_rows
 
 ANGLE_EDGES_DEG = (0.0, 20.0, 30.0, 60.0, 90.0, 180.0)
 DURATION_EDGES_S = (0.0, 1.0, 3.0, 7.0, 15.0, 31.0, 63.0, 127.0, 255.0, None)

@@ -15,9 +15,9 @@ from fusion.exposure.bins import (
     summarise_time_above,
 )
 from fusion.exposure.periods import Period, Piece
-from fusion.exposure.rows import EvenRun, find_end_us
 from fusion.exposure.types import MinuteProfile, PartExposure
 from fusion.recording import MICROSECONDS, IntArray
+from fusion.runs import EvenRun, find_end_us
 
 PART_PERCENTS = (10, 50, 90)
 MINUTE_US = 60 * MICROSECONDS

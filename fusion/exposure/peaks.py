@@ -4,10 +4,10 @@ import numpy as np
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Figures, Resampling
-from fusion.exposure.rows import find_end_us, find_part_rows
 from fusion.exposure.types import PeakWindow
 from fusion.numba_kernels import kernel
 from fusion.recording import MICROSECONDS, Float64Array, IntArray
+from fusion.runs import find_end_us, find_part_rows
 
 WINDOWS_S = (60, 900, 3600)
 THRESHOLD_DEG = 60.0

@@ -9,10 +9,9 @@ import numpy as np
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Figures, Resampling
-from fusion.exposure.rows import add_spans, find_part_rows, find_parts
 from fusion.exposure.types import Recovery
-from fusion.numerics.runs import LEVEL, START, STOP, find_runs, find_stays_above
 from fusion.recording import BoolArray, Float64Array, IntArray
+from fusion.runs import LEVEL, START, STOP, add_spans, find_part_rows, find_parts, find_runs, find_stays_above
 
 NEUTRAL_DEG = 20.0
 SLOW_DPS = 5.0

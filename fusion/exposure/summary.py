@@ -21,7 +21,7 @@ from fusion.exposure.bins import (
 from fusion.exposure.episodes import summarise_entries, summarise_episodes
 from fusion.exposure.eva import summarise_eva_matrix
 from fusion.exposure.intervals import add_intervals, describe_hours
-from fusion.exposure.metric_filter import filter_elevation, is_filtered
+from fusion.exposure.metric_filter import CORNER_HZ, filter_elevation, is_filtered
 from fusion.exposure.parts import (
     DayDivision,
     Group,
@@ -30,7 +30,6 @@ from fusion.exposure.parts import (
     summarise_parts,
 )
 from fusion.exposure.peaks import find_peak_windows, find_quarter_hours
-from fusion.exposure.rows import find_end_us, find_valid_samples
 from fusion.exposure.tally import Count, DayTally
 from fusion.exposure.types import (
     LEAST_RANGED_S,
@@ -41,8 +40,8 @@ from fusion.exposure.types import (
     PartExposure,
     TimeAbove,
 )
-from fusion.numerics.low_pass import CORNER_HZ
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment
+from fusion.runs import find_end_us, find_valid_samples
 
 Value = TypeVar("Value", ElevationBin, TimeAbove, Entries, Episodes, PartExposure)
 UNDIVIDED = DayDivision()

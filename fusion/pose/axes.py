@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from fusion.conventions import ARM_AXES, ArmAxis
-from fusion.numerics.rotations import find_angle_deg
+from fusion.numerics import find_angle_deg
 from fusion.pose.rules import RULES
 from fusion.recording import Float64Array
 

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from fusion.conventions import CalibrationState, Pose
-from fusion.numerics.intervals import join_overlapping
-from fusion.numerics.rotations import find_angle_deg
+from fusion.numerics import find_angle_deg
 from fusion.pose.axes import ALIKE_DEG, AXIS_SIGMA_DEG, AxisPart, Reading, find_spread_deg, point_along
 from fusion.pose.poses import (
     FoundPose,
@@ -24,7 +23,7 @@ from fusion.pose.windows import (
     reduce_recording,
     share_between,
 )
-from fusion.recording import Float64Array, Recording, Segment
+from fusion.recording import Float64Array, Recording, Segment, join_overlapping
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
 from fusion.sensor.model import GyroBias, view_segment

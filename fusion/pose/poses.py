@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from fusion.conventions import CalibrationState, PoseHeld
-from fusion.numerics.rotations import find_angle_deg
+from fusion.numerics import find_angle_deg
 from fusion.pose.axes import (
     ALIKE_DEG,
     ASSUMED_SIGMA_DEG,

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from fusion.conventions import CONFIRMED, SAID_S
-from fusion.numerics.intervals import join_overlapping
-from fusion.numerics.rotations import find_angle_deg, scale_to_unit
+from fusion.numerics import find_angle_deg, scale_to_unit
 from fusion.pose.axes import (
     ALIKE_DEG,
     AxisPart,
@@ -24,7 +23,7 @@ from fusion.pose.axes import (
 from fusion.pose.poses import EarlyStills, FoundPose, describe_pose
 from fusion.pose.wear import MOVED_SHARE, Question, Wear, ask_for_slip, compare_postures, find_wear
 from fusion.pose.windows import Window
-from fusion.recording import Float64Array
+from fusion.recording import Float64Array, join_overlapping
 from fusion.sensor.accelerometer import AccelerometerCorrection
 
 

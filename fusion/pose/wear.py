@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.numerics.rotations import cos_deg, find_angle_deg, find_turn
+from fusion.numerics import cos_deg, find_angle_deg, find_turn
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.moments import Moments, find_moments

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fusion.errors import UnusableCalibration
-from fusion.numerics.rotations import find_angle_deg, scale_to_unit
+from fusion.numerics import find_angle_deg, scale_to_unit
 from fusion.pose.rules import RULES, object_to_window, score_still_period
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection

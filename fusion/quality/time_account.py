@@ -13,14 +13,7 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.rows import (
-    find_end_us,
-    find_touched_rows,
-    find_valid_samples,
-    list_touched_rows,
-)
 from fusion.numba_kernels import kernel
-from fusion.numerics.runs import find_runs
 from fusion.orientation.angle_rows import AngleRows, lay_rows
 from fusion.pose.windows import Blocks, reduce_recording
 from fusion.quality.types import TimeAccount, TimePart
@@ -32,6 +25,13 @@ from fusion.recording import (
     Segment,
     Span,
     find_missing,
+)
+from fusion.runs import (
+    find_end_us,
+    find_runs,
+    find_touched_rows,
+    find_valid_samples,
+    list_touched_rows,
 )
 from fusion.sensor.self_calibration import find_limits
 from fusion.still_limits import OFF_THE_ARM

@@ -8,10 +8,7 @@ from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
 from fusion.checks.rests import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.elevation import Elevation
-from fusion.exposure.rows import list_touched_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
-from fusion.numerics.intervals import find_uncovered
-from fusion.numerics.runs import find_runs
 from fusion.orientation.angle_rows import lay_rows
 from fusion.pose.calibrate import CalibratedSamples, Calibration
 from fusion.pose.rules import RULES
@@ -24,9 +21,11 @@ from fusion.recording import (
     QualityFlag,
     Recording,
     Span,
+    find_uncovered,
     flag_spans,
     flag_stretches,
 )
+from fusion.runs import find_runs, list_touched_rows
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import GyroBias
 from fusion.sensor.stillness import QuietTable

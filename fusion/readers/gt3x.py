@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
 from fusion.numba_kernels import njit
-from fusion.numerics.intervals import find_uncovered, join_overlapping
 from fusion.readers.archives import (
     EMPTY_ZIP_MAGIC,
     ZIP_MAGIC,
@@ -48,9 +47,11 @@ from fusion.recording import (
     Segment,
     Span,
     Stated,
+    find_uncovered,
     flag_counts,
     flag_gaps,
     flag_spans,
+    join_overlapping,
 )
 from fusion.still_limits import BOTH_ACCELEROMETERS
 

@@ -9,10 +9,10 @@ from fusion.caveats import Caveat
 from fusion.checks.faults import is_too_frequent, mark_fillers, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
 from fusion.numba_kernels import njit
-from fusion.numerics.runs import find_runs
 from fusion.readers.room import Room
 from fusion.readers.source import Source
 from fusion.recording import QualityFlag
+from fusion.runs import find_runs
 
 FIRST_CAPACITY = 65_536
 MOST_FORESEEN_BYTES = 1 << 30

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.checks.rests import number_directions
-from fusion.numerics.robust import weigh_cauchy
+from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array
 from fusion.sensor.model import Hats, hold_together, solve_band
 from fusion.sensor.stillness import QuietTable

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fusion.numba_kernels import kernel
-from fusion.numerics.robust import CAUCHY
+from fusion.numerics import CAUCHY
 from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import (

@@ -16,13 +16,13 @@ from fusion.exposure.eva import ANGLE_EDGES_DEG, DURATION_EDGES_S, EvaTally
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.recovery import SECONDS, SLOW_DPS, STAYS, RecoveryTally
 from fusion.exposure.resampling import draw_blocks, sum_below
-from fusion.exposure.rows import add_time
 from fusion.exposure.speeds import (
     FrequencyTally,
     count_crossings,
     find_mean_power_frequency,
     measure_inclination,
 )
+from fusion.runs import add_time
 from tests.factories import elevate
 
 ANGLES = st.sampled_from([0.0, 12.0, 17.0, 19.5, 20.0, 21.0, 24.0, 30.0, 34.0, 60.0, 64.0, 90.0, 150.0])
