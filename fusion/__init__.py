@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import analyse as analyse
     from fusion.pose.calibrate import Calibration as Calibration
-    from fusion.pose.windows import StillPeriod as StillPeriod
+    from fusion.pose.poses import StillPeriod as StillPeriod
     from fusion.quality.types import Quality as Quality
     from fusion.quality.types import TimeAccount as TimeAccount
     from fusion.quality.types import TimePart as TimePart
@@ -68,7 +68,7 @@ _NAMES = {
     "fusion.orientation": "estimate_vertical",
     "fusion.pipeline": "Analysis analyse",
     "fusion.pose.calibrate": "Calibration",
-    "fusion.pose.windows": "StillPeriod",
+    "fusion.pose.poses": "StillPeriod",
     "fusion.quality.types": "Quality TimeAccount TimePart",
     "fusion.readers": "read_recording read_recordings",
     "fusion.readers.tables.profile": "ColumnProfile",

@@ -4,7 +4,6 @@ import numpy as np
 
 from fusion.recording import Float64Array
 
-
 # Angles between directions, and the turn of one into another.
 
 

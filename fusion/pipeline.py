@@ -15,9 +15,9 @@ from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
 from fusion.exposure.intervals import widen_over
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
-from fusion.pose.axes import AxisPart
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
-from fusion.pose.windows import reduce_recording
+from fusion.pose.poses import reduce_recording
+from fusion.pose.rules import AxisPart
 from fusion.quality import Quality, TimeAccount
 from fusion.quality.time_account import (
     account_time,

@@ -26,7 +26,7 @@ from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.intervals import LEAST_BIN_DEG
 from fusion.exposure.resampling import FULL_AT_DEG
 from fusion.pipeline import SOFT_TISSUE_SIGMA_DEG, Analysis, analyse
-from fusion.pose.axes import HELD_SIGMA_DEG
+from fusion.pose.rules import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
 
 KINDS = ("time above", "bins", "entries", "percentiles")

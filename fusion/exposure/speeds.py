@@ -12,13 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.elevation import ElevationSegment
+from fusion.elevation import ElevationSegment, Vertical
 from fusion.exposure.bins import find_percentile_cells
 from fusion.exposure.metric_filter import MetricAngle, filter_rows
 from fusion.exposure.resampling import Figures, Resampling, scale_draws
 from fusion.exposure.types import Frequency, Velocity
 from fusion.numba_kernels import kernel, kernel_making_arrays
-from fusion.orientation.angle_rows import Vertical
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
 from fusion.runs import EvenRun, find_part, find_part_rows, find_parts, find_runs
 

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusion.elevation import Elevation, measure_elevation
-from fusion.orientation.arrays import check_arrays, check_direction, check_gravity
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.pose.rules import RULES, object_to_window
 from fusion.readers.samples import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
-from fusion.sensor.model import RADIANS
+from fusion.sensor.model import RADIANS, check_arrays, check_direction, check_gravity
 
 # The angle alone, for programs of others.
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.elevation import Elevation
+from fusion.elevation import AngleRows, Elevation, lay_rows
 from fusion.errors import TooShort
 from fusion.numba_kernels import kernel
-from fusion.orientation.angle_rows import AngleRows, lay_rows
-from fusion.pose.windows import Blocks, reduce_recording
+from fusion.pose.poses import Blocks, reduce_recording
 from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,

@@ -7,12 +7,11 @@ import numpy as np
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
 from fusion.checks.rests import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.elevation import Elevation
+from fusion.elevation import Elevation, lay_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
-from fusion.orientation.angle_rows import lay_rows
 from fusion.pose.calibrate import CalibratedSamples, Calibration
+from fusion.pose.poses import TABLE_SWAY_DPS, StillPeriod
 from fusion.pose.rules import RULES
-from fusion.pose.windows import TABLE_SWAY_DPS, StillPeriod
 from fusion.quality.time_account import count_beside_us
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import (
@@ -26,8 +25,7 @@ from fusion.recording import (
     flag_stretches,
 )
 from fusion.runs import find_runs, list_touched_rows
-from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.model import GyroBias
+from fusion.sensor.model import AccelerometerCorrection, GyroBias
 from fusion.sensor.stillness import QuietTable
 from fusion.settings import AnalysisSettings
 

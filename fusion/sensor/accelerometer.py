@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from fusion.checks.rests import number_directions
 from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array
-from fusion.sensor.model import Hats, hold_together, solve_band
+from fusion.sensor.model import (
+    PART_OFFSET_G,
+    AccelerometerCorrection,
+    Hats,
+    hold_together,
+    leave_accelerometer,
+    solve_band,
+)
 from fusion.sensor.stillness import QuietTable
 
 FIRST_AXIS, SECOND_AXIS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
@@ -49,7 +56,7 @@ class AccelerometerSettings:
     the angle by less than 0.01 deg RMSE.
     """
 
-    offset_g: float = 0.04
+    offset_g: float = PART_OFFSET_G
     scale: float = 0.01
     wander_g_per_root_min: float = 0.0007
     knot_s: float = 300.0
@@ -68,48 +75,11 @@ SETTINGS = AccelerometerSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AccelerometerCorrection:
-    """``gain @ (acceleration - offset_g(t))``.
-
-    ``gain`` (3, 3) is symmetric; ``offset_g`` (k, 3) stands at the knots ``time_s`` (k,), a straight line
-    between them, constant outside. ``directions`` counts the distinct directions it rests on (0: none was
-    found). ``offset_sd_g`` is the standard deviation left in the offset, root mean square over all directions
-    of space: that of a part as delivered where nothing was seen.
-    """
-
-    time_s: Float64Array
-    offset_g: Float64Array
-    gain: Float64Array
-    directions: int = 0
-    offset_sd_g: float = SETTINGS.offset_g
-
-    def apply(self, acc_g: Float64Array, time_s: float | Float64Array) -> Float64Array:
-        """Correct accelerations, shape (3,) or (n, 3), read at a time or at the times (n,)."""
-        offset_g = [np.interp(time_s, self.time_s, self.offset_g[:, axis]) for axis in range(3)]
-        return np.asarray((acc_g - np.stack(offset_g, axis=-1)) @ self.gain)
-
-    def find_up(self, gravity_g: Float64Array, time_s: Float64Array) -> Float64Array:
-        """Directions to the zenith, unit vectors (n, 3), of accelerations at rest."""
-        up = self.apply(gravity_g, time_s)
-        return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))
-
-    @property
-    def mean_offset_g(self) -> Float64Array:
-        """Shape (3,): over the recording."""
-        return np.asarray(self.offset_g.mean(axis=0))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class MovingReadings:
     """As if the sensor had been at rest: readings ``gravity_g`` (w, 3) at ``time_s`` (w,)."""
 
     time_s: Float64Array
     gravity_g: Float64Array
-
-
-def leave_accelerometer() -> AccelerometerCorrection:
-    """No correction."""
-    return AccelerometerCorrection(np.zeros(1), np.zeros((1, 3)), np.eye(3))
 
 
 def sees_few_directions(stills: QuietTable) -> bool:

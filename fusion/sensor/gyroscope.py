@@ -21,20 +21,21 @@ from numpy.lib.stride_tricks import sliding_window_view
 from fusion.numba_kernels import kernel
 from fusion.numerics import CAUCHY
 from fusion.recording import Float64Array
-from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import (
     JUMP_S,
     RADIANS,
+    AccelerometerCorrection,
     GyroBias,
     Hats,
+    Nodes,
     SensorRun,
     carry,
     hold_bias,
     hold_together,
+    reduce_to_nodes,
     solve_band,
     turn_factors,
 )
-from fusion.sensor.nodes import Nodes, reduce_to_nodes
 from fusion.sensor.stillness import QuietTable
 
 # What motion itself says about the gyroscope's bias.

@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from fusion.checks.summary import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import Float64Array, FloatArray, Segment
-from fusion.sensor.accelerometer import (
-    AccelerometerCorrection,
-    MovingReadings,
-    calibrate_accelerometer,
-    sees_few_directions,
-)
+from fusion.sensor.accelerometer import MovingReadings, calibrate_accelerometer, sees_few_directions
 from fusion.sensor.gyroscope import GyroScale, estimate_gyro_scale, follow_gyro_bias, reduce_about_start
-from fusion.sensor.model import GyroBias, SensorRun
-from fusion.sensor.nodes import Nodes, correct_nodes, reduce_to_nodes
+from fusion.sensor.model import (
+    AccelerometerCorrection,
+    GyroBias,
+    Nodes,
+    SensorRun,
+    correct_nodes,
+    reduce_to_nodes,
+)
 from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run
 
 # What the accelerometer reads of gravity while the arm moves.

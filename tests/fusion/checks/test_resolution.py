@@ -18,7 +18,7 @@ from fusion.quality.time_account import account_time, find_exclusions
 from fusion.quality.verdict import flag_accelerometer_drift
 from fusion.readers import read_recording
 from fusion.recording import QualityFlag, Recording, Segment
-from fusion.sensor.accelerometer import leave_accelerometer
+from fusion.sensor.model import leave_accelerometer
 from fusion.sensor.stillness import QuietTable
 from tests.badfiles.arm import minute
 from tests.factories import record

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fusion.conventions import MethodName
-from fusion.elevation import Elevation, estimate_elevation
-from fusion.orientation.angle_rows import VerticalOnDemand, lay_rows, read_rows
+from fusion.elevation import Elevation, VerticalOnDemand, estimate_elevation, lay_rows, read_rows
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
