@@ -14,11 +14,16 @@ from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, samp
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
-from fusion.exposure.cycles import CycleTally, count_rainflow
-from fusion.exposure.episodes import find_stays
 from fusion.exposure.metric_filter import MetricAngle, filter_angle
 from fusion.exposure.parts import split_hours
-from fusion.exposure.speeds import SpeedTally, find_mean_power_frequency, measure_turns
+from fusion.exposure.speeds import (
+    CycleTally,
+    SpeedTally,
+    count_rainflow,
+    find_mean_power_frequency,
+    measure_turns,
+)
+from fusion.exposure.stays import find_stays
 from fusion.recording import IntArray
 from fusion.runs import START, STOP, find_stays_above
 

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from fusion.pipeline import analyse as analyse
     from fusion.pose.calibrate import Calibration as Calibration
     from fusion.pose.poses import StillPeriod as StillPeriod
-    from fusion.quality.types import Quality as Quality
-    from fusion.quality.types import TimeAccount as TimeAccount
-    from fusion.quality.types import TimePart as TimePart
+    from fusion.quality import Quality as Quality
+    from fusion.quality import TimeAccount as TimeAccount
+    from fusion.quality import TimePart as TimePart
     from fusion.readers import read_recording as read_recording
     from fusion.readers import read_recordings as read_recordings
     from fusion.readers.tables.profile import ColumnProfile as ColumnProfile
@@ -69,7 +69,7 @@ _NAMES = {
     "fusion.pipeline": "Analysis analyse",
     "fusion.pose.calibrate": "Calibration",
     "fusion.pose.poses": "StillPeriod",
-    "fusion.quality.types": "Quality TimeAccount TimePart",
+    "fusion.quality": "Quality TimeAccount TimePart",
     "fusion.readers": "read_recording read_recordings",
     "fusion.readers.tables.profile": "ColumnProfile",
     "fusion.recording": "QualityFlag Recording Segment Span",

@@ -13,8 +13,8 @@ from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
-from fusion.exposure.intervals import widen_over
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
+from fusion.exposure.summary import widen_over
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.poses import reduce_recording
 from fusion.pose.rules import AxisPart

@@ -37,7 +37,7 @@ from fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_
 from fusion.comparison.days import lay_on_clock, overlay_days
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.intervals import join_intervals
+from fusion.exposure.summary import join_intervals
 from fusion.quality.time_account import leave_out
 
 ELEVATION = "elevation.parquet"

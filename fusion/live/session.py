@@ -328,7 +328,7 @@ class LiveSession:
 #
 # Gravity, seen from a turning sensor, turns backwards: ``da/dt = -(w x a)``. In a left-handed frame it turns
 # forwards, and the live angle is wrong while the arm moves. A file is put right by the same equation
-# (:mod:`fusion.checks.frame`); a stream is only doubted.
+# (:mod:`fusion.checks.physics`); a stream is only doubted.
 
 BLOCK_S = 0.1
 SLOWEST_DPS = 20.0

@@ -15,7 +15,7 @@ from fusion.elevation import AngleRows, Elevation, lay_rows
 from fusion.errors import TooShort
 from fusion.numba_kernels import kernel
 from fusion.pose.poses import Blocks, reduce_recording
-from fusion.quality.types import TimeAccount, TimePart
+from fusion.quality import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,
     IntArray,

@@ -5,15 +5,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
-from fusion.checks.rests import number_directions
+from fusion.checks.summary import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.elevation import Elevation, lay_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import CalibratedSamples, Calibration
 from fusion.pose.poses import TABLE_SWAY_DPS, StillPeriod
 from fusion.pose.rules import RULES
+from fusion.quality import Quality, TimeAccount, Verdict
 from fusion.quality.time_account import count_beside_us
-from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import (
     MICROSECONDS,
     Float64Array,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.frame import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
-from fusion.checks.rests import find_rests
+from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
+from fusion.checks.summary import find_rests
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import cwa, gt3x, read_recording
 from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.checks.rests import number_directions
+from fusion.checks.summary import number_directions
 from fusion.numerics import weigh_cauchy
 from fusion.recording import Float64Array
 from fusion.sensor.model import (

@@ -8,8 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.checks import summary
-from fusion.checks.frame import cut_windows
-from fusion.checks.physics import check_physics
+from fusion.checks.physics import check_physics, cut_windows
 from fusion.checks.summary import find_flat_range, flag_resolution, summarise_sensor
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort

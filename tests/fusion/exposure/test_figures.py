@@ -13,7 +13,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
-from fusion.exposure.peaks import find_quarter_hours
+from fusion.exposure.parts import find_quarter_hours
 from fusion.exposure.speeds import BLOCK_ROWS, SpeedTally, filter_blocks
 from fusion.exposure.types import Velocity
 from fusion.recording import MICROSECONDS, Recording, Segment
