@@ -16,9 +16,9 @@ from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings,
 from fusion.pose.calibrate import CalibratedSamples
 from fusion.pose.rules import AxisPart, Reading
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, Segment
-from fusion.sensor.accelerometer import AccelerometerSettings
 from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
 from fusion.sensor.model import Nodes, spread_rows, view_segment
+from fusion.sensor.self_calibration import AccelerometerSettings
 from fusion.sensor.stillness import StillRules
 
 # The rows of the angle: at most 100 a second, averaged from the samples about them.

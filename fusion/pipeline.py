@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import BinaryIO, Literal
 
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
-from fusion.angle_series import read_angle_series
+from fusion.angle_files.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import is_npose
 from fusion.diary import DiaryEntry

@@ -32,8 +32,8 @@ from fusion.pose.rules import find_nearest_axis
 from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Span
-from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import view_segment
+from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.settings import AnalysisSettings
 

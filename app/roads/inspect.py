@@ -13,9 +13,8 @@ from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, res
 from fusion.pose.poses import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
 from fusion.readers import identify_header
-from fusion.readers.archives import unpack
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
-from fusion.readers.source import open_source
+from fusion.readers.source import open_source, unpack
 from fusion.readers.tables.profile import propose_profile
 from fusion.recording import MICROSECONDS, find_uncovered
 

@@ -20,7 +20,7 @@ from fusion.pose.poses import (
 )
 from fusion.readers import read_recording
 from fusion.recording import Float64Array, Recording, Segment
-from fusion.sensor.accelerometer import calibrate_accelerometer
+from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments
 from tests.validation.broad import load_trials
 

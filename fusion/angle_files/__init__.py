@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import elevation_parquet, mvnx, tables
-from fusion.angle_files.angle_file import (
+from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     calibrate_alone,
@@ -16,7 +16,7 @@ from fusion.angle_files.angle_file import (
     resample_file,
 )
 from fusion.errors import EmptyFile
-from fusion.readers.recognise import explain_refusal
+from fusion.readers import explain_refusal
 from fusion.readers.source import Source, open_source
 
 __all__ = [

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from fusion.angle_files.angle_file import (
+from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,

@@ -119,7 +119,7 @@ LEAST_PART, MOST_TIMES = 0.1, 3.0
 COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
-"""One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.timebase.grid)."""
+"""One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.time.grid)."""
 
 
 def leave_out_zeros(recording: Recording) -> Recording:

@@ -370,7 +370,7 @@ def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
 
 # Scale of the accelerometer: how long gravity reads at rest, in all the directions that were seen.
 #
-# A part's own few per cent belong to the fusion (:mod:`fusion.sensor.accelerometer`), whose fit is held to
+# A part's own few per cent belong to the fusion (:mod:`fusion.sensor.self_calibration`), whose fit is held to
 # what parts have. A factor past that, as a wrong sensitivity leaves, makes it give up, or pass the factor off
 # as an offset, which bends every angle. Offset and factor are told apart by rests in many directions only: at
 # one, both read alike.

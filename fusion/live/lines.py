@@ -20,7 +20,7 @@ from fusion.readers.tables.csv import choose_rate_hz, read_positive
 from fusion.readers.tables.csv_lines import STAMP
 from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
 from fusion.readers.tables.rows import plan_table
-from fusion.readers.timebase.grid import estimate_period_us
+from fusion.readers.time.grid import estimate_period_us
 from fusion.recording import MICROSECONDS
 from fusion.units import acc_scale_g, gyr_scale_dps
 

@@ -142,7 +142,7 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
 #
 # Three parts are added as variances. What no recording shows: the gyroscope's misalignment, and the like.
 # What the directions seen at rest leave open of the accelerometer's offset
-# (:mod:`fusion.sensor.accelerometer`); much where the arm only hung. What the day's movements do:
+# (:mod:`fusion.sensor.self_calibration`); much where the arm only hung. What the day's movements do:
 # half the angle between the estimates from past and future alone, as one of two directions, over nine
 # seconds. That grows with the speed of the arm by itself; speed adds nothing to it (a fit gave it a weight
 # of nil).

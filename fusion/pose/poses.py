@@ -22,8 +22,8 @@ from fusion.pose.rules import (
 )
 from fusion.pose.wear import Wear, divide_by_wear, find_walking
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
-from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import AccelerometerCorrection, view_segment
+from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import BLOCK_S, QuarterSeconds, find_still_moments, reduce_run, summarise_windows
 
 # Stretches in which the arm did not move, and what a window of one says.

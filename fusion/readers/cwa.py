@@ -19,8 +19,8 @@ from fusion.errors import DamagedFile, NoGyroscope, NoSamples, UnknownColumns, U
 from fusion.numba_kernels import inner, kernel
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks, scan_pieces
-from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
-from fusion.readers.timebase.grid import (
+from fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
+from fusion.readers.time.grid import (
     FASTEST_HZ,
     LONGEST_GAP_US,
     SLOWEST_HZ,

@@ -21,17 +21,20 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
 from fusion.numba_kernels import njit
-from fusion.readers.archives import (
+from fusion.readers.samples import SampleColumns
+from fusion.readers.source import (
+    EARLY_END_S,
     EMPTY_ZIP_MAGIC,
+    MAX_DAMAGED_PERCENT,
     ZIP_MAGIC,
+    Source,
     check_parts,
     open_archive,
     read_member,
     read_text,
+    scan_pieces,
 )
-from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, scan_pieces
-from fusion.readers.timebase.clock import (
+from fusion.readers.time.clock import (
     find_zone,
     flag_drift,
     follow_zone,

@@ -16,10 +16,10 @@ from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_m
 from fusion.checks.summary import find_rests
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import cwa, gt3x, read_recording
-from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
 from fusion.readers.cwa import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
-from fusion.readers.timebase.clock import format_offset
+from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
+from fusion.readers.time.clock import format_offset
 from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
 # Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.

@@ -22,8 +22,8 @@ from fusion.readers.tables.rows import (
     find_clock,
     read_table,
 )
-from fusion.readers.timebase.clock import flag_drift, hash_serial, parse_offset_s
-from fusion.readers.timebase.grid import cut_counted, cut_stamped
+from fusion.readers.time.clock import flag_drift, hash_serial, parse_offset_s
+from fusion.readers.time.grid import cut_counted, cut_stamped
 from fusion.recording import MICROSECONDS, Recording, Stated
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)

@@ -19,8 +19,8 @@ from fusion.diary import parse_pose_held
 from fusion.errors import NoSamples, UnknownColumns, UnknownRate
 from fusion.readers.samples import PAUSE, SampleColumns
 from fusion.readers.source import Source
+from fusion.readers.tables.columns import DateOrder
 from fusion.readers.tables.csv_lines import STAMP
-from fusion.readers.tables.dates import DateOrder
 from fusion.readers.tables.layout import TextLayout, flag_text, read_layout, sniff_layout
 from fusion.readers.tables.profile import ColumnProfile, apply_profile
 from fusion.readers.tables.rows import (
@@ -32,8 +32,8 @@ from fusion.readers.tables.rows import (
     plan_table,
     read_table,
 )
-from fusion.readers.timebase.clock import flag_drift, hash_serial
-from fusion.readers.timebase.grid import (
+from fusion.readers.time.clock import flag_drift, hash_serial
+from fusion.readers.time.grid import (
     FASTEST_HZ,
     SLOWEST_HZ,
     Grid,

@@ -12,26 +12,23 @@ import numpy as np
 from fusion.caveats import Caveat
 from fusion.devices import KnownDevice, find_known_device
 from fusion.errors import AmbiguousDecimal, EpochFile, UnknownColumns, UnknownFormat, UnusableTime
-from fusion.readers.archives import UnpackedFile
-from fusion.readers.source import Source, read_chunks
+from fusion.readers.source import Source, UnpackedFile, read_chunks
 from fusion.readers.tables.columns import (
     REMARKS,
     Column,
+    DateDialect,
+    DateOrder,
+    StampWriter,
     choose_vector,
+    find_dates,
+    find_last_date,
+    find_open_date,
+    find_order_by_span,
     names_epochs,
     parse_column_name,
     read_unit,
 )
 from fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
-from fusion.readers.tables.dates import (
-    DateDialect,
-    DateOrder,
-    StampWriter,
-    find_dates,
-    find_last_date,
-    find_open_date,
-    find_order_by_span,
-)
 from fusion.recording import QualityFlag
 from fusion.units import acc_scale_g
 
@@ -292,7 +289,7 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     UnknownColumns
         The rows have more fields than the header has names.
     fusion.errors.UnusableTime
-        The stamps cannot be understood, as in :func:`fusion.readers.tables.dates.find_dates` (``order``: of
+        The stamps cannot be understood, as in :func:`fusion.readers.tables.columns.find_dates` (``order``: of
         day, month and year, as a person gives it).
     """
     writer = _find_labels(head)

@@ -37,7 +37,7 @@ from fusion.readers.tables.rows import (
     build_recording,
     put_back_gravity,
 )
-from fusion.readers.timebase.grid import cut_counted, cut_stamped
+from fusion.readers.time.grid import cut_counted, cut_stamped
 from fusion.recording import QualityFlag, Recording, Stated
 from fusion.units import acc_scale_g, gyr_scale_dps, name_unit_source
 

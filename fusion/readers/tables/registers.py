@@ -19,8 +19,8 @@ from fusion.readers.tables.columns import TimeUnit
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.layout import sniff_layout
 from fusion.readers.tables.rows import TableClock, TablePlan, TimeColumn, build_recording, read_table
-from fusion.readers.timebase.clock import datetime_at_us, trust_clock
-from fusion.readers.timebase.grid import cut_stamped
+from fusion.readers.time.clock import datetime_at_us, trust_clock
+from fusion.readers.time.grid import cut_stamped
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])

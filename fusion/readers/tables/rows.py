@@ -18,16 +18,19 @@ from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     Column,
+    OffsetChange,
+    StampWriter,
     TimeUnit,
     Vector,
     choose_acceleration,
     choose_vector,
     count_from_1970,
     find_time_unit,
+    flag_changes,
     name_missing,
+    rewrite_pieces,
 )
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
 from fusion.readers.tables.layout import (
     CALENDAR,
     TextLayout,
@@ -36,8 +39,8 @@ from fusion.readers.tables.layout import (
     read_line_pieces,
     read_text_pieces,
 )
-from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
-from fusion.readers.timebase.grid import Grid, repair_row_times
+from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
+from fusion.readers.time.grid import Grid, repair_row_times
 from fusion.recording import QualityFlag, Recording, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
 

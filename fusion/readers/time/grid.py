@@ -15,7 +15,7 @@ from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.numba_kernels import njit
 from fusion.readers.samples import PAUSE, SampleColumns
-from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
+from fusion.readers.time.clock import datetime_at_us, is_change_of_wall_clock
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,

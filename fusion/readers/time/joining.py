@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from fusion.caveats import Caveat
 from fusion.checks.faults import cut_rows
 from fusion.errors import UnusableJoin
-from fusion.readers.timebase.clock import flag_days, is_change_of_offset
+from fusion.readers.time.clock import flag_days, is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_spans
 
 LONGEST_OVERLAP_US = 2 * MICROSECONDS
