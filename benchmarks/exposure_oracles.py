@@ -12,7 +12,6 @@ import numpy as np
 from benchmarks.exposure_oracles_sensor import check_properties, check_sensor
 from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, sample, share_above, tally
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
 from fusion.exposure.metric_filter import MetricAngle, filter_angle
 from fusion.exposure.parts import split_hours
@@ -24,6 +23,8 @@ from fusion.exposure.speeds import (
     measure_turns,
 )
 from fusion.exposure.stays import find_stays
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
 from fusion.recording import IntArray
 from fusion.runs import START, STOP, find_stays_above
 

@@ -12,9 +12,10 @@ from fusion.conventions import is_npose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
-from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
+from fusion.exposure.parts import DayDivision, snap_periods
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
-from fusion.exposure.summary import widen_over
+from fusion.exposure.summary import summarise_exposure, widen_over, withhold_short
+from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.pose.poses import reduce_recording
 from fusion.pose.rules import AxisPart

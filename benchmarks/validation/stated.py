@@ -28,7 +28,8 @@ from benchmarks.validation.worn import DEVICES, WornDay, find_rmse_deg, name_dev
 from fusion.conventions import CalibrationState
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
-from fusion.exposure import Exposure, summarise_exposure
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
 from fusion.numerics import find_angle_deg
 from fusion.pipeline import Analysis, analyse
 from fusion.quality import Verdict

@@ -27,7 +27,8 @@ from fusion.comparison.alignment import (
 )
 from fusion.diary import TaskWindow
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
-from fusion.exposure import Exposure, summarise_exposure
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
 from fusion.pipeline import FusedRecording
 from fusion.recording import Float64Array, FloatArray, join_overlapping
 

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fusion.exposure.types import Exposure  # not from the package: a report must not wait for the compiler
+from fusion.exposure.types import Exposure
 
 # Published values as data: value, source, what it applies to, and how far it is confirmed.
 #

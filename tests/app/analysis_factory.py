@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.report.analysis.report import ReportSubject, Software
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
-from fusion.exposure import (
+from fusion.exposure.types import (
     Cycles,
     ElevationBin,
     Entries,

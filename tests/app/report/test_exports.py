@@ -40,7 +40,7 @@ from app.request import ReportRequest
 from app.roads.analyse import make_report
 from app.storage.store import KnownLogs
 from fusion.diary import DiaryEntry
-from fusion.exposure import Interval
+from fusion.exposure.types import Interval
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject
 
 

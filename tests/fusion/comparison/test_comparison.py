@@ -17,7 +17,8 @@ from fusion.comparison.change import (
     compare_with_references,
     find_detectable_change,
 )
-from fusion.exposure import Exposure, Velocity, summarise_exposure
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure, Velocity
 from tests.factories import elevate
 
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from fusion.exposure import summarise_exposure
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import draw_blocks, sum_below
 from fusion.exposure.speeds import (
@@ -29,6 +28,7 @@ from fusion.exposure.stays import (
     EvaTally,
     RecoveryTally,
 )
+from fusion.exposure.summary import summarise_exposure
 from fusion.runs import add_time
 from tests.factories import elevate
 

@@ -12,7 +12,7 @@ from fusion.caveats import Caveat
 from fusion.conventions import CalibrationState, Pose
 from fusion.elevation import Elevation, ElevationSegment, lay_rows
 from fusion.errors import TooShort
-from fusion.exposure import summarise_exposure
+from fusion.exposure.summary import summarise_exposure
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import Calibration
 from fusion.quality import Quality, TimeAccount
