@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.conventions import ArmAxis, PoseHeld
+from fusion.units import UnitSource
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -75,6 +76,8 @@ class Stated:
     ``left_gyr_factor``: what to multiply the rates by if the frame proves left-handed: an error of the
     device's library.
     ``is_counted``: the rows have no times: their rate comes from a person or a header.
+    ``units_from``: where both units are stated; "" if the samples have to show them.
+    ``nominal_rate_hz``: the rate that the device was set to; None if the file does not state one.
     """
 
     acc_unit: str = "g"
@@ -82,6 +85,8 @@ class Stated:
     is_known: bool = False
     left_gyr_factor: float = 1.0
     is_counted: bool = False
+    units_from: UnitSource = ""
+    nominal_rate_hz: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -139,6 +144,7 @@ class Recording:
     ``flags``: caveats found while reading.
     ``understood``: what the reader took the file for, for people: layout, columns, units, nominal rate.
     ``stated``: what the file states of its units and its time, for the checks.
+    ``jitter_us``: how far the stamps depart from an even grid; None where the reader does not measure it.
     ``serial_hash``: hash of the device's serial number; None where the file does not tell.
     ``acc_range_g``, ``gyr_range_dps``: full scale, for the clipping check; None where the file does not tell.
     ``reader``: name and version of the plug-in that read the file; None where one of our own did.
@@ -157,6 +163,7 @@ class Recording:
     flags: tuple[QualityFlag, ...] = ()
     understood: Mapping[str, str] = field(default_factory=dict)
     stated: Stated = Stated()
+    jitter_us: float | None = None
     serial_hash: str | None = None
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None

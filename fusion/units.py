@@ -1,6 +1,10 @@
 """Units of acceleration and angular rate, by the words that people and loggers write for them."""
 
 import math
+from typing import Literal
+
+UnitSource = Literal["", "header", "stated"]
+"""What states both units: a known device's header, or column names or a person; "" if nothing does."""
 
 STANDARD_GRAVITY = 9.80665
 DEG_PER_RAD = math.degrees(1.0)
@@ -23,7 +27,7 @@ GYR_UNITS_DPS = {
 }
 
 
-def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> str:
+def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> UnitSource:
     """Return "header" if a known device states both units, "stated" if names or a person do, else ""."""
     if not (acc_scale_g(acc_unit) and gyr_scale_dps(gyr_unit)):
         return ""

@@ -577,7 +577,7 @@ def check_physics(recording: Recording) -> Recording:
     if len(checked.flags) > len(recording.flags) or recording.stated.acc_unit == "registers":
         rests = find_rests(checked.segments)
     checked = _check_rates(_check_rest_length(checked, rests.acc), rests)
-    source = recording.understood.get("units_from") or "motion"
+    source = recording.stated.units_from or "motion"
     return replace(checked, understood={**checked.understood, "units_from": source})
 
 

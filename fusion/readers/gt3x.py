@@ -962,7 +962,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *flag_gaps(segments, duration_us, excluded),
         ),
         understood=_describe(text, log, timeline),
-        stated=Stated(is_known=True),
+        stated=Stated(is_known=True, units_from="header"),
         serial_hash=text.serial_hash,
         acc_range_g=_full_scale(decoder, 0),
         gyr_range_dps=_full_scale(decoder, 3),

@@ -96,8 +96,8 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
         "present_s": (recording.duration_us - missing_us) / MICROSECONDS,
         "missing_s": missing_us / MICROSECONDS,
         "rate_hz": round(recording.rate_hz, 4),
-        "nominal_rate_hz": _number(recording.understood.get("nominal_rate_hz")),
-        "jitter_us": _number(recording.understood.get("jitter_us")),
+        "nominal_rate_hz": recording.stated.nominal_rate_hz,
+        "jitter_us": None if recording.jitter_us is None else round(recording.jitter_us, 1),
         "samples": sum(len(segment) for segment in recording.segments) - bridged_rows,
         "segments": len(recording.segments),
         "gap_count": len(gaps),
@@ -121,10 +121,6 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
             for flag in recording.flags
         ],
     }
-
-
-def _number(text: str | None) -> float | None:
-    return float(text) if text else None
 
 
 def _describe_span(span: Span) -> dict[str, object]:

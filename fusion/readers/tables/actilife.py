@@ -81,7 +81,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
             "clock": "local",
             "time": "calendar" if has_time else "row number",
         },
-        stated=Stated(is_known=True, is_counted=not has_time),
+        stated=Stated(is_known=True, is_counted=not has_time, units_from="header", nominal_rate_hz=stated_hz),
         device="gt9x",
         serial_hash=hash_serial(header.get("Serial Number", "")),
         acc_range_g=DEVICE_RANGES[0],

@@ -112,7 +112,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     repairs = time.repair(columns, rows.changes) if time.has_times else ()
     first_us = int(columns.stamps[0])
     grid = _cut_rows(plan, columns, choose_rate_hz(layout, rate_hz))
-    described, facts = _describe_columns(plan, is_in_g=is_added), layout.facts()
+    stated, facts = _read_stated(plan, is_in_g=is_added), layout.facts()
     pose, unread = _read_pose(facts)
     device = facts.get("device", "")
     separator = " " if layout.is_single_spaced else layout.delimiter
@@ -128,20 +128,15 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *_flag_rates(plan, grid, rate_hz),
         ),
         {
-            **described,
+            **_describe_columns(plan, stated),
             "time": time.describe(first_us),
             "time_exponent": str(time.unit.exponent),
             "delimiter": {"\t": "tab", " ": "space"}.get(separator, separator),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(columns.rows),
         },
-        stated=Stated(
-            described["acceleration_unit"],
-            described["angular_rate_unit"],
-            is_known=described["units_from"] == "header",
-            left_gyr_factor=round(layout.device.left_gyr_factor, 5) if layout.device else 1.0,
-            is_counted=not time.has_times,
-        ),
+        stated=stated,
+        jitter_us=float(grid.jitter_us),
         device=layout.device.device if layout.device else device if find_device_name(device) else "other",
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
         acc_range_g=read_positive(facts.get("acc_range_g")),
@@ -240,9 +235,23 @@ def _read_pose_window(text: str) -> tuple[tuple[float, float], ...]:
     return ((start_s, end_s),)
 
 
-def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
-    columns, device = plan.layout.columns, plan.layout.device
+def _read_stated(plan: TablePlan, *, is_in_g: bool) -> Stated:
+    """Return what the header states of units and time."""
+    device = plan.layout.device
     acc_unit, gyr_unit = "g" if is_in_g else plan.acceleration.unit, plan.angular_rate.unit
+    units_from = name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right"))
+    return Stated(
+        acc_unit or "",
+        gyr_unit or "",
+        is_known=units_from == "header",
+        left_gyr_factor=round(device.left_gyr_factor, 5) if device else 1.0,
+        is_counted=not plan.time.has_times,
+        units_from=units_from,
+    )
+
+
+def _describe_columns(plan: TablePlan, stated: Stated) -> dict[str, str]:
+    columns, device = plan.layout.columns, plan.layout.device
     ignored = (
         column.name
         for column, target in zip(columns, plan.targets, strict=True)
@@ -252,9 +261,9 @@ def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
         "layout": "table with header",
         "columns": ", ".join(column.name for column in columns)[:400],
         "ignored": ", ".join(ignored)[:400],
-        "acceleration_unit": acc_unit or "",
-        "angular_rate_unit": gyr_unit or "",
-        "units_from": name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right")),
+        "acceleration_unit": stated.acc_unit,
+        "angular_rate_unit": stated.gyr_unit,
+        "units_from": stated.units_from,
     }
     if device and device.left_gyr_factor != 1.0:
         described["left_gyr_factor"] = f"{device.left_gyr_factor:.5f}"

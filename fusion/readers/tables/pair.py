@@ -124,6 +124,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
             "samples": str(columns.rows),
         },
         stated=Stated(acc.unit, gyr.unit),
+        jitter_us=float(grid.jitter_us),
         device=device.device if device else "other",
     )
 

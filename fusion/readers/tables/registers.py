@@ -98,5 +98,6 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
             "samples": str(n_rows),
         },
         stated=Stated("registers", "registers"),
+        jitter_us=float(grid.jitter_us),
         device="lsm9ds1",
     )
