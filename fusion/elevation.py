@@ -246,18 +246,14 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     """
     fuse = {"smoothed": _fuse_smoothed, "published": _fuse_published, "live": _fuse_live}[method]
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
-    own_deg = _summarise_sigma(segments) if method == "smoothed" else TYPICAL_SIGMA_DEG[method]
+    own_deg = UNCERTAIN_DEG if method == "smoothed" else TYPICAL_SIGMA_DEG[method]
+    by_second = [segment.sigma_deg for segment in segments if segment.sigma_deg is not None]
+    if method == "smoothed" and sum(map(len, by_second)):
+        seconds_deg = np.minimum(np.concatenate(by_second).astype(np.float64), 2.0 * UNCERTAIN_DEG)
+        own_deg = float(np.sqrt(np.mean(seconds_deg**2)))
     sigma_deg = sqrt(own_deg**2 + _average_doubt(samples, segments))
     widened = tuple(_widen_remounted(samples, segment) for segment in segments)
     return Elevation(widened, describe_method(method, samples), sigma_deg)
-
-
-def _summarise_sigma(segments: tuple[ElevationSegment, ...]) -> float:
-    known = [segment.sigma_deg for segment in segments if segment.sigma_deg is not None]
-    every = np.concatenate(known).astype(np.float64) if known else np.zeros(0)
-    return (
-        float(np.sqrt(np.mean(np.minimum(every, 2.0 * UNCERTAIN_DEG) ** 2))) if len(every) else UNCERTAIN_DEG
-    )
 
 
 def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from itertools import pairwise
 from typing import BinaryIO
 
 import numpy as np
@@ -105,6 +106,9 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
         raise TooShort(s=0.0)
     angle_deg = np.clip(rows.elevation_deg[present], 0.0, 180.0)
     series = AngleRows(rows.time_s[present], angle_deg, float(rows.time_s[0]), float(rows.time_s[-1]))
+    flags = (QualityFlag(Caveat.ROWS_DROPPED, rows.dropped_rows),) if rows.dropped_rows else ()
+    if rows.has_commas:
+        flags = (*flags, QualityFlag(Caveat.LOCALE))
     recording = Recording(
         device="angles",
         sha256=digest.hexdigest(),
@@ -112,7 +116,7 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
         time_zone=None,
         duration_us=0,
         segments=(),
-        flags=_flag_rows(rows),
+        flags=flags,
         understood={"layout": "angles", "columns": ", ".join(COLUMNS)},
     )
     return resample_angles(recording, series)
@@ -123,8 +127,14 @@ def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording,
 
     Raises UnusableTime: too few rows for a rate.
     """
-    period_s = _measure_period(series.time_s)
-    segments = _split_at_holes(series, period_s)
+    steps_s = np.diff(series.time_s)
+    if len(steps_s) == 0:
+        raise UnusableTime(why="rows")
+    # the mean of the steps within 1.5 medians, so that rounded stamps average out
+    period_s = float(steps_s[steps_s <= HOLE_PERIODS * np.median(steps_s)].mean())
+    longest_s = max(HOLE_PERIODS * period_s, LONGEST_BRIDGE_S + 1e-9)
+    edges = [0, *(np.flatnonzero(steps_s > longest_s) + 1).tolist(), len(series.time_s)]
+    segments = tuple(_make_segment(series, slice(*rows), period_s) for rows in pairwise(edges))
     duration_us = round((series.last_s - series.first_s + period_s) * MICROSECONDS)
     nothing = np.empty((0, 3), np.float32)
     laid = replace(
@@ -155,7 +165,10 @@ def _read_rows(file: BinaryIO) -> _Rows:
 
 
 def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
-    """Read the columns as numbers; where one is none, read them as text and count what is unreadable."""
+    """Read the columns as numbers; where one is none, read them as text and count what is unreadable.
+
+    Rows without a time are left out; the file is refused where more than 5 % cannot be read.
+    """
     from pyarrow import compute as pc  # noqa: PLC0415  slow to load, and only this needs it
 
     try:
@@ -168,8 +181,12 @@ def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
         unreadable = pc.invert(pc.match_substring_regex(table["elevation_deg"], NUMBER))
         broken += int(pc.sum(unreadable).as_py() or 0)
     time_s, elevation_deg = (_to_numbers(table[name]) for name in COLUMNS)
-    rows = _Rows(time_s, elevation_deg, np.arange(2, table.num_rows + 2))
-    return replace(_drop_timeless(rows, broken), has_commas=layout.decimal_mark == ",")
+    line, timed = np.arange(2, table.num_rows + 2), np.isfinite(time_s)
+    dropped = broken + int(np.count_nonzero(~timed))
+    if dropped > MOST_UNREADABLE * (len(timed) + broken):
+        raise UnreadableRows(k=dropped, line=2 if timed.all() else int(line[~timed][0]))
+    has_commas = layout.decimal_mark == ","
+    return _Rows(time_s[timed], elevation_deg[timed], line[timed], dropped, has_commas)
 
 
 def _parse_columns(file: BinaryIO, layout: _Layout, kind: pa.DataType) -> tuple[pa.Table, int]:
@@ -204,16 +221,6 @@ def _to_numbers(column: pa.ChunkedArray) -> Float64Array:
     return np.asarray(column.to_numpy(), np.float64)
 
 
-def _drop_timeless(rows: _Rows, broken_rows: int) -> _Rows:
-    """Leave out rows without a time; refuse the file where more than 5 % cannot be read."""
-    timed = np.isfinite(rows.time_s)
-    dropped = broken_rows + int(np.count_nonzero(~timed))
-    if dropped > MOST_UNREADABLE * (len(timed) + broken_rows):
-        line = int(rows.line[~timed][0]) if not timed.all() else 2
-        raise UnreadableRows(k=dropped, line=line)
-    return _Rows(rows.time_s[timed], rows.elevation_deg[timed], rows.line[timed], dropped)
-
-
 def _check_rows(rows: _Rows) -> None:
     if len(rows.time_s) < 2:
         raise UnusableTime(why="rows")
@@ -226,24 +233,6 @@ def _check_rows(rows: _Rows) -> None:
     wrong = np.flatnonzero((rows.elevation_deg < low) | (rows.elevation_deg > high))
     if len(wrong):
         raise WrongAngle(value=f"{rows.elevation_deg[wrong[0]]:g}", line=int(rows.line[wrong[0]]))
-
-
-def _measure_period(time_s: Float64Array) -> float:
-    """Return the usual step: the mean of those within 1.5 medians, so that rounded stamps average out."""
-    steps_s = np.diff(time_s)
-    if len(steps_s) == 0:
-        raise UnusableTime(why="rows")
-    return float(steps_s[steps_s <= HOLE_PERIODS * np.median(steps_s)].mean())
-
-
-def _split_at_holes(series: AngleRows, period_s: float) -> tuple[ElevationSegment, ...]:
-    steps_s = np.diff(series.time_s)
-    longest_s = max(HOLE_PERIODS * period_s, LONGEST_BRIDGE_S + 1e-9)
-    cuts = np.concatenate([[0], np.flatnonzero(steps_s > longest_s) + 1, [len(series.time_s)]])
-    return tuple(
-        _make_segment(series, slice(first, stop), period_s)
-        for first, stop in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True)
-    )
 
 
 def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationSegment:
@@ -269,11 +258,6 @@ def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> t
     if missing_s < 0.5 / segments[0].rate_hz:
         return ()
     return (QualityFlag(Caveat.GAP, max(len(segments) - 1, 1), round(missing_s, 6)),)
-
-
-def _flag_rows(rows: _Rows) -> tuple[QualityFlag, ...]:
-    dropped = (QualityFlag(Caveat.ROWS_DROPPED, rows.dropped_rows),) if rows.dropped_rows else ()
-    return (*dropped, QualityFlag(Caveat.LOCALE)) if rows.has_commas else dropped
 
 
 # What a file holds that gives angles without a fusion of ours, and its elevation on even grids.

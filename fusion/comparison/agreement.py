@@ -352,12 +352,6 @@ class FigureDifference:
         return self.ours - self.reference
 
 
-def _compare_exposure(pairs: Pairs) -> tuple[FigureDifference, ...]:
-    """Set the figures of both sides beside each other; the metric filter is applied to both alike."""
-    ours, reference = (_list_figures(summarise_exposure(side)) for side in pairs.to_elevations())
-    return tuple(FigureDifference(name, ours[name], reference[name]) for name in ours)
-
-
 def _list_figures(exposure: Exposure) -> dict[str, float]:
     bins = {f"time_{item.lower_deg:g}_{item.upper_deg:g}_percent": item.percent for item in exposure.bins}
     above = {f"time_above_{item.threshold_deg:g}_percent": item.percent for item in exposure.time_above}
@@ -436,6 +430,8 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
         counted = join_pairs([pairs.cut(start_s, end_s) for start_s, end_s in spans_s])
     if not counted.runs:
         raise NothingInCommon(s=0.0)
+    # the metric filter is applied to both sides alike
+    own, theirs = (_list_figures(summarise_exposure(side)) for side in counted.to_elevations())
     return Comparison(
         ours,
         other,
@@ -446,7 +442,7 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
         tasks,
         _divide(counted, counted.reference_deg, ELEVATION_EDGES_DEG),
         _divide(counted, np.concatenate([measure_speed(run) for run in counted.runs]), SPEED_EDGES_DPS),
-        _compare_exposure(counted),
+        tuple(FigureDifference(name, value, theirs[name]) for name, value in own.items()),
     )
 
 

@@ -8,7 +8,7 @@ Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage poin
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from math import sqrt
 from typing import Literal, get_args
@@ -205,13 +205,21 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
     """Compare two days; what NO_TWO_DAYS names, or an unconfirmed pose, keep any change from being judged."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
-    changes = tuple(_compare(name, first[name], second[name]) for name in first if name in second)
     differences = _find_differences(before, after)
-    if set(NO_TWO_DAYS) & set(differences):
-        changes = tuple(replace(change, detectable=None, verdict="no two days") for change in changes)
-    elif "unconfirmed pose" in differences:
-        changes = tuple(replace(change, detectable=None, verdict="unconfirmed pose") for change in changes)
-    return DayComparison(changes, differences)
+    changes = []
+    for name in (name for name in first if name in second):
+        change = second[name] - first[name]
+        detectable: float | None = None
+        verdict: Verdict = "unknown"
+        if set(NO_TWO_DAYS) & set(differences):
+            verdict = "no two days"
+        elif "unconfirmed pose" in differences:
+            verdict = "unconfirmed pose"
+        elif name in BETWEEN_DAY_SD:
+            detectable = find_detectable_change(BETWEEN_DAY_SD[name])
+            verdict = "larger" if abs(change) > detectable else "not larger"
+        changes.append(FigureChange(name, first[name], second[name], change, detectable, verdict))
+    return DayComparison(tuple(changes), differences)
 
 
 def _list_figures(exposure: Exposure) -> dict[str, float]:
@@ -223,15 +231,6 @@ def _list_figures(exposure: Exposure) -> dict[str, float]:
         if item.per_hour is not None
     }
     return {**above, **percentiles, **entries}
-
-
-def _compare(name: str, before: float, after: float) -> FigureChange:
-    change = after - before
-    if name not in BETWEEN_DAY_SD:
-        return FigureChange(name, before, after, change, None, "unknown")
-    detectable = find_detectable_change(BETWEEN_DAY_SD[name])
-    verdict: Verdict = "larger" if abs(change) > detectable else "not larger"
-    return FigureChange(name, before, after, change, detectable, verdict)
 
 
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:

@@ -114,16 +114,16 @@ def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
             groups[-1].append(pose)
         else:
             groups.append([pose])
-    return [_join(group) for group in groups]
-
-
-def _join(poses: list[FoundPose]) -> FoundPose:
-    if len(poses) == 1:
-        return poses[0]
-    axis = _average(poses)
-    sigma_deg = estimate_repeated_sigma([find_angle_deg(axis, pose.axis) for pose in poses])
-    repeat_deg = find_spread_deg([pose.axis for pose in poses])
-    return replace(poses[0], axis=axis, sigma_deg=sigma_deg, repeat_deg=repeat_deg, end_s=poses[-1].end_s)
+    joined = []
+    for group in groups:
+        one, axes = group[0], [pose.axis for pose in group]
+        if len(group) > 1:
+            axis = _average(group)
+            sigma_deg = estimate_repeated_sigma([find_angle_deg(axis, each) for each in axes])
+            repeat_deg, end_s = find_spread_deg(axes), group[-1].end_s
+            one = replace(one, axis=axis, sigma_deg=sigma_deg, repeat_deg=repeat_deg, end_s=end_s)
+        joined.append(one)
+    return joined
 
 
 def _average(poses: Sequence[FoundPose]) -> Float64Array:

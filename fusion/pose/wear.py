@@ -64,7 +64,12 @@ def find_moments(
     """
     calm, striding = [], []
     for run in blocks:
-        time_s, acc_g, sd_g = _average_blocks(run)
+        count = len(run.acc) // CALM_BLOCKS
+        quarters = run.acc[: count * CALM_BLOCKS].reshape(count, CALM_BLOCKS, 6)
+        means = sum((quarters[:, k] for k in range(1, CALM_BLOCKS)), quarters[:, 0]) / CALM_BLOCKS
+        acc_g, variance = means[:, :3], (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
+        sd_g = np.sqrt(np.maximum(variance, 0.0))  # of the three axes together
+        time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
         up = accelerometer.apply(acc_g, time_s)
         length = np.linalg.norm(up, axis=1)
         moments = Moments(time_s, up / np.maximum(length, 1e-9)[:, None])
@@ -88,16 +93,6 @@ def _find_walks(up: Float64Array, is_shaken: NDArray[np.bool_]) -> NDArray[np.bo
 def _join(found: Sequence[Moments]) -> Moments:
     times, ups = [one.time_s for one in found], [one.up for one in found]
     return Moments(np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 3)), *ups]))
-
-
-def _average_blocks(run: QuarterSeconds) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return middle, mean acceleration and standard deviation (three axes together) of every 2 s."""
-    count = len(run.acc) // CALM_BLOCKS
-    blocks = run.acc[: count * CALM_BLOCKS].reshape(count, CALM_BLOCKS, 6)
-    means = sum((blocks[:, k] for k in range(1, CALM_BLOCKS)), blocks[:, 0]) / CALM_BLOCKS
-    variance = (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
-    time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
-    return np.asarray(time_s), np.asarray(means[:, :3]), np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 # The stretches of wear.

@@ -109,16 +109,15 @@ def _flag_untrusted(
         (stop - first) * MICROSECONDS / segment.rate_hz
         for segment in recording.segments
         for first, stop in segment.bridged
-        if not _is_within(segment.start_us + first * MICROSECONDS / segment.rate_hz, exclusions)
+        if not any(
+            span.start_us <= segment.start_us + first * MICROSECONDS / segment.rate_hz < span.end_us
+            for span in exclusions
+        )
     )
     beside_us = count_beside_us(recording, exclusions)
     untrusted_us = time.missing_us - bridged_us - beside_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
         yield QualityFlag(Caveat.UNTRUSTED, seconds=untrusted_us / MICROSECONDS)
-
-
-def _is_within(time_us: float, spans: tuple[Span, ...]) -> bool:
-    return any(span.start_us <= time_us < span.end_us for span in spans)
 
 
 def _flag_length(

@@ -188,8 +188,15 @@ def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
     total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
     for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, BIAS.window_s):
         windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
-        if len(windows.time_s) > 0:
-            bias = hold_bias(_solve_constant(windows, bias.bias_dps[0]))
+        if len(windows.time_s) == 0:
+            continue
+        bias_dps = start_dps = bias.bias_dps[0]
+        for _ in range(5):
+            weight = _weigh(windows.residual(bias_dps))
+            normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
+            right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
+            bias_dps = np.linalg.solve(normal, right)
+        bias = hold_bias(bias_dps)
     return bias
 
 
@@ -214,19 +221,14 @@ def find_jumps(stills: QuietTable) -> list[float]:
     change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
     jumps: list[float] = []
     while len(change_dps) and change_dps.max() > BIAS.jump_dps:
-        at = _find_middle(change_dps)
+        # the middle of the highest plateau: medians show a jump from some moments before it to some after
+        highest = int(np.argmax(change_dps))
+        lower = np.flatnonzero(change_dps < 0.5 * change_dps[highest])
+        first = int(lower[lower < highest].max(initial=-1)) + 1
+        at = (first + int(lower[lower > highest].min(initial=len(change_dps))) - 1) // 2
         jumps.append(float(stills.middle_s[at + count - 1 : at + count + 1].mean()))
         change_dps[max(0, at - count) : at + count + 1] = 0.0
     return sorted(jumps)
-
-
-def _find_middle(change_dps: Float64Array) -> int:
-    """Middle of the highest plateau: medians show a jump from some moments before it to some after."""
-    at = int(np.argmax(change_dps))
-    lower = np.flatnonzero(change_dps < 0.5 * change_dps[at])
-    first = int(lower[lower < at].max(initial=-1)) + 1
-    stop = int(lower[lower > at].min(initial=len(change_dps)))
-    return (first + stop - 1) // 2
 
 
 def _weigh(residual: Float64Array) -> Float64Array:
@@ -234,16 +236,6 @@ def _weigh(residual: Float64Array) -> Float64Array:
     size = np.linalg.norm(residual, axis=1)
     scale = max(1.2 * float(np.median(size)), 1e-4) if len(size) else 1.0
     return np.asarray(1.0 / (scale**2 * (1.0 + (size / (CAUCHY * scale)) ** 2)))
-
-
-def _solve_constant(windows: WindowEquations, start_dps: Float64Array) -> Float64Array:
-    bias = start_dps
-    for _ in range(5):
-        weight = _weigh(windows.residual(bias))
-        normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
-        right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
-        bias = np.linalg.solve(normal, right)
-    return bias
 
 
 def _solve(
