@@ -234,7 +234,11 @@ def _list_figures(exposure: Exposure) -> dict[str, float]:
 
 
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
-    later_s = _find_delay_s(before, after)
+    first, second, later_s = before.start, after.start, None
+    if first is not None and second is not None:
+        if first.tzinfo is None or second.tzinfo is None:  # both are taken for clocks of the same place
+            first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
+        later_s = (second - first).total_seconds()
     same = before.sha256 == after.sha256 != ""
     overlaps = later_s is not None and -after.duration_s < later_s < before.duration_s
     unlike: dict[Difference, bool] = {
@@ -251,19 +255,6 @@ def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Differen
         "poor": "poor" in {before.verdict, after.verdict},
     }
     return tuple(name for name in get_args(Difference) if unlike[name])
-
-
-def _find_delay_s(before: ComparedDay, after: ComparedDay) -> float | None:
-    """Return by how much the later day began after the earlier; None where a clock is missing.
-
-    Where only one states its zone, both are taken for clocks of the same place.
-    """
-    first, second = before.start, after.start
-    if first is None or second is None:
-        return None
-    if first.tzinfo is None or second.tzinfo is None:
-        first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
-    return (second - first).total_seconds()
 
 
 # Table 1 of the source paper: what others can set their own figures beside.

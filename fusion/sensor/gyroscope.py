@@ -164,7 +164,13 @@ def follow_gyro_bias(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
     `smoothed`.
     """
     bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
-    knots_s = _place_knots(nodes, stills)
+    first_s = nodes[0].start_s
+    last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
+    pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
+    knots_s = np.linspace(first_s, last_s, pieces + 1)
+    for jump_s in find_jumps(stills):  # two knots in place of those within a second of it
+        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
+        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
     dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= BIAS.dense_up_to_s
     every_s = BIAS.window_every_s if dense else BIAS.window_apart_s
     for _ in range(BIAS.rounds):
@@ -198,18 +204,6 @@ def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
             bias_dps = np.linalg.solve(normal, right)
         bias = hold_bias(bias_dps)
     return bias
-
-
-def _place_knots(nodes: Sequence[Nodes], stills: QuietTable) -> Float64Array:
-    """Knots at even steps, and two at each jump in place of those within a second of it."""
-    first_s = nodes[0].start_s
-    last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
-    pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
-    knots_s = np.linspace(first_s, last_s, pieces + 1)
-    for jump_s in find_jumps(stills):
-        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
-        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
-    return knots_s
 
 
 def find_jumps(stills: QuietTable) -> list[float]:

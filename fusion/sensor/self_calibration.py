@@ -154,18 +154,13 @@ def _find_correction(cells: "_Cells", *, is_few: bool) -> AccelerometerCorrectio
     least = SETTINGS.scale**2 if is_few else 0.0
     if farthest_g > 3.0 * SETTINGS.offset_g or most > 3.0 * SETTINGS.scale or before - after <= least:
         return None
-    left_g = _find_offset_sd(cells, corrected)
-    return AccelerometerCorrection(cells.knots_s, offset_g, gain, cells.directions, left_g)
-
-
-def _find_offset_sd(cells: "_Cells", corrected: Float64Array) -> float:
-    """What the directions seen leave open of an offset that stands still, beside the gain."""
+    # what the directions seen leave open of an offset that stands still, beside the gain
     slope = np.hstack([-corrected, _slope_by_gain(corrected, corrected)])
-    departure = np.linalg.norm(corrected, axis=1) - 1.0
-    weight = weigh_cauchy(departure, cells.variance)
+    weight = weigh_cauchy(np.linalg.norm(corrected, axis=1) - 1.0, cells.variance)
     prior = np.concatenate([np.full(3, SETTINGS.offset_g**-2.0), PAIRS / SETTINGS.scale**2])
     covariance = np.linalg.inv((weight[:, None] * slope).T @ slope + np.diag(prior))
-    return float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
+    left_g = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
+    return AccelerometerCorrection(cells.knots_s, offset_g, gain, cells.directions, left_g)
 
 
 def _slope_by_gain(along: Float64Array, bare: Float64Array) -> Float64Array:

@@ -220,8 +220,9 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
         if all(CALENDAR.fullmatch(field) for field in fields):
             return place, choose_calendar(layout)
         times = read_times(fields, layout.decimal)
-        if _is_row_number(times, layout.columns[place]):
-            continue
+        distances = {after - before for before, after in pairwise(times)}
+        if layout.columns[place].unit is None and distances == {1.0} and times[0] in (0.0, 1.0):
+            continue  # it counts the rows
         unit = find_time_unit(times, layout.columns[place].unit) if times else None
         if unit is not None:
             return place, TimeColumn("number", unit)
@@ -242,12 +243,6 @@ def choose_calendar(layout: TextLayout) -> TimeColumn:
     if dates is None:
         return TimeColumn("calendar")
     return TimeColumn("calendar", IN_MICROSECONDS, dates.offset_s, dates.has_date, dates.is_doubtful)
-
-
-def _is_row_number(times: Sequence[float], column: Column) -> bool:
-    """Whether a column without a unit counts the rows: whole numbers, each one more than the one before."""
-    steps = {after - before for before, after in pairwise(times)}
-    return column.unit is None and steps == {1.0} and times[0] in (0.0, 1.0)
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
