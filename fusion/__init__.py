@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import analyse as analyse
     from fusion.pose.calibrate import Calibration as Calibration
-    from fusion.pose.poses import StillPeriod as StillPeriod
+    from fusion.pose.calibrate import StillPeriod as StillPeriod
     from fusion.quality import Quality as Quality
     from fusion.quality import TimeAccount as TimeAccount
     from fusion.quality import TimePart as TimePart
@@ -67,8 +67,7 @@ _NAMES = {
     "fusion.live": "LiveElevation",
     "fusion.orientation": "estimate_vertical",
     "fusion.pipeline": "Analysis analyse",
-    "fusion.pose.calibrate": "Calibration",
-    "fusion.pose.poses": "StillPeriod",
+    "fusion.pose.calibrate": "Calibration StillPeriod",
     "fusion.quality": "Quality TimeAccount TimePart",
     "fusion.readers": "read_recording read_recordings",
     "fusion.readers.tables.profile": "ColumnProfile",

@@ -16,8 +16,7 @@ from fusion.exposure.parts import DayDivision, snap_periods
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
 from fusion.exposure.summary import summarise_exposure, widen_over, withhold_short
 from fusion.exposure.types import Exposure
-from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
-from fusion.pose.poses import reduce_recording
+from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate, reduce_recording
 from fusion.pose.rules import AxisPart
 from fusion.quality import Quality, TimeAccount
 from fusion.quality.time_account import (

@@ -27,7 +27,7 @@ from fusion.caveats import Caveat
 from fusion.conventions import SAID_S, awaits_pose
 from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
-from fusion.pose.poses import find_early_stills, propose_poses, reduce_recording, survey
+from fusion.pose.calibrate import find_early_stills, propose_poses, reduce_recording, survey
 from fusion.pose.rules import find_nearest_axis
 from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format

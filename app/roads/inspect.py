@@ -10,7 +10,7 @@ import numpy as np
 from app.request import OnStage, ReportRequest
 from app.roads.reading import read_file
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
-from fusion.pose.poses import propose_poses
+from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
 from fusion.readers import identify_header
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head

@@ -11,7 +11,7 @@ from benchmarks.validation.invariance import STANDARD_GRAVITY
 from benchmarks.validation.real_clips import Clip, feel, load_clip
 from benchmarks.validation.skin_clips import load_skin_library
 from fusion.errors import FusionError
-from fusion.pose.poses import (
+from fusion.pose.calibrate import (
     TABLE_SWAY_DPS,
     find_still_stretches,
     measure_asked,

@@ -49,7 +49,10 @@ ANGLE_READERS = (
 )
 """In the order in which they are asked."""
 
-SAMPLES = tuple(frozenset({f"{channel}_{axis}"}) for channel in ("acc", "gyr") for axis in "xyz")
+SAMPLES = (
+    *(frozenset({"acc_x"}), frozenset({"acc_y"}), frozenset({"acc_z"})),
+    *(frozenset({"gyr_x"}), frozenset({"gyr_y"}), frozenset({"gyr_z"})),
+)
 NO_OPTIONS = AngleFileOptions()
 
 

@@ -31,8 +31,17 @@ from fusion.checks.summary import (
 )
 from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
 from fusion.numba_kernels import inner, kernel
-from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
-from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
+from fusion.recording import (
+    DEG_PER_RAD,
+    MICROSECONDS,
+    STANDARD_GRAVITY,
+    Float64Array,
+    QualityFlag,
+    Recording,
+    Segment,
+    acc_scale_g,
+    gyr_scale_dps,
+)
 
 # Which unit and hand of the gyroscope makes gravity stand still, and whether the two sensors agree at all.
 #

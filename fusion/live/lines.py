@@ -21,8 +21,7 @@ from fusion.readers.tables.csv_lines import STAMP
 from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
 from fusion.readers.tables.rows import plan_table
 from fusion.readers.time.grid import estimate_period_us
-from fusion.recording import MICROSECONDS
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.recording import MICROSECONDS, acc_scale_g, gyr_scale_dps
 
 # The clock of a stream: counters that wrap, boards that restart.
 

@@ -1,7 +1,7 @@
 """When the sensor was worn, how the arm hangs in walking, and when the sensor may have moved on it.
 
 A recording is cut where the sensor may have been off the arm: a table of five minutes or more
-(:func:`fusion.pose.poses.find_tables`), or a hole as long.
+(:func:`fusion.pose.calibrate.find_tables`), or a hole as long.
 """
 
 from collections.abc import Sequence

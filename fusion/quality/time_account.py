@@ -14,7 +14,7 @@ from fusion.caveats import Caveat
 from fusion.elevation import AngleRows, Elevation, lay_rows
 from fusion.errors import TooShort
 from fusion.numba_kernels import kernel
-from fusion.pose.poses import Blocks, reduce_recording
+from fusion.pose.calibrate import Blocks, reduce_recording
 from fusion.quality import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,

@@ -9,8 +9,7 @@ from fusion.checks.summary import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.elevation import Elevation, lay_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
-from fusion.pose.calibrate import CalibratedSamples, Calibration
-from fusion.pose.poses import TABLE_SWAY_DPS, StillPeriod
+from fusion.pose.calibrate import TABLE_SWAY_DPS, CalibratedSamples, Calibration, StillPeriod
 from fusion.pose.rules import RULES
 from fusion.quality import Quality, TimeAccount, Verdict
 from fusion.quality.time_account import count_beside_us

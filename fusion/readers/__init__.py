@@ -39,7 +39,6 @@ from fusion.readers.source import Source, hash_source, open_source, read_chunks,
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
 from fusion.readers.tables import pair, parquet
-from fusion.readers.tables import registers as lsm9ds1_raw
 from fusion.readers.tables.columns import name_missing, parse_column_name, read_axis
 from fusion.readers.tables.layout import (
     DELIMITERS,
@@ -61,8 +60,7 @@ from fusion.readers.tables.profile import (
 )
 from fusion.readers.time.clock import flag_days
 from fusion.readers.time.joining import join_recordings
-from fusion.recording import QualityFlag, Recording
-from fusion.units import ACC_UNITS_G
+from fusion.recording import ACC_UNITS_G, QualityFlag, Recording
 
 __all__ = [
     "READERS",
@@ -102,8 +100,8 @@ DEVICE_READERS = (
 """A signature tells these files. Plug-ins are asked next, before whatever goes by the names of columns."""
 TABLE_READERS = (
     Reader("Parquet", parquet.recognise, parquet.read),
-    Reader("LSM9DS1 registers, binary", lsm9ds1_raw.recognise_binary, lsm9ds1_raw.read_binary),
-    Reader("LSM9DS1 registers, text", lsm9ds1_raw.recognise_text, lsm9ds1_raw.read_text),
+    Reader("LSM9DS1 registers, binary", lsm9ds1_csv.recognise_binary, lsm9ds1_csv.read_binary),
+    Reader("LSM9DS1 registers, text", lsm9ds1_csv.recognise_text, lsm9ds1_csv.read_text),
     Reader("CSV with named columns", lsm9ds1_csv.recognise, lsm9ds1_csv.read),
 )
 READERS = (*DEVICE_READERS, *TABLE_READERS)

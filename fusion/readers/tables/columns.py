@@ -20,8 +20,7 @@ from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.time.clock import datetime_at_us, is_change_of_offset, is_clock_set
 from fusion.readers.time.grid import FASTEST_HZ, SLOWEST_HZ
-from fusion.recording import MICROSECONDS, QualityFlag
-from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
+from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS, MICROSECONDS, QualityFlag
 
 # The meaning of a column's name: channel, axis, unit.
 #

@@ -29,8 +29,7 @@ from fusion.readers.tables.columns import (
     read_unit,
 )
 from fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
-from fusion.recording import QualityFlag
-from fusion.units import acc_scale_g
+from fusion.recording import QualityFlag, acc_scale_g
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40

@@ -50,8 +50,16 @@ from fusion.readers.tables.rows import (
     read_epoch,
 )
 from fusion.readers.time.grid import cut_stamped
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, Stated, flag_counts
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.recording import (
+    LONGEST_BRIDGE_US,
+    MICROSECONDS,
+    Float64Array,
+    Recording,
+    Stated,
+    acc_scale_g,
+    flag_counts,
+    gyr_scale_dps,
+)
 
 MOST_BYTES = 1 << 29
 """Of one table: eight hours at 100 Hz take 250 MB."""

@@ -38,8 +38,7 @@ from fusion.readers.tables.rows import (
     put_back_gravity,
 )
 from fusion.readers.time.grid import cut_counted, cut_stamped
-from fusion.recording import QualityFlag, Recording, Stated
-from fusion.units import acc_scale_g, gyr_scale_dps, name_unit_source
+from fusion.recording import QualityFlag, Recording, Stated, acc_scale_g, gyr_scale_dps, name_unit_source
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536

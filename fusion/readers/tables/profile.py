@@ -23,7 +23,7 @@ from fusion.readers.tables.columns import (
 )
 from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, find_sensors, split_fields
 from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
-from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
+from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
 """A column by its name in the header, or by its number, counted from 1."""

@@ -41,8 +41,7 @@ from fusion.readers.tables.layout import (
 )
 from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
 from fusion.readers.time.grid import Grid, repair_row_times
-from fusion.recording import QualityFlag, Recording, flag_counts
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.recording import QualityFlag, Recording, acc_scale_g, flag_counts, gyr_scale_dps
 
 PACKET_NUMBERS = 65_536
 """Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
