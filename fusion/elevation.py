@@ -248,7 +248,7 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
     own_deg = UNCERTAIN_DEG if method == "smoothed" else TYPICAL_SIGMA_DEG[method]
     by_second = [segment.sigma_deg for segment in segments if segment.sigma_deg is not None]
-    if method == "smoothed" and sum(map(len, by_second)):
+    if method == "smoothed" and any(len(one) > 0 for one in by_second):
         seconds_deg = np.minimum(np.concatenate(by_second).astype(np.float64), 2.0 * UNCERTAIN_DEG)
         own_deg = float(np.sqrt(np.mean(seconds_deg**2)))
     sigma_deg = sqrt(own_deg**2 + _average_doubt(samples, segments))

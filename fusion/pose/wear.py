@@ -67,9 +67,10 @@ def find_moments(
         count = len(run.acc) // CALM_BLOCKS
         quarters = run.acc[: count * CALM_BLOCKS].reshape(count, CALM_BLOCKS, 6)
         means = sum((quarters[:, k] for k in range(1, CALM_BLOCKS)), quarters[:, 0]) / CALM_BLOCKS
-        acc_g, variance = means[:, :3], (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
+        acc_g: Float64Array = np.asarray(means[:, :3])
+        variance = (means[:, 3:] - acc_g**2).sum(axis=1)
         sd_g = np.sqrt(np.maximum(variance, 0.0))  # of the three axes together
-        time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
+        time_s: Float64Array = np.asarray(run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s)
         up = accelerometer.apply(acc_g, time_s)
         length = np.linalg.norm(up, axis=1)
         moments = Moments(time_s, up / np.maximum(length, 1e-9)[:, None])
