@@ -582,7 +582,7 @@ def check_physics(recording: Recording) -> Recording:
         raise ExchangedSensors
     rests = find_rests(recording.segments)
     checked = _check_gravity(recording, rests)
-    # What made 1 g of the rests made it of the samples: they are found anew where these were changed.
+    # What made 1 g of the rests made it of the samples: they are found again where these were changed.
     if len(checked.flags) > len(recording.flags) or recording.stated.acc_unit == "registers":
         rests = find_rests(checked.segments)
     checked = _check_rates(_check_rest_length(checked, rests.acc), rests)

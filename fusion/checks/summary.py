@@ -224,7 +224,7 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
 class Rests:
     """Mean readings, (n, 3) each, of seconds in which nothing moves, in whatever unit they are read.
 
-    None (n = 0) is a state of its own: nothing follows for gravity from a recording without rest.
+    None (n = 0) is a separate state: a recording without rest tells nothing of gravity.
     """
 
     acc: Float64Array

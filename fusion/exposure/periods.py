@@ -20,7 +20,7 @@ REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "
 """Kinds that leave the denominator, and the reason their time is excluded for."""
 
 NAMED = ("task", "seated", "supported")
-"""Kinds whose time is counted under a name of its own."""
+"""Kinds whose time is counted under a separate name."""
 
 OVERLAP_US = MICROSECONDS
 """Up to a second two rows of one kind may overlap, as they do when times are rounded; the later row wins."""

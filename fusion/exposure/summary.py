@@ -174,7 +174,7 @@ class DayTally:
         self.stays: dict[int, list[Stays]] = {c: [] for c in THRESHOLDS_DEG}
 
     def list_counts(self, angle: MetricAngle) -> list[Count]:
-        """List what is to be counted of one segment's angle; each fills sums of its own, in any order."""
+        """List what is to be counted of one segment's angle; each fills separate sums, in any order."""
         tallies = (self.eva, self.cycles, self.by_hour, self.by_stretch, self.by_second, self.frequency)
         counts: list[Count] = [partial(self._add_stays, angle)]
         if self.errors is not None:

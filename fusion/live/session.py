@@ -43,7 +43,7 @@ class LiveElevation:
         self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
-        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
+        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; return the elevation of each, (n,), deg.
 
         A chunk may be empty; one that is refused changes nothing. At the first still moment the acceleration
         must be about 1 g long, as in no other unit.
@@ -499,9 +499,14 @@ class LiveDifference:
 
 
 def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | None:
-    """Compare what was shown with the angle of the report; None where no moment has both."""
+    """Compare what was shown with the nearest row of the report; None where no moment has both."""
     time_s, live_deg = shown.read()
-    report_deg = _read_at(elevation, time_s)
+    report_deg = np.full(len(time_s), np.nan)
+    for segment in elevation.segments:
+        rows = np.rint((time_s - segment.start_us / MICROSECONDS) * segment.rate_hz).astype(np.int64)
+        inside = (rows >= 0) & (rows < len(segment))
+        angle_deg = np.where(segment.valid, segment.elevation_deg, np.nan)
+        report_deg[inside] = angle_deg[rows[inside]]
     both = np.isfinite(report_deg)
     if not both.any():
         return None
@@ -514,17 +519,6 @@ def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | 
         _divide(live_deg),
         _divide(report_deg),
     )
-
-
-def _read_at(elevation: Elevation, time_s: Float64Array) -> Float64Array:
-    """Return the angle of the row nearest to each time; NaN in holes and where it is not valid."""
-    found = np.full(len(time_s), np.nan)
-    for segment in elevation.segments:
-        rows = np.rint((time_s - segment.start_us / MICROSECONDS) * segment.rate_hz).astype(np.int64)
-        inside = (rows >= 0) & (rows < len(segment))
-        angle_deg = np.where(segment.valid, segment.elevation_deg, np.nan)
-        found[inside] = angle_deg[rows[inside]]
-    return found
 
 
 def _divide(angle_deg: Float64Array) -> tuple[float, ...]:

@@ -186,8 +186,11 @@ def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Arra
 def _measure(
     recording: Recording, start_s: float, end_s: float, *, refuses_motion: bool = False
 ) -> StillPeriod:
-    segment = next((one for one in recording.segments if _holds(one, start_s, end_s)), None)
-    if segment is None:
+    for segment in recording.segments:
+        slack_s = 1.5 / segment.rate_hz
+        if segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s:
+            break
+    else:
         raise UnusableCalibration(why="hole", start_s=start_s, end_s=end_s)
     first = max(0, round((start_s - segment.start_s) * segment.rate_hz))
     rows = slice(first, max(first + 1, round((end_s - segment.start_s) * segment.rate_hz)))
@@ -203,11 +206,6 @@ def _measure(
     rates = gyr[: len(gyr) // per_block * per_block].reshape(-1, per_block, 3).mean(axis=1)
     sway_dps = float(np.median(np.linalg.norm(rates - np.median(rates, axis=0), axis=1)))
     return StillPeriod(start_s, duration_s, gravity_g, gyr.mean(axis=0), score, sway_dps, is_moving)
-
-
-def _holds(segment: Segment, start_s: float, end_s: float) -> bool:
-    slack_s = 1.5 / segment.rate_hz
-    return segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s
 
 
 # Which stillness may be the pose.
@@ -436,23 +434,23 @@ def _average(poses: Sequence[FoundPose]) -> Float64Array:
 
 
 def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]) -> Iterator[Question]:
-    """Yield when the sensor may have moved, as no answer, no pose and no two poses that agree settle."""
+    """Yield when the sensor may have moved, as no answer, no pose and no two poses that agree settle.
+
+    Two poses settle a question if a person gave them, one before and one after, and they agree.
+    """
     for wear in wears:
         is_posed = any(wear.start_s <= pose.time_s < wear.end_s for pose in poses)
         asked = [ask_for_slip(wear.strides, wear.calm)]
         if wear is not wears[0] and not is_posed and poses[0].state != "axis":
             asked.insert(0, Question("put_back", wear.worn_from_s - wear.off_s, wear.worn_from_s))
         for question in asked:
-            if question and not question.is_answered(answers_s) and not _is_refuted(question, poses):
+            if question is None or question.is_answered(answers_s):
+                continue
+            before = [pose.axis for pose in poses if pose.time_s < question.first_s]
+            after = [pose.axis for pose in poses if pose.time_s > question.end_s]
+            is_given = poses[0].state in CONFIRMED and bool(before and after)
+            if not is_given or find_angle_deg(before[-1], after[0]) > ALIKE_DEG:
                 yield replace(question, until_s=wear.end_s)
-
-
-def _is_refuted(question: Question, poses: Sequence[FoundPose]) -> bool:
-    """Return whether poses that a person gave on both sides agree."""
-    before = [pose.axis for pose in poses if pose.time_s < question.first_s]
-    after = [pose.axis for pose in poses if pose.time_s > question.end_s]
-    is_given = poses[0].state in CONFIRMED
-    return is_given and bool(before and after) and find_angle_deg(before[-1], after[0]) <= ALIKE_DEG
 
 
 def assume_put_back(

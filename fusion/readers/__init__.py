@@ -423,7 +423,7 @@ def find_plugins() -> tuple[PlugIn, ...]:
 
 
 def find_fault(recording: object) -> str:
-    """Say what a plug-in's recording lacks; empty where nothing does."""
+    """Return what a plug-in's recording lacks; "" if nothing does."""
     if not isinstance(recording, Recording):
         return f"read gave {type(recording).__name__}, not a Recording"
     if not PLAIN_NAME.fullmatch(recording.device):

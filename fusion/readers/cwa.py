@@ -492,7 +492,7 @@ def fit_runs(blocks: Blocks, holes: Holes, starts_us: Floats, period_us: Floats)
 
 
 def fit_ends(starts_us: Floats, places: Floats, period_us: float) -> tuple[float, float]:
-    """A line from the first stamps of a run to its last; gives the offset of its first row and its period.
+    """Fit a line from a run's first stamps to its last; return the offset of its first row and its period.
 
     Not least squares: over hours the sensor's clock wanders with its temperature, and a line through the
     middle of that would miss the ends, by which durations are known.

@@ -331,7 +331,7 @@ def find_pair(names: Sequence[str]) -> PairNames | None:
 
 
 class UnpackedFile(io.RawIOBase):
-    """The bytes of a packed file, counted as they come out; seeking begins anew and reads on.
+    """The bytes of a packed file, counted as they come out; seeking starts again and reads on.
 
     Compared to trusting the archive's index: the sizes written in the file are not looked at.
     """

@@ -1,7 +1,7 @@
 """Everything that the recording says about its own sensor, found in one go.
 
 Order: still moments, clipped samples bridged, nodes (the samples are read no more after that), gyroscope
-bias, accelerometer (from the moving arm, too, where it was still in few directions), gyroscope scale; then
+bias, accelerometer (also from the moving arm, if it was still in few directions), gyroscope scale; then
 the nodes once more with all of it applied.
 """
 
@@ -265,7 +265,7 @@ MOST_WINDOWS = 2000
 LEAST_SHARE = 0.5
 """Where the sensor turned about so much that less of the offset is left, the window tells too little."""
 CALM_G = 0.15
-"""A livelier one (root mean square about the mean) tells errors of scale, too, and of the gyroscope."""
+"""A livelier one (root mean square about the mean) also tells errors of scale, and of the gyroscope."""
 
 
 def read_while_moving(nodes: Sequence[Nodes]) -> MovingReadings:

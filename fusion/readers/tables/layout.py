@@ -225,15 +225,6 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(labels), (*values, *(value for _, value in pairs))
 
 
-def _find_labels(head: str) -> LabelWriter | None:
-    """Find the names with which most rows of a text begin their values; None for any other text."""
-    lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
-    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
-    if len(named) < FEWEST_LINES or 2 * named.count(named[-1]) <= len(lines):
-        return None
-    return LabelWriter(named[-1])
-
-
 # The layout of a head.
 
 
@@ -291,11 +282,13 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
         The stamps cannot be understood, as in :func:`fusion.readers.tables.columns.find_dates` (``order``: of
         day, month and year, as a person gives it).
     """
-    writer = _find_labels(head)
-    if writer is not None:
-        layout = _find_table(writer.tabulate_head(head), order)
-        return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
-    return _find_table(head, order)
+    lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
+    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
+    if len(named) < FEWEST_LINES or 2 * named.count(named[-1]) <= len(lines):
+        return _find_table(head, order)
+    writer = LabelWriter(named[-1])  # most rows begin their values with these names
+    layout = _find_table(writer.tabulate_head(head), order)
+    return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
 
 
 def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:

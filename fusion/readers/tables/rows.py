@@ -88,7 +88,7 @@ class TimeColumn:
         return read_epoch(first_us) if self.kind == "number" else None
 
     def describe(self, first_us: int) -> str:
-        """Say in a word or two what the stamps are."""
+        """Return in a word or two what the stamps are."""
         if self.counts_since_1970(first_us):
             return "number since 1970"
         if self.unit.is_days:
@@ -96,7 +96,7 @@ class TimeColumn:
         return self.kind if self.has_date else "time of day"
 
     def repair(self, columns: SampleColumns, changes: Sequence[OffsetChange] = ()) -> tuple[QualityFlag, ...]:
-        """Repair the order and the stamps of the rows, in place; give the caveats.
+        """Repair the order and the stamps of the rows, in place; return the caveats.
 
         Stamps that carry an offset were put on the first row's clock as they were read, with these changes.
         Only a bare wall clock may hold the hour's step of daylight saving.

@@ -695,7 +695,7 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
 def repair_row_times(
     columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
 ) -> tuple[QualityFlag, ...]:
-    """Mend the stamps of rows, in place, or leave rows out; give the caveats.
+    """Mend the stamps of rows, in place, or leave rows out; return the caveats.
 
     A table whose stamps only advance is passed once and left as it is.
 
