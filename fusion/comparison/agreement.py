@@ -236,8 +236,6 @@ def spread(values: Iterable[float]) -> Spread:
     return Spread(float(known.mean()), find_sd(known), len(known))
 
 
-# The chain from two measurements of one arm to how far they agree, top to bottom.
-
 # The two sides of a comparison: a recording that we fused, or a file that holds its angle already.
 
 

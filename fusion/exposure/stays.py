@@ -324,7 +324,7 @@ class LoweredEntries:
 NEUTRAL_DEG = 20.0
 SLOW_DPS = 5.0
 SHORTEST_REST_S = 3.0
-RESTED_S, RESTS = range(2)
+REST_S, RESTS = range(2)
 
 
 class RecoveryTally:
@@ -371,9 +371,9 @@ class RecoveryTally:
         middle = len(self.errors_deg) // 2
         rest, slow = self.rest[middle].sum(axis=0), self.slow.sum(axis=0)
         return Recovery(
-            neutral_slow_percent=float(rest[RESTED_S]) * percent,
+            neutral_slow_percent=float(rest[REST_S]) * percent,
             neutral_slow_per_hour=float(rest[RESTS]) * per_hour,
-            slow_percent=float(slow[RESTED_S]) * percent,
+            slow_percent=float(slow[REST_S]) * percent,
             slow_per_hour=float(slow[RESTS]) * per_hour,
             longest_without_s=float(self.longest_s[middle]),
         )
@@ -386,9 +386,9 @@ class RecoveryTally:
         per_s = draws.sum_with_error(self.rest, self.errors_deg) / drawn_s
         slow_per_s = draws.sum(self.slow) / drawn_s
         return {
-            "recovery_neutral_slow_percent": 100.0 * per_s[:, RESTED_S],
+            "recovery_neutral_slow_percent": 100.0 * per_s[:, REST_S],
             "recovery_neutral_slow_per_h": 3600.0 * per_s[:, RESTS],
-            "recovery_slow_percent": 100.0 * slow_per_s[:, RESTED_S],
+            "recovery_slow_percent": 100.0 * slow_per_s[:, REST_S],
             "recovery_slow_per_h": 3600.0 * slow_per_s[:, RESTS],
             "recovery_longest_without_s": draws.look_up(self.longest_s, self.errors_deg),
         }
@@ -396,7 +396,7 @@ class RecoveryTally:
 
 def _count_stays(stays: IntArray, part_rows: IntArray, rate_hz: float, sums: Float64Array) -> None:
     """Add seconds and number of stays to ``sums``, shape (g, b, 2)."""
-    add_spans(stays, 1.0 / rate_hz, part_rows, sums[:, :, RESTED_S])
+    add_spans(stays, 1.0 / rate_hz, part_rows, sums[:, :, REST_S])
     np.add.at(sums[:, :, RESTS], (stays[:, LEVEL], find_parts(part_rows, stays[:, START])), 1.0)
 
 

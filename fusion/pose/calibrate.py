@@ -57,8 +57,6 @@ from fusion.sensor.stillness import (
 )
 from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
 
-# The stillnesses of a recording, and which of them may be the pose.
-
 # Stretches in which the arm did not move, and what a window of one says.
 
 Blocks = Sequence[QuarterSeconds]

@@ -249,8 +249,6 @@ def _solve(
     return (solved[:, 0] - solved[:, 1:] @ six).reshape(-1, 3), np.asarray(six, dtype=np.float64)
 
 
-# Readings while the arm moves, saturation, and everything together.
-
 # What the accelerometer reads of gravity while the arm moves.
 #
 # Turned into one frame by the gyroscope and averaged over some seconds, the sensor's own acceleration

@@ -22,7 +22,7 @@ from fusion.exposure.speeds import (
 from fusion.exposure.stays import (
     ANGLE_EDGES_DEG,
     DURATION_EDGES_S,
-    RESTED_S,
+    REST_S,
     RESTS,
     SLOW_DPS,
     EvaTally,
@@ -105,7 +105,7 @@ def check_stays(states: NDArray[np.bool_], counted: NDArray[np.float64]) -> list
     for first, stop in stays:
         slow[block_of(first), RESTS] += 1
         for row in range(first, stop):
-            slow[block_of(row), RESTED_S] += 0.5
+            slow[block_of(row), REST_S] += 0.5
     assert counted == pytest.approx(slow)
     return stays
 
