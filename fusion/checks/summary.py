@@ -255,7 +255,14 @@ def find_rests(segments: Sequence[Segment]) -> Rests:
     if 2 * is_flat.sum() <= is_resting.sum():
         is_resting &= ~is_flat
     rests = Rests(acc[is_resting], gyr[is_resting])
-    return rests if len(rests) >= FEWEST_RESTS and _is_steady(rests) else Rests(acc[:0], gyr[:0])
+    if len(rests) < FEWEST_RESTS:
+        return Rests(acc[:0], gyr[:0])
+    # the middle half of them reads one length wherever it reads one direction
+    length = np.linalg.norm(rests.acc, axis=1)
+    place = number_directions(rests.acc / np.maximum(length, 1e-12)[:, None], SAME_DEG)
+    usual = np.array([np.median(length[place == k]) for k in range(place.max() + 1)])
+    low, high = np.quantile(length - usual[place], [0.25, 0.75]).tolist()
+    return rests if high - low <= STEADY_PART * rests.length else Rests(acc[:0], gyr[:0])
 
 
 def measure_rest_part(segments: Sequence[Segment]) -> float | None:
@@ -272,15 +279,6 @@ def measure_rest_part(segments: Sequence[Segment]) -> float | None:
         return None
     longest = float(np.quantile(lengths, 0.95))
     return float(np.median(np.linalg.norm(acc[is_resting], axis=1))) / max(longest, 1e-12)
-
-
-def _is_steady(rests: Rests) -> bool:
-    """Whether the middle half of the rests reads one length wherever it reads one direction."""
-    length = np.linalg.norm(rests.acc, axis=1)
-    place = number_directions(rests.acc / np.maximum(length, 1e-12)[:, None], SAME_DEG)
-    usual = np.array([np.median(length[place == k]) for k in range(place.max() + 1)])
-    low, high = np.quantile(length - usual[place], [0.25, 0.75]).tolist()
-    return bool(high - low <= STEADY_PART * rests.length)
 
 
 def _look(

@@ -75,8 +75,15 @@ def overlay_days(days: Sequence[Float64Array]) -> tuple[ClockBand, ...]:
 
     They stand in the order of a shift: the first follows the longest time of the clock without a day.
     """
-    bands = [_overlay_quarter(quarter, days) for quarter in range(QUARTERS)]
-    used = tuple(band for band in bands if band.days)
+    used = []
+    for quarter in range(QUARTERS):
+        lasted_s = [float(day[quarter].sum()) for day in days]
+        enough = zip(days, lasted_s, strict=True)
+        shares = [day[quarter] / s for day, s in enough if s >= LEAST_ANALYSED_S - 1e-6]
+        is_shown = len(shares) >= max(LEAST_DAYS, len(days) / 2)
+        angles_deg = find_percentiles(np.sum(shares, axis=0), PERCENTS) if is_shown else None
+        if shares:
+            used.append(ClockBand(quarter * QUARTER_S, len(shares), angles_deg))
     first_s = find_first_quarter([used])
     return tuple(sorted(used, key=lambda band: (band.start_s - first_s) % _DAY_S))
 
@@ -96,15 +103,6 @@ def find_first_quarter(overlays: Sequence[Sequence[ClockBand]]) -> float:
             longest, first = unused, place % QUARTERS
         unused = 0
     return first * QUARTER_S
-
-
-def _overlay_quarter(quarter: int, days: Sequence[Float64Array]) -> ClockBand:
-    lasted_s = [float(day[quarter].sum()) for day in days]
-    shares = [day[quarter] / s for day, s in zip(days, lasted_s, strict=True) if s >= LEAST_ANALYSED_S - 1e-6]
-    if len(shares) < max(LEAST_DAYS, len(days) / 2):
-        return ClockBand(quarter * QUARTER_S, len(shares), None)
-    angles_deg = find_percentiles(np.sum(shares, axis=0), PERCENTS)
-    return ClockBand(quarter * QUARTER_S, len(shares), angles_deg)
 
 
 # Spread of a figure between the days of a person and between the people of a group.

@@ -77,18 +77,14 @@ def find_moments(
         is_calm = np.abs(length - 1.0) < CALM_WITHIN_G
         calm.append(moments.select(is_calm))
         is_shaken = is_calm & (sd_g > STRIDING_SD_G[0]) & (sd_g < STRIDING_SD_G[1])
-        striding.append(moments.select(_find_walks(moments.up, is_shaken)))
+        is_steady = np.zeros(count, dtype=np.bool_)
+        is_near = (moments.up[1:] * moments.up[:-1]).sum(axis=1) > cos_deg(STRIDING_WITHIN_DEG)
+        is_steady[1:] = is_shaken[1:] & is_shaken[:-1] & is_near
+        # A run of k windows has k - 1 steady steps; number the runs and keep the long ones.
+        number = np.cumsum(~is_steady)
+        steps = np.bincount(number)[number] if count else number
+        striding.append(moments.select(is_shaken & (steps >= STRIDING_WINDOWS)))
     return _join(calm), _join(striding)
-
-
-def _find_walks(up: Float64Array, is_shaken: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    is_steady = np.zeros(len(up), dtype=np.bool_)
-    is_near = (up[1:] * up[:-1]).sum(axis=1) > cos_deg(STRIDING_WITHIN_DEG)
-    is_steady[1:] = is_shaken[1:] & is_shaken[:-1] & is_near
-    # A run of k windows has k - 1 steady steps; number the runs and keep the long ones.
-    number = np.cumsum(~is_steady)
-    length = np.bincount(number)[number] if len(number) else number
-    return np.asarray(is_shaken & (length >= STRIDING_WINDOWS))
 
 
 def _join(found: Sequence[Moments]) -> Moments:

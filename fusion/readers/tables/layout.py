@@ -471,24 +471,18 @@ def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
         source.head.decode("utf-8")
     except UnicodeDecodeError as error:  # a character may be cut at the head's end
         is_utf8 = error.start >= len(source.head) - 3
+    # the acceleration has lost decimals if its steps are coarser than any sensor's
+    places = choose_vector(layout.columns, "acc") or ()
+    scale_g = acc_scale_g(layout.columns[places[0]].unit) if places else None
+    fields = [row[place] for row in layout.sample_rows for place in places if place < len(row)]
+    fractions = (re.fullmatch(r"[-+]?\d*[.,](\d+)", field) for field in fields)
+    decimals = max((len(match.group(1)) for match in fractions if match), default=0)
     found = {
         Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8,
         Caveat.LOCALE: layout.decimal == ",",
-        Caveat.PRECISION: _is_rounded(layout),
+        Caveat.PRECISION: decimals > 0 and (scale_g or 0.0) * 10.0**-decimals > COARSEST_STEP_G,
     }
     return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
-
-
-def _is_rounded(layout: TextLayout) -> bool:
-    """Whether the acceleration has lost decimals: its steps are coarser than any sensor's."""
-    places = choose_vector(layout.columns, "acc")
-    scale_g = acc_scale_g(layout.columns[places[0]].unit) if places else None
-    if places is None or scale_g is None:
-        return False
-    fields = [row[place] for row in layout.sample_rows for place in places if place < len(row)]
-    found = (re.fullmatch(r"[-+]?\d*[.,](\d+)", field) for field in fields)
-    decimals = max((len(match.group(1)) for match in found if match), default=0)
-    return decimals > 0 and scale_g * 10.0**-decimals > COARSEST_STEP_G
 
 
 # Text as pieces of whole lines in bytes, whatever its encoding and line ends.
