@@ -19,13 +19,13 @@ from typing import BinaryIO
 
 from app.errors import AppError
 from app.formats import ENDINGS
-from app.jobs.job import Job
-from app.jobs.queue import WayIn
-from app.jobs.results import find_or_add
-from app.jobs.store import JobStore
+from app.library.claims import WayIn
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.results import find_or_add
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
-from app.storage.store import COPY_BYTES, Storage, StoredRecording
+from app.store.folder import COPY_BYTES, Storage, StoredRecording
 from fusion.errors import EmptyFile, FusionError
 
 SCAN_PERIOD_S = 2.0

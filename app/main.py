@@ -20,15 +20,9 @@ from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import BaseRoute, Match
 
-from app.access.accounts import AccountStore
-from app.access.gate import Gate, read_or_create_secret
-from app.access.logins import Logins
-from app.api import about, live, pairs, trust, validations, webhooks
-from app.api.housekeeping import keep_house, reconcile, write_side_files
-from app.api.library import analyses, batches, mappings, recordings, uploads
-from app.api.middleware.access import CHECKED, Access
-from app.api.middleware.guard import SECURITY_HEADERS, Guard, PlainText, make_timeout_protocol
-from app.api.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
+from app.accounts.accounts import AccountStore
+from app.accounts.gate import Gate, read_or_create_secret
+from app.accounts.logins import Logins
 from app.errors import (
     AppError,
     DatabaseAway,
@@ -43,17 +37,32 @@ from app.errors import (
     ResultDamaged,
     WrongVerb,
 )
+from app.http.api import about, live, pairs, trust, validations, webhooks
+from app.http.api.housekeeping import keep_house, reconcile, write_side_files
+from app.http.api.library import analyses, batches, mappings, recordings, uploads
+from app.http.middleware.access import CHECKED, Access
+from app.http.middleware.guard import SECURITY_HEADERS, Guard, PlainText, make_timeout_protocol
+from app.http.middleware.problems import Refusal, hide_address, respond_to_refusal, translate_error
+from app.http.pages import account, help, library, login, rendering  # noqa: A004
+from app.http.pages import live as live_page
+from app.http.pages import pairs as pair_pages
+from app.http.pages import trust as trust_pages
+from app.http.pages import validations as validation_pages
+from app.http.pages.recording import analysis, columns, day
+from app.http.pages.rendering import FOLDER, Assets, find_assets
 from app.intake import FolderWatch, Intake
-from app.jobs.database.connect import (
+from app.library.database.connect import (
     bring_up_to_date,
     check_whole,
     classify_error,
     find_database_file,
     translate_start_errors,
 )
-from app.jobs.pool import WorkerPool
-from app.jobs.store import JobStore
+from app.library.jobs import JobStore
 from app.logs import start_logging
+from app.ops.account_rows import warn_of_lost_secret
+from app.ops.recover import check_known
+from app.queue.pool import WorkerPool
 from app.services import Services, find_services
 from app.settings import Settings
 from app.start_checks import (
@@ -63,19 +72,10 @@ from app.start_checks import (
     check_host_names,
     check_passwords,
 )
-from app.storage.open import load_extra, open_storage
-from app.storage.permissions import make_folder, restrict_permissions
-from app.storage.store import FolderLock, check_folder
-from app.upkeep.account_rows import warn_of_lost_secret
-from app.upkeep.recover import check_known
+from app.store.folder import FolderLock, check_folder
+from app.store.open import load_extra, open_storage
+from app.store.permissions import make_folder, restrict_permissions
 from app.version import software_version
-from app.web import account, help, library, login, rendering  # noqa: A004
-from app.web import live as live_page
-from app.web import pairs as pair_pages
-from app.web import trust as trust_pages
-from app.web import validations as validation_pages
-from app.web.recording import analysis, columns, day
-from app.web.rendering import FOLDER, Assets, find_assets
 from fusion.errors import FusionError
 
 ROUTES = (
@@ -211,7 +211,7 @@ def _prepare_database(settings: Settings) -> None:
     finally:
         lock.release()
     if settings.engine == "procrastinate":
-        load_extra("app.jobs.cluster").install(settings.database_url)
+        load_extra("app.queue.cluster").install(settings.database_url)
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:

@@ -12,27 +12,27 @@ from fastapi import Depends, Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 
-from app.access.subjects import Subject
+from app.accounts.subjects import Subject
+from app.analysis.inspecting import Inspector
 from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
-from app.jobs.batches import BatchStore
-from app.jobs.children.inspecting import Inspector
-from app.jobs.children.pairs import PairReports
-from app.jobs.database.connect import check_writable
-from app.jobs.governance import AggregateStore, ReleaseStore, RetentionStore
-from app.jobs.listing import SavedViews
-from app.jobs.mappings import MappingStore
-from app.jobs.queue import WayIn
-from app.jobs.recordings import RecordingStore, UploadStore
-from app.jobs.results import ResultReader
-from app.jobs.side_files import SideWriter
-from app.jobs.store import JobStore
-from app.jobs.webhooks import WebhookStore
+from app.library.batches import BatchStore
+from app.library.claims import WayIn
+from app.library.database.connect import check_writable
+from app.library.governance import AggregateStore, ReleaseStore, RetentionStore
+from app.library.jobs import JobStore
+from app.library.kept_pairs import PairReports
+from app.library.listing import SavedViews
+from app.library.mappings import MappingStore
+from app.library.recordings import RecordingStore, UploadStore
+from app.library.results import ResultReader
+from app.library.side_files import SideWriter
+from app.library.webhooks import WebhookStore
 from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
-from app.storage.decoded import DecodedCache
-from app.storage.incoming import Incoming, UploadSlots
-from app.storage.open import open_storage
-from app.storage.store import Storage, check_folder
+from app.store.decoded import DecodedCache
+from app.store.folder import Storage, check_folder
+from app.store.incoming import Incoming, UploadSlots
+from app.store.open import open_storage
 
 if TYPE_CHECKING:
     from app.live.hub import LiveHub
@@ -142,7 +142,7 @@ class Services:
         self.cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
         self.readiness = Readiness(store, storage, settings)
         self.live: LiveHub | None = None
-        """Made by the first live session (:func:`app.api.live.find_hub`), because it loads the science."""
+        """The first live session builds it (:func:`app.http.api.live.find_hub`): it loads the science."""
         self.live_turn = threading.Lock()
 
 

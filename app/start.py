@@ -8,7 +8,7 @@ import gc
 import importlib
 import sys
 
-from app.jobs.children.fork_server import warm_up
+from app.analysis.fork_server import warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
-from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
-from app.access.passwords import hash_password, verify_password
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Caller, Logins
+from app.accounts.passwords import hash_password, verify_password
 from app.errors import LoginRefused
 from app.settings import Settings
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
+from app.analysis.run import make_report
 from app.request import ReportRequest
-from app.roads.analyse import make_report
 from fusion.simulation import simulate_shift, write_shift
 
 DAY_S, MONTH_H, DAYS_KEPT = 86_400.0, 730.0, 30

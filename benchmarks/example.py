@@ -9,11 +9,11 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+from app.http.pages.help import find_example
 from app.report.export.results import encode_results, identify_report
 from app.report.findings import Findings, take_findings
 from app.report.words.subject import ReportSubject, Software
 from app.version import software_revision, software_version
-from app.web.help import find_example
 from fusion.diary import read_diary
 from fusion.pipeline import analyse
 from fusion.settings import AnalysisSettings

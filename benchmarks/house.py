@@ -49,7 +49,7 @@ ANALYSE = (
 )
 CHILD = """
 import sys; from pathlib import Path
-from app.jobs.children.attempt import load_and_make_report
+from app.analysis.attempt import load_and_make_report
 from app.request import ReportRequest
 load_and_make_report(Path(sys.argv[1]), ReportRequest(file_name="x.gt3x"), Path(sys.argv[2]), lambda *_: True)
 """

@@ -18,9 +18,9 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 from sqlalchemy import insert
 
-from app.jobs.database.tables import analyses, answers, recordings
-from app.jobs.job import JobState
-from app.jobs.store import JobStore
+from app.library.database.tables import analyses, answers, recordings
+from app.library.job import JobState
+from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
 from fusion.simulation import write_recordings

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from statistics import median
 
-from app.report.analysis.report import build_report
+from app.analysis.run import describe_subject
 from app.report.export.all import export_results
 from app.report.export.results import build_results, encode_results
 from app.report.figures import round_all
@@ -23,9 +23,9 @@ from app.report.findings import Findings, take_findings
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.render.write import RESULTS
+from app.report.single.report import build_report
 from app.report.words.subject import ReportSubject
 from app.request import ReportRequest
-from app.roads.analyse import describe_subject
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
 from fusion.simulation import simulate_shift, write_shift

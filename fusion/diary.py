@@ -117,7 +117,7 @@ SPELLINGS = tuple(
         rf"(?P<hour>[0-9]{{2}}){MINUTE}(?:{SECOND})?",
     )
 )
-"""``10:20``, ``10h20``, ``10.20``, ``1020``; the page reads the same in ``app/web/static/day/clock.js``."""
+"""``10:20``, ``10h20``, ``10.20``, ``1020``; ``app/http/pages/static/day/clock.js`` reads the same."""
 DAY_FRACTION = re.compile(r"(?:0?|[0-9]{5})[.,][0-9]+")
 """A spreadsheet's number for a time: 0.4306 is 10:20, 46083.4306 has a date. ``0.43`` may be either."""
 DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")

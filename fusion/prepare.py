@@ -1,7 +1,7 @@
 """Compiles the kernels of an analysis once after an installation: ``python -m fusion.prepare``.
 
 The first analysis compiles each kernel as it comes to it: reading first, counting last. This module goes the
-same road on a made recording, from its end: with two cores the two meet in the middle, and the first analysis
+same way on a made recording, from its end: with two cores the two meet in the middle, and the first analysis
 takes half the time. Which half was compiled by whom changes no figure.
 """
 

@@ -25,7 +25,7 @@ from app.formats import ENDINGS
 from app.report.export.csv import Origin
 from app.report.words.subject import clean_text
 from app.request import Language, Paper, ReportRequest, clean_file_name, compare_settings
-from app.storage.store import hash_file
+from app.store.folder import hash_file
 from app.version import identify_engine
 
 # Plan of a run: which recordings are analysed, and where the products of each go.

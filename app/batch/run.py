@@ -11,6 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from app.analysis.attempt import (
+    Attempt,
+    Finished,
+    MakeReport,
+    Refused,
+    Unstarted,
+    choose_limits,
+    load_and_make_report,
+    load_and_render_again,
+    run_attempt,
+)
 from app.batch.folder import (
     MARKER,
     SHARDS,
@@ -32,19 +43,8 @@ from app.batch.folder import (
     write_marker,
 )
 from app.errors import UNREADABLE_PATH, Crashed, Interrupted
-from app.jobs.children.attempt import (
-    Attempt,
-    Finished,
-    MakeReport,
-    Refused,
-    Unstarted,
-    choose_limits,
-    load_and_make_report,
-    load_and_render_again,
-    run_attempt,
-)
 from app.request import ReportRequest
-from app.storage.store import KnownLogs, write_durably
+from app.store.folder import KnownLogs, write_durably
 from fusion.errors import Fact
 
 # How many recordings this machine analyses at once.

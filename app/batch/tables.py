@@ -30,7 +30,7 @@ from app.report.render.html import IndexRow, render_index
 from app.report.words.messages import describe_problem
 from app.report.words.wording import load_wording
 from app.request import Language, ReportRequest
-from app.storage.store import write_durably
+from app.store.folder import write_durably
 from app.version import software_revision, software_version
 
 CSV_TABLES = ("summary.csv", "summary_fr.csv", "periods.csv", "problems.csv", "dictionary.csv")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from app.access.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
+from app.accounts.subjects import PERMISSIONS, ROLES, Subject, collect_permissions
 from app.cli.output import Exit, print_problem
 from app.errors import (
     UNREADABLE_PATH,
@@ -31,13 +31,13 @@ from app.report.words.wording import Language, fill, load_wording
 from fusion.conventions import PoseHeld
 
 if TYPE_CHECKING:
-    from app.access.accounts import Person
-    from app.access.logins import Logins
-    from app.jobs.store import JobStore
+    from app.accounts.accounts import Person
+    from app.accounts.logins import Logins
+    from app.library.jobs import JobStore
+    from app.ops.account_rows import Accounts
+    from app.ops.backup import Copied
+    from app.ops.verify import Fault
     from app.settings import Settings
-    from app.upkeep.account_rows import Accounts
-    from app.upkeep.backup import Copied
-    from app.upkeep.verify import Fault
 
 T = TypeVar("T", bound=str)
 
@@ -97,8 +97,8 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
-    from app.jobs.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
-    from app.jobs.worker import run_by_settings  # noqa: PLC0415
+    from app.library.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
+    from app.queue.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
     from app.start_checks import check_passwords  # noqa: PLC0415
 
@@ -144,10 +144,10 @@ def backup(
 
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
-    from app.storage.open import open_storage  # noqa: PLC0415
-    from app.upkeep.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
-    from app.upkeep.backup_term import record_backup  # noqa: PLC0415
-    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
+    from app.ops.backup import back_up, drop_older_backups  # noqa: PLC0415  only this needs the database
+    from app.ops.backup_term import record_backup  # noqa: PLC0415
+    from app.ops.place import check_used, record_command  # noqa: PLC0415
+    from app.store.open import open_storage  # noqa: PLC0415
 
     if keep and not any(letter.isdigit() for letter in file.name):
         raise typer.BadParameter("FILE needs a date: acromion-2026-03-02.zip", param_hint="--keep")
@@ -172,7 +172,7 @@ def drill(
     lang: LanguageOption = "en",
 ) -> None:
     """Restore a backup into a temporary folder, read every byte, and say how long it took."""
-    from app.upkeep.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.backup import drill as try_out  # noqa: PLC0415  the database, and only this needs it
 
     with _refusals_printed(lang, find_settings(None)):
         done = try_out(file, identity)
@@ -196,8 +196,8 @@ def restore(
     """
     from sqlalchemy.engine import make_url  # noqa: PLC0415  heavy, and only this needs it
 
-    from app.storage.store import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import restore as put_back  # noqa: PLC0415
+    from app.ops.backup import restore as put_back  # noqa: PLC0415
+    from app.store.folder import LEDGER_FILE  # noqa: PLC0415  the database, and only this needs it
 
     settings = find_settings(data)
     with _refusals_printed(lang, settings):
@@ -222,10 +222,10 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.backup import find_damage  # noqa: PLC0415
-    from app.upkeep.place import check_used, record_command  # noqa: PLC0415
-    from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
+    from app.library.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.backup import find_damage  # noqa: PLC0415
+    from app.ops.place import check_used, record_command  # noqa: PLC0415
+    from app.ops.verify import find_faults, find_kept  # noqa: PLC0415
 
     with _refusals_printed(lang, find_settings(data)):
         settings = find_settings(data)
@@ -247,8 +247,8 @@ def verify(
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
-    from app.upkeep.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.recover import recover as bring_back  # noqa: PLC0415
+    from app.ops.place import check_recoverable  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.recover import recover as bring_back  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(lang, settings):
@@ -269,7 +269,7 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Look for what would keep Acromion from working well on this machine, and say the cure."""
-    from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it
+    from app.ops.doctor import examine  # noqa: PLC0415  the database, and only this needs it
 
     words, healthy = load_wording(lang, "operations"), True
     for found in examine(find_settings(data)):
@@ -323,7 +323,7 @@ def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None
     """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
-    from app.jobs.database.connect import translate_start_errors  # noqa: PLC0415
+    from app.library.database.connect import translate_start_errors  # noqa: PLC0415
 
     try:
         with translate_start_errors(settings):
@@ -363,8 +363,8 @@ def show_trail(
     lang: LanguageOption = "en",
 ) -> None:
     """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
-    from app.jobs.audit_log import AuditQuestion, find_lines, record_alone  # noqa: PLC0415
-    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+    from app.library.audit_log import AuditQuestion, find_lines, record_alone  # noqa: PLC0415
+    from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     for option, value in (("--subject", subject), ("--recording", recording), ("--who", who)):
         if not value.isprintable():  # a broken byte of the terminal, which no database takes
@@ -388,8 +388,8 @@ def begin_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """Put a recording on hold: nothing of it is deleted for good."""
-    from app.jobs.audit_log import AT_MACHINE  # noqa: PLC0415
-    from app.jobs.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
+    from app.library.audit_log import AT_MACHINE  # noqa: PLC0415
+    from app.library.recordings import HOLD_REASONS, RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         code = next((one for one in HOLD_REASONS if one == reason), None)
@@ -406,7 +406,7 @@ def end_hold(
     lang: LanguageOption = "en",
 ) -> None:
     """End the hold of a recording."""
-    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+    from app.library.recordings import RecordingStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         RecordingStore(store.engine, store.reader).let_go(recording)
@@ -423,10 +423,10 @@ def get(
     lang: LanguageOption = "en",
 ) -> None:
     """Write the original file of a recording, byte for byte, verified by its SHA-256."""
-    from app.jobs.audit_log import record_readings  # noqa: PLC0415
-    from app.jobs.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
-    from app.storage.open import open_storage  # noqa: PLC0415
-    from app.storage.store import borrow_recording  # noqa: PLC0415
+    from app.library.audit_log import record_readings  # noqa: PLC0415
+    from app.library.recordings import RecordingStore  # noqa: PLC0415  the database, and only this needs it
+    from app.store.folder import borrow_recording  # noqa: PLC0415
+    from app.store.open import open_storage  # noqa: PLC0415
 
     if out.exists() and not (force and out.is_file()):
         raise typer.BadParameter(f"{out} exists", param_hint="-o")
@@ -450,8 +450,8 @@ def get(
 
 def _copy_verified(source: Path, out: Path, sha256: str) -> None:
     """Copy a file whole or not at all, readable by its owner alone. Raises DiskFull or StoreDamaged."""
-    from app.storage.permissions import create_file  # noqa: PLC0415
-    from app.storage.store import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+    from app.store.folder import COPY_BYTES, sync_file, translate_disk_full  # noqa: PLC0415
+    from app.store.permissions import create_file  # noqa: PLC0415
 
     part, copied = out.with_name(f".{secrets.token_hex(8)}.part"), hashlib.sha256()
     try:
@@ -475,7 +475,7 @@ def retention(
     lang: LanguageOption = "en",
 ) -> None:
     """Show how long each kind is kept, or change the term of one."""
-    from app.jobs.governance import RetentionStore  # noqa: PLC0415
+    from app.library.governance import RetentionStore  # noqa: PLC0415
 
     with _opened(lang, data) as (_, store):
         terms = RetentionStore(store.engine, store.reader)
@@ -490,7 +490,7 @@ def retention(
 
 
 def _read_moment(text: str) -> str:
-    from app.jobs.audit_log import parse_moment  # noqa: PLC0415
+    from app.library.audit_log import parse_moment  # noqa: PLC0415
 
     try:
         return parse_moment(text)
@@ -499,7 +499,7 @@ def _read_moment(text: str) -> str:
 
 
 def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
-    from app.jobs.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
+    from app.library.audit_log import AUDIT_COLUMNS  # noqa: PLC0415
 
     if form not in ("text", "csv", "jsonl"):
         raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
@@ -525,10 +525,10 @@ def _quote(value: str) -> str:
 @contextmanager
 def _opened(language: Language, data: Path | None) -> "Iterator[tuple[Settings, JobStore]]":
     """Open the database for whoever sits at the machine; a place without one is refused."""
-    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
-    from app.jobs.database.connect import find_database_file  # noqa: PLC0415
-    from app.jobs.store import JobStore  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.library.database.connect import find_database_file  # noqa: PLC0415
+    from app.library.jobs import JobStore  # noqa: PLC0415
+    from app.ops.place import check_used  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(language, settings), acting(AT_MACHINE):
@@ -596,7 +596,7 @@ def add(
     lang: LanguageOption = "en",
 ) -> None:
     """Add a person; prints an address that works once, by which a password is chosen."""
-    from app.access.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.logins import INVITED_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang, may_begin=True) as desk:
         roles = frozenset(_read_known("--role", role, ROLES))
@@ -643,7 +643,7 @@ def reset(
     lang: LanguageOption = "en",
 ) -> None:
     """Let a person choose a new password by an address that works once, for an hour."""
-    from app.access.logins import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.logins import FORGOTTEN_S  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang) as desk:
         person = desk.find(login)
@@ -676,7 +676,7 @@ def token(
     lang: LanguageOption = "en",
 ) -> None:
     """Make a token for a person's scripts; it is printed once."""
-    from app.access.accounts import format_end, make_token  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.accounts import format_end, make_token  # noqa: PLC0415  the database, and only this needs it
 
     with _open(data, lang) as desk:
         person, chosen = desk.find(login), _read_known("--may", permission, PERMISSIONS)
@@ -697,11 +697,11 @@ def _read_known(option: str, given: list[str], known: Collection[T]) -> list[T]:
 @contextmanager
 def _open(data: DataOption, lang: Language, *, may_begin: bool = False) -> Iterator[_Desk]:
     """Open the accounts; ``may_begin``: the installation may begin with them."""
-    from app.access.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
-    from app.access.logins import Logins  # noqa: PLC0415
-    from app.jobs.audit_log import AT_MACHINE, acting  # noqa: PLC0415
-    from app.storage.permissions import make_folder  # noqa: PLC0415
-    from app.upkeep.place import check_used  # noqa: PLC0415
+    from app.accounts.accounts import AccountStore  # noqa: PLC0415  the database, and only this needs it
+    from app.accounts.logins import Logins  # noqa: PLC0415
+    from app.library.audit_log import AT_MACHINE, acting  # noqa: PLC0415
+    from app.ops.place import check_used  # noqa: PLC0415
+    from app.store.permissions import make_folder  # noqa: PLC0415
 
     settings = find_settings(data)
     with _refusals_printed(lang, settings):

@@ -115,7 +115,7 @@ def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
 
 def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -> None:
     """Make the report of two, and print its answer."""
-    from app.roads.pair import make_report_of_two  # noqa: PLC0415  heavy, and only this needs it
+    from app.analysis.pair import make_report_of_two  # noqa: PLC0415  heavy, and only this needs it
 
     make = partial(make_report_of_two, sources, request)
     with refusals_printed(str(folder), request.languages[0]):
@@ -160,7 +160,7 @@ def validate(
     paper: PaperOption = "a4",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
-    from app.roads.validate import make_study, make_validation  # noqa: PLC0415  heavy, and only this needs it
+    from app.analysis.validate import make_study, make_validation  # noqa: PLC0415  heavy, and only this needs it
 
     request = ReportRequest(
         path.name,
@@ -221,7 +221,7 @@ def profile(
     paper: PaperOption = "a4",
 ) -> None:
     """Lay the days of a person, or of a group, over one another: mean, spread, days still needed."""
-    from app.roads.pair import make_profile  # noqa: PLC0415  heavy, and only this needs it
+    from app.analysis.pair import make_profile  # noqa: PLC0415  heavy, and only this needs it
 
     kinds = parse_kinds(report)
     folder = out / "days"

@@ -17,7 +17,7 @@ from app.errors import NO_RESULTS
 from app.report.figures import load_results
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
-from app.storage.store import write_durably
+from app.store.folder import write_durably
 from app.version import software_revision, software_version
 from fusion.errors import FusionError
 
@@ -74,8 +74,8 @@ def inspect(
     lang: LanguageOption = "en",
 ) -> None:
     """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
+    from app.analysis.inspect import inspect_file  # noqa: PLC0415
     from app.report.inspection import describe_inspection  # noqa: PLC0415
-    from app.roads.inspect import inspect_file  # noqa: PLC0415
 
     with refusals_printed(path.name, lang):
         try:

@@ -19,10 +19,10 @@ from typing import Any, Literal, NoReturn
 
 import typer
 
+from app.analysis.fork_server import warm_up
 from app.batch.folder import Task, format_path
 from app.batch.run import Outcome, ShardRecord, find_done, run_tasks
 from app.errors import UNREADABLE_PATH, AppError, Interrupted
-from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
 from app.report.figures import load_results
 from app.report.words.messages import describe_problem

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import urlsplit
 
 from app.errors import LiveSourceFailed
-from app.storage.permissions import create_file, make_folder
+from app.store.permissions import create_file, make_folder
 
 if TYPE_CHECKING:
     from serial import Serial

@@ -20,7 +20,7 @@ from app.live.cue_log import find_limit, format_rule, parse_rule
 from app.live.ports import EARLY, read_about, read_pieces
 from app.live.sources import SourceFacts
 from app.request import clean_file_name
-from app.storage.permissions import create_file
+from app.store.permissions import create_file
 from fusion.conventions import ArmAxis, Side
 from fusion.errors import FusionError
 from fusion.live import Frames

@@ -16,13 +16,13 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.errors import CannotCompare
-from app.report.analysis.chapters import format_accuracy, format_found, format_pose_caution
 from app.report.charts.bars import build_parts
 from app.report.charts.day import build_timeline, build_two_days, shift_day
 from app.report.charts.distribution import build_two_curves
 from app.report.figures import format_figure, round_all
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Note, Pair, Report, Section, Table, VerdictLine
+from app.report.single.chapters import format_accuracy, format_found, format_pose_caution
 from app.report.words.numbers import (
     NONE,
     Clock,

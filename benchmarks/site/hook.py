@@ -19,17 +19,17 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from app.errors import list_refusals
+from app.http.pages.help import POSES, draw_example, find_example
+from app.http.pages.rendering import pages
 from app.main import create_app
-from app.report.analysis.report import build_report
 from app.report.export.results import decode_results
 from app.report.model import Report
 from app.report.render.html import render_html
 from app.report.render.pdf import render_first_page, render_pdf
+from app.report.single.report import build_report
 from app.report.words.messages import CaveatWords, Problem, describe_flag, describe_problem, find_flag_codes
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.settings import Settings
-from app.web.help import POSES, draw_example, find_example
-from app.web.rendering import pages
 from benchmarks.site.bibliography import cite
 from benchmarks.site.notebook import run_notebook, write_markdown
 from fusion.recording import QualityFlag

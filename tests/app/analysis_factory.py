@@ -11,8 +11,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from app.report.analysis.report import ReportSubject, Software
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
+from app.report.single.report import ReportSubject, Software
 from fusion.exposure.types import (
     Cycles,
     ElevationBin,

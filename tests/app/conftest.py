@@ -11,18 +11,18 @@ import pytest
 import uvicorn
 from fastapi.testclient import TestClient
 
-from app.jobs import worker
-from app.jobs.children.attempt import MakeReport
-from app.jobs.job import Job
-from app.jobs.store import JobStore
-from app.jobs.worker import Bench, open_bench, run_next
+from app.analysis.attempt import MakeReport
+from app.library.job import Job
+from app.library.jobs import JobStore
 from app.main import configure_server, create_app
+from app.ops import verify
+from app.queue import worker
+from app.queue.worker import Bench, open_bench, run_next
 from app.request import ReportRequest
 from app.services import Services
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import Storage
-from app.upkeep import verify
+from app.store.folder import Storage
+from app.store.open import open_storage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

@@ -6,7 +6,7 @@ from functools import cache
 
 from fastapi.testclient import TestClient
 
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.report.words.wording import Language
 from app.settings import Settings
 from fusion.angle_files import read_angle_file, recognise_layout

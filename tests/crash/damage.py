@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 import httpx2
 
 from app.settings import Settings
-from app.storage.open import open_storage
+from app.store.open import open_storage
 from tests.crash.stores import CODE, TUS, Ended, Server, Store, build_stores, run_command
 
 Part = Literal[

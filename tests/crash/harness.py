@@ -20,13 +20,13 @@ from typing import Literal
 import httpx2
 
 from app.errors import Crashed, Interrupted
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.job import Job, JobState
-from app.jobs.store import JobStore
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.ops.verify import find_faults, find_kept
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import format_result_name
-from app.upkeep.verify import find_faults, find_kept
+from app.store.folder import format_result_name
+from app.store.open import open_storage
 from tests import ROOT
 from tests.ways_in.servers import list_children, read_stat, wait_for
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from app.jobs.database.tables import analyses
-from app.jobs.job import JobState
-from app.jobs.queue import DatabaseClock
-from app.jobs.store import JobStore
+from app.library.claims import DatabaseClock
+from app.library.database.tables import analyses
+from app.library.job import JobState
+from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.crash.harness import (
     PARTS,

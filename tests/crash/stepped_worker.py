@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from tests.crash.program import write_digest
 

@@ -12,15 +12,15 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 from sqlalchemy import update
 
-from app.access.accounts import AccountStore
-from app.access.logins import Logins
-from app.access.passwords import hash_password
-from app.access.subjects import Role
-from app.jobs.database.tables import sessions
-from app.jobs.store import JobStore
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Logins
+from app.accounts.passwords import hash_password
+from app.accounts.subjects import Role
+from app.library.database.tables import sessions
+from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import StoredRecording
+from app.store.folder import StoredRecording
 from tests.pages.conftest import keep_picture, open_page
 from tests.pages.test_everyone import LOOKS, Look, list_barriers, show_as
 from tests.ways_in.servers import RunningServer

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Dialog, Page, expect
 
-from app.access.accounts import AccountStore
-from app.access.logins import Logins
-from app.access.passwords import hash_password
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Logins
+from app.accounts.passwords import hash_password
 from app.settings import Settings
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish

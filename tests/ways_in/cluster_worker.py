@@ -6,8 +6,8 @@ It looks for lost wake-ups ten times as often as the product does: a test waits 
 import sys
 from pathlib import Path
 
-from app.jobs import cluster
-from app.jobs.cluster import run_cluster_worker
+from app.queue import cluster
+from app.queue.cluster import run_cluster_worker
 from app.settings import Settings
 from tests.app import stand_ins
 

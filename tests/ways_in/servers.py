@@ -53,7 +53,7 @@ class RunningServer:
 
     def find_workers(self) -> list[int]:
         """Give the process numbers of the workers that live."""
-        return [pid for pid in list_children(self.process.pid) if "app.jobs.worker" in read_command(pid)]
+        return [pid for pid in list_children(self.process.pid) if "app.queue.worker" in read_command(pid)]
 
     def kill(self) -> None:
         """End the server at once, without any chance to tidy up."""

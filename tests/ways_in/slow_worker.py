@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from app.jobs.worker import run_worker
+from app.queue.worker import run_worker
 from app.settings import Settings
 from tests.app.stand_ins import write_slowly
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from app.jobs.cluster import install
-from app.jobs.database.connect import connect
-from app.jobs.job import JobState
-from app.jobs.store import JobStore
+from app.library.database.connect import connect
+from app.library.job import JobState
+from app.library.jobs import JobStore
+from app.queue.cluster import install
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import Storage
+from app.store.folder import Storage
+from app.store.open import open_storage
 from tests import ROOT
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from app.jobs.job import Job, JobState
-from app.jobs.store import JobStore
-from app.jobs.worker import open_bench, run_next
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.queue.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.open import open_storage
+from app.store.open import open_storage
 from tests import ROOT
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer

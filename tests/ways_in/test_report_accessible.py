@@ -8,11 +8,11 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser
 
-from app.report.analysis.report import build_report
 from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pairs import build_comparison, build_pair
 from app.report.render.html import render_html
+from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure.types import MinuteProfile
 from tests.app.analysis.test_both_arms import make_pair

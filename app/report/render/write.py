@@ -7,12 +7,12 @@ left in its folder.
 from dataclasses import replace
 from pathlib import Path
 
-from app.report.analysis.report import build_report
 from app.report.export.results import decode_results
 from app.report.findings import Findings, Kept
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
+from app.report.single.report import build_report
 from app.report.words.subject import ReportSubject
 from app.request import Paper, ReportKind, ReportRequest
 

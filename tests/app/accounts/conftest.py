@@ -14,13 +14,13 @@ from fastapi.testclient import TestClient
 from httpx2 import Response
 from sqlalchemy import update
 
-from app.access import passwords
-from app.access.accounts import LONGEST_S, AccountStore, Person, hash_secret
-from app.access.logins import Logins
-from app.access.passwords import hash_password
-from app.access.subjects import ROLES, Permission, Role
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.database.tables import tokens
+from app.accounts import passwords
+from app.accounts.accounts import LONGEST_S, AccountStore, Person, hash_secret
+from app.accounts.logins import Logins
+from app.accounts.passwords import hash_password
+from app.accounts.subjects import ROLES, Permission, Role
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.database.tables import tokens
 from app.main import create_app
 from app.services import Services
 from app.settings import Settings

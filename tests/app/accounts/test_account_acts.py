@@ -8,12 +8,12 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Caller, Logins
 from app.cli import app
 from app.errors import LoginRefused
-from app.jobs.audit_log import AuditLine, AuditQuestion, acting, find_lines
-from app.jobs.store import JobStore
+from app.library.audit_log import AuditLine, AuditQuestion, acting, find_lines
+from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, AddPerson
 

@@ -9,16 +9,16 @@ import pytest
 from sqlalchemy import Table, func, select
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import Caller, Logins
 from app.cli import app
 from app.errors import AccountsLost, LoginRefused, NotEmpty
-from app.jobs.database.tables import known_browsers, sessions, tickets, tries
-from app.jobs.store import JobStore
+from app.library.database.tables import known_browsers, sessions, tickets, tries
+from app.library.jobs import JobStore
 from app.main import create_app
+from app.ops.account_rows import Accounts
+from app.ops.backup import back_up, find_damage, restore
 from app.settings import Settings
-from app.upkeep.account_rows import Accounts
-from app.upkeep.backup import back_up, find_damage, restore
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, make_code
 from tests.app.conftest import on_both_databases
 from tests.postgres import PostgresServer

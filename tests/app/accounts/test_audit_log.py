@@ -11,8 +11,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import insert, text, update
 from sqlalchemy.exc import IntegrityError
 
-from app.api.housekeeping import write_side_files
-from app.api.middleware.readings import (
+from app.http.api.housekeeping import write_side_files
+from app.http.middleware.readings import (
     MOST_COUNTED,
     MOST_KNOWN,
     MOST_LINES,
@@ -21,12 +21,12 @@ from app.api.middleware.readings import (
     KnownReadings,
     RefusedLines,
 )
-from app.jobs.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
-from app.jobs.database.tables import facts, sessions
-from app.jobs.job import Job
-from app.jobs.store import JobStore
-from app.jobs.worker import Bench, open_bench, run_next
+from app.library.audit_log import ACTS, AuditLine, AuditQuestion, acting, find_lines, record
+from app.library.database.tables import facts, sessions
+from app.library.job import Job
+from app.library.jobs import JobStore
 from app.logs import LineFormatter
+from app.queue.worker import Bench, open_bench, run_next
 from app.report.words.wording import LANGUAGES, load_wording
 from app.request import ReportRequest
 from app.settings import Settings

@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.access.accounts import AccountStore, Person
+from app.accounts.accounts import AccountStore, Person
 from app.settings import Settings
 from tests.ways_in.servers import RunningServer
 

@@ -12,11 +12,11 @@ import pytest
 from argon2 import PasswordHasher, Type
 from fastapi.testclient import TestClient
 
-from app.access import passwords
-from app.access.accounts import AccountStore, Person
-from app.access.gate import Gate, StartSecret, read_or_create_secret
-from app.access.logins import Caller, Logins
-from app.access.passwords import check_password, hash_password, needs_rehash, verify_password
+from app.accounts import passwords
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.gate import Gate, StartSecret, read_or_create_secret
+from app.accounts.logins import Caller, Logins
+from app.accounts.passwords import check_password, hash_password, needs_rehash, verify_password
 from app.errors import LoginRefused, WeakPassword
 from app.settings import Settings
 from tests.app.accounts.conftest import (

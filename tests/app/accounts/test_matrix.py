@@ -11,13 +11,13 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from app.access.routes import ROUTE_TABLE
-from app.access.subjects import ROLES, Permission, collect_permissions
-from app.jobs.recordings import Description
+from app.accounts.routes import ROUTE_TABLE
+from app.accounts.subjects import ROLES, Permission, collect_permissions
+from app.library.recordings import Description
 from app.main import PAGES, ROUTES
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 from tests.app.accounts.conftest import House
 
 REFUSED = (401, 403)

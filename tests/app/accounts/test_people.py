@@ -6,10 +6,10 @@ import re
 import pytest
 from httpx2 import Response
 
-from app.access.accounts import AccountStore
-from app.access.logins import Caller, Logins
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.store import JobStore
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import Caller, Logins
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor, make_code, read_ticket
 

@@ -11,8 +11,8 @@ from urllib.parse import parse_qs, urlsplit
 import httpx2
 import pytest
 
-from app.access.accounts import AccountStore
-from app.access.logins import CredentialStore
+from app.accounts.accounts import AccountStore
+from app.accounts.logins import CredentialStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson, Clock, Visit, Visitor, open_server
 

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select, update
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import Caller, Logins
 from app.errors import SecondFactorLost, SecretUnreadable
-from app.jobs.database.tables import people, tickets
-from app.jobs.store import JobStore
-from app.jobs.webhooks import WebhookStore
+from app.library.database.tables import people, tickets
+from app.library.jobs import JobStore
+from app.library.webhooks import WebhookStore
 from app.main import create_app
 from app.settings import Settings
-from app.storage.server_secret import LENGTH_BYTES, ServerSecret
+from app.store.server_secret import LENGTH_BYTES, ServerSecret
 from tests.app.accounts.conftest import PASSWORD, SECRET, AddPerson, Clock, Visit, make_code, read_ticket
 
 HERE = Caller("192.0.2.1", "")

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from app.access.accounts import AccountStore, Person
+from app.accounts.accounts import AccountStore, Person
 from tests.app.accounts.conftest import (
     PASSWORD,
     AddPerson,

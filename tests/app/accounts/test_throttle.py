@@ -6,12 +6,12 @@ import json
 import pytest
 from sqlalchemy import select
 
-from app.access import passwords
-from app.access.accounts import AccountStore, Person
-from app.access.logins import TOLD_S, Budget, Caller, Logins, limit_address
+from app.accounts import passwords
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import TOLD_S, Budget, Caller, Logins, limit_address
 from app.errors import LoginRefused, TooManyTries
-from app.jobs.audit_log import NOBODY, acting
-from app.jobs.database.tables import audit_log, tries
+from app.library.audit_log import NOBODY, acting
+from app.library.database.tables import audit_log, tries
 from app.settings import Settings
 from tests.app.accounts.conftest import PASSWORD, AddPerson, Clock, Visit, Visitor, make_code, read_ticket
 from tests.app.conftest import on_both_databases

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from starlette.requests import Request
 
-from app.access.accounts import AccountStore, Person
-from app.access.subjects import AT_THE_MACHINE, Permission, Subject
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.subjects import AT_THE_MACHINE, Permission, Subject
 from app.services import find_way_in
 from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor
 

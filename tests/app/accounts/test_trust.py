@@ -9,18 +9,18 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
-from app.api.housekeeping import grow_older, write_side_files
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.batches import identify_study
-from app.jobs.database.tables import analyses, answers
-from app.jobs.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
-from app.jobs.job import Job
-from app.jobs.recordings import RecordingStore
-from app.jobs.store import JobStore
-from app.jobs.worker import Bench
+from app.http.api.housekeeping import grow_older, write_side_files
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.batches import identify_study
+from app.library.database.tables import analyses, answers
+from app.library.governance import DAY_S, AggregateStore, ReleaseStore, RetentionStore, StudyGroup
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
+from app.queue.worker import Bench
 from app.request import ReportRequest
 from app.services import Services
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app.accounts.conftest import House
 from tests.app.conftest import AddJob, do_next, on_both_databases
 from tests.crash.program import write_digest

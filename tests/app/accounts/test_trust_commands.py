@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.access.accounts import AccountStore, Person
-from app.access.logins import Caller, Logins
+from app.accounts.accounts import AccountStore, Person
+from app.accounts.logins import Caller, Logins
 from app.cli import app
-from app.jobs.audit_log import AuditQuestion, find_lines
-from app.jobs.store import JobStore
+from app.library.audit_log import AuditQuestion, find_lines
+from app.library.jobs import JobStore
 from app.settings import Settings
 from tests.app.accounts.conftest import AddPerson
 from tests.app.conftest import AddJob

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from app.report.days.people import MeasuredDay, Stage
 from app.report.export.parquet import write_elevation
 from app.report.export.results import encode_results
 from app.report.findings import Findings, Kept
+from app.report.several.people import MeasuredDay, Stage
 from app.report.words.subject import ReportSubject
 from app.request import OnStage, ReportRequest
 from fusion.elevation import Elevation, ElevationSegment

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
+from app.analysis.pair import find_offset_s, make_report_of_two, read_analysed, widen_unconfirmed
 from app.errors import CannotPair
 from app.report.export.parquet import write_elevation
 from app.report.export.results import encode_results
@@ -21,7 +22,6 @@ from app.report.pairs import ArmPair, OnePerson, build_pair, describe_pair
 from app.report.render.pdf import render_pdf
 from app.report.words.wording import LANGUAGES, Language
 from app.request import PairRequest
-from app.roads.pair import find_offset_s, make_report_of_two, read_analysed, widen_unconfirmed
 from fusion.comparison.arms import ArmShare, PairedArms, TrunkRelative
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, ElevationSegment

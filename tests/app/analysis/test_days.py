@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from app.errors import CannotProfile
-from app.report.days.document import describe_profile, encode_day_table, encode_overlay_table
-from app.report.days.people import MeasuredDay, Stage, StudiedDays, group_days
-from app.report.days.report import build_days
 from app.report.model import Report
 from app.report.pairs import encode_document
+from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
+from app.report.several.people import MeasuredDay, Stage, StudiedDays, group_days
+from app.report.several.report import build_days
 from app.report.words.wording import Language
 from fusion.comparison.days import ClockBand
 from fusion.exposure.types import Interval

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.analysis.run import make_report
 from app.request import ReportRequest
-from app.roads.analyse import make_report
-from app.storage.decoded import DecodedCache, hash_entry_key
-from app.storage.store import KnownLogs
+from app.store.decoded import DecodedCache, hash_entry_key
+from app.store.folder import KnownLogs
 from fusion.recording import QualityFlag, Recording, Span
 from fusion.simulation import write_recordings
 from tests.factories import hold

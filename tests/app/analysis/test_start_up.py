@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app import version
-from app.jobs.children.preparing import LOCK, _take_turn, tell_preparing
+from app.analysis.preparing import LOCK, _take_turn, tell_preparing
 from app.request import Stage
 from fusion import numba_kernels
 from fusion.numba_kernels import DONE, USUAL_KERNELS
@@ -36,12 +36,12 @@ WRITE_TABLES = (
             ("import app.start", {"typer", "app.cli", "app.settings", "numpy"}),
             ("import app.cli", COMPILED | OF_THE_COMMAND),
             ("import app.batch.tables", {"numpy", "pydantic"}),
-            ("import app.main, app.jobs.worker", COMPILED),
+            ("import app.main, app.queue.worker", COMPILED),
         ],
         [
             ("import app.report.render.write, app.report.pairs", {"numba", "scipy", "pandas", "pyarrow"}),
-            ("import app.roads.analyse", SLOW),
-            ("import app.jobs.children.preloaded", SLOW),
+            ("import app.analysis.run", SLOW),
+            ("import app.analysis.preloaded", SLOW),
             (WRITE_TABLES, {"pandas"}),
         ],
     ],

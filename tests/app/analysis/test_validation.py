@@ -1,4 +1,4 @@
-"""A recording beside its reference, through the one road and the command."""
+"""A recording beside its reference, through the pipeline and the command."""
 
 import csv
 import json
@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
+from app.analysis.validate import make_validation
 from app.cli import app
 from app.report.agreement.tables import tabulate_lags, tell_drift
 from app.report.model import Table
 from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
-from app.roads.validate import make_validation
 from fusion.comparison.alignment import WindowLag
 from fusion.diary import TaskWindow
 from tests.simulated_mvnx import write_mvnx

@@ -11,11 +11,11 @@ import pytest
 
 from app import intake
 from app.intake import FolderWatch, Intake
-from app.jobs.job import Job
-from app.jobs.store import JobStore
+from app.library.job import Job
+from app.library.jobs import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import pytest
 from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
+from app.analysis.validate import find_study_files
 from app.cli import app
 from app.report.agreement.report import build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
-from app.roads.validate import find_study_files
 from fusion.comparison.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
 from tests.fusion.comparison.test_agreement import OURS, REFERENCE

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from app.analysis.run import make_report
 from app.request import ReportRequest
-from app.roads.analyse import make_report
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableDiary
 from fusion.exposure.periods import find_diary_poses

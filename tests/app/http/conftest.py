@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.worker import open_bench, run_next
 from app.main import create_app
+from app.queue.worker import open_bench, run_next
 from app.settings import Settings
 from tests.app import stand_ins
 

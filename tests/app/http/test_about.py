@@ -7,9 +7,9 @@ import pytest
 from fastapi.testclient import TestClient
 from openapi_spec_validator import validate
 
-from app.api.housekeeping import grow_older
 from app.errors import list_refusals
 from app.formats import FORMATS
+from app.http.api.housekeeping import grow_older
 from app.report.words.messages import find_flag_codes
 from fusion.readers import READERS
 from tests.app.conftest import services_of

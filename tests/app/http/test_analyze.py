@@ -14,11 +14,11 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.library.jobs import JobStore
+from app.queue.worker import run_next
 from app.request import clean_file_name
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, serving
 

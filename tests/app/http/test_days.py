@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from app.api.pairs import ProfileView
-from app.jobs.batches import identify_study
-from app.jobs.worker import open_bench, run_next
+from app.analysis.pair import make_profile
+from app.http.api.pairs import ProfileView
+from app.library.batches import identify_study
+from app.queue.worker import open_bench, run_next
 from app.request import ProfileRequest
-from app.roads.pair import make_profile
 from app.settings import Settings
 from tests.app.analysis.days_factory import write_day
 from tests.app.conftest import OpenBench

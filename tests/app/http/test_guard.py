@@ -8,9 +8,9 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.types import Message
 
-from app.api.middleware.guard import _BodyWatch, takes_file
 from app.errors import BadParameter, FileTooLarge, ForeignAddress, SlowUpload
-from app.jobs.store import JobStore
+from app.http.middleware.guard import _BodyWatch, takes_file
+from app.library.jobs import JobStore
 from app.main import create_app
 from app.settings import Settings
 from app.start_checks import check_exposure, check_host_names

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from app.api.pairs import ChangeView, PairView
-from app.jobs.children import pairs
-from app.jobs.children.attempt import Attempt, load_and_make_report, make_now
-from app.jobs.worker import open_bench, run_next
+from app.analysis.attempt import Attempt, load_and_make_report, make_now
+from app.analysis.pair import make_report_of_two
+from app.http.api.pairs import ChangeView, PairView
+from app.library import kept_pairs as pairs
 from app.main import create_app
+from app.queue.worker import open_bench, run_next
 from app.request import PairRequest
-from app.roads.pair import make_report_of_two
 from app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, services_of

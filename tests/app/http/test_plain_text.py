@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api.middleware import guard
+from app.http.middleware import guard
 
 JSON = {"content-type": "application/json"}
 UNFIT = [r"\ud800", r"\uDFFF", r"a\udc80b", r"\u0000"]

@@ -12,12 +12,12 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from sqlalchemy import update
 
-from app.jobs.database.tables import purged_uploads, recordings
-from app.jobs.recordings import RecordingStore
-from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.library.database.tables import purged_uploads, recordings
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
+from app.queue.worker import run_next
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, serving
 

@@ -10,9 +10,9 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
-from app.jobs.database.tables import batch_items
-from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.library.database.tables import batch_items
+from app.library.jobs import JobStore
+from app.queue.worker import run_next
 from app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, serving

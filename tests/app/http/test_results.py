@@ -12,9 +12,9 @@ from fastapi.testclient import TestClient
 from frictionless import validate
 from rocrate.rocrate import ROCrate
 
+from app.analysis.attempt import MakeReport, load_and_make_report
 from app.batch.settings_file import read_settings
-from app.jobs.children.attempt import MakeReport, load_and_make_report
-from app.jobs.worker import open_bench, run_next
+from app.queue.worker import open_bench, run_next
 from app.report.export.crate import CRATE
 from app.settings import Settings
 from tests.app import stand_ins

@@ -11,7 +11,7 @@ import pytest
 
 from app.main import listen
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.loops import run_coroutine
 
 PATIENCE_S = 0.4

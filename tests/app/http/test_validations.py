@@ -9,14 +9,14 @@ from fastapi.testclient import TestClient
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
+from app.analysis.attempt import load_and_make_report
 from app.cli import app
-from app.jobs.batches import identify_study
-from app.jobs.children.attempt import load_and_make_report
-from app.jobs.store import JobStore
-from app.jobs.worker import open_bench, run_next
+from app.library.batches import identify_study
+from app.library.jobs import JobStore
+from app.ops.recover import Unknown, find_unknown
+from app.queue.worker import open_bench, run_next
 from app.settings import Settings
-from app.storage.store import Storage
-from app.upkeep.recover import Unknown, find_unknown
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, serving
 

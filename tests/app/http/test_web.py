@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
+import app.http.pages
 import app.report.words.wording
-import app.web
-from app.jobs.store import JobStore
-from app.web.views import format_size
+from app.http.pages.views import format_size
+from app.library.jobs import JobStore
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next
 
@@ -168,7 +168,7 @@ def test_no_page_holds_a_script_or_a_style_of_its_own(client: TestClient, add_jo
 
 
 def test_no_page_names_another_host(shared: TestClient) -> None:
-    static = Path(app.web.__path__[0]) / "static"
+    static = Path(app.http.pages.__path__[0]) / "static"
     texts = [shared.get("/").text, *(path.read_text() for path in static.rglob("*.js"))]
 
     addresses = {found for text in texts for found in re.findall(r"https?://[^\s\"'<)]+", text)}
@@ -177,8 +177,8 @@ def test_no_page_names_another_host(shared: TestClient) -> None:
 
 
 def test_every_word_of_the_page_is_used() -> None:
-    folder = Path(app.web.__path__[0])
-    sources = [*folder.rglob("*.py"), *(folder.parents[1] / "templates" / "web").rglob("*.html")]
+    folder = Path(app.http.pages.__path__[0])
+    sources = [*folder.rglob("*.py"), *(folder.parents[2] / "templates" / "web").rglob("*.html")]
     code = "".join(path.read_text() for path in sources)
     wording = Path(app.report.words.wording.__file__).parent / "en.toml"
     built = (

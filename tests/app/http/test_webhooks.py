@@ -18,15 +18,15 @@ import anyio
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api import housekeeping
-from app.api.webhooks import WebhookSender, check_address, is_public, send_message
 from app.errors import ForeignWebhook
-from app.jobs.webhooks import Delivery
-from app.jobs.worker import run_next
+from app.http.api import housekeeping
+from app.http.api.webhooks import WebhookSender, check_address, is_public, send_message
+from app.library.webhooks import Delivery
 from app.main import create_app
+from app.queue.worker import run_next
 from app.services import Services
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, services_of, serving
 from tests.loops import run_coroutine

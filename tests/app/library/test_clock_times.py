@@ -7,9 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.errors import BadParameter
+from app.http.pages.recording.analysis import pair_tasks
+from app.http.pages.recording.day import (
+    DayClock,
+    build_hours,
+    correct_request,
+    place_rows,
+    read_rows,
+    write_csv,
+)
 from app.request import ReportRequest
-from app.web.recording.analysis import pair_tasks
-from app.web.recording.day import DayClock, build_hours, correct_request, place_rows, read_rows, write_csv
 from fusion.diary import read_diary
 from fusion.errors import UnusableCalibration, UnusableDiary
 from tests.app.report.report_reading import plain

@@ -9,17 +9,17 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from app.errors import BadParameter, StaleVersion
-from app.jobs import versions
-from app.jobs.database.tables import audit_log
-from app.jobs.job import Job
-from app.jobs.listing import HeadlineFigures
-from app.jobs.side_files import read_side_rows
-from app.jobs.store import JobStore
-from app.report.analysis.report import build_report
+from app.http.pages.recording.analysis import describe_draft, read_conclusion
+from app.library import versions
+from app.library.database.tables import audit_log
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.listing import HeadlineFigures
+from app.library.side_files import read_side_rows
 from app.report.export.results import build_results, identify_report
+from app.report.single.report import build_report
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ConclusionDraft, ReportRequest
-from app.web.recording.analysis import describe_draft, read_conclusion
 from fusion.conventions import METHOD_VERSION
 from fusion.diary import DiaryEntry
 from fusion.settings import DEFAULT_SETTINGS

@@ -8,18 +8,18 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import delete
 
-from app.jobs.batches import identify_study
-from app.jobs.database.tables import saved_views
-from app.jobs.job import Job, JobState
-from app.jobs.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter, SavedViews, summarise_day
-from app.jobs.recordings import RecordingStore
-from app.jobs.side_files import read_side_rows
-from app.jobs.store import JobStore
+from app.http.pages.views import draw_spark
+from app.library.batches import identify_study
+from app.library.database.tables import saved_views
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.library.listing import VIEWS_FILE, HeadlineFigures, Library, LibraryFilter, SavedViews, summarise_day
+from app.library.recordings import RecordingStore
+from app.library.side_files import read_side_rows
 from app.main import create_app
 from app.request import Conclusion, ReportRequest
 from app.settings import Settings
-from app.storage.store import Storage
-from app.web.views import draw_spark
+from app.store.folder import Storage
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob
 from tests.app.library.test_report_versions import fail_next, finish_next

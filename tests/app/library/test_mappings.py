@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.job import Job, JobState
-from app.jobs.mappings import MappingStore
-from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.http.pages.recording.columns import name_columns, read_profile
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.library.mappings import MappingStore
+from app.queue.worker import run_next
 from app.report.words.columns import format_columns
 from app.request import write_profile
-from app.web.recording.columns import name_columns, read_profile
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 

@@ -15,22 +15,22 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from typer.testing import CliRunner
 
-from app.api.housekeeping import grow_older
 from app.cli import app
-from app.jobs.database.tables import metadata
-from app.jobs.job import JobState
-from app.jobs.recordings import RecordingStore
-from app.jobs.side_files import SideWriter
-from app.jobs.store import JobStore
-from app.jobs.webhooks import EVENTS, WebhookStore
+from app.http.api.housekeeping import grow_older
+from app.library.database.tables import metadata
+from app.library.job import JobState
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
+from app.library.side_files import SideWriter
+from app.library.webhooks import EVENTS, WebhookStore
 from app.main import create_app
+from app.ops.backup import back_up, drill, restore
 from app.services import Services
 from app.settings import Settings
-from app.storage.decoded import DecodedCache, hash_entry_key
-from app.storage.open import open_storage
-from app.storage.server_secret import ServerSecret
-from app.storage.store import Storage
-from app.upkeep.backup import back_up, drill, restore
+from app.store.decoded import DecodedCache, hash_entry_key
+from app.store.folder import Storage
+from app.store.open import open_storage
+from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups, services_of
 from tests.factories import hold

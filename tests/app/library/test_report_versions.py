@@ -6,15 +6,15 @@ from dataclasses import replace
 import pytest
 
 from app.errors import NotHere, StaleVersion
-from app.jobs.batches import BatchStore
-from app.jobs.job import Job, JobState
-from app.jobs.listing import HeadlineFigures, Library, LibraryFilter
-from app.jobs.queue import WayIn
-from app.jobs.recordings import RecordingStore, StoredRow
-from app.jobs.store import JobStore
-from app.jobs.versions import identify_work
+from app.library.batches import BatchStore
+from app.library.claims import WayIn
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.library.listing import HeadlineFigures, Library, LibraryFilter
+from app.library.recordings import RecordingStore, StoredRow
+from app.library.versions import identify_work
 from app.request import ReportRequest
-from app.storage.store import ResultFile
+from app.store.folder import ResultFile
 from fusion.diary import DiaryEntry
 from tests.app.conftest import AddJob
 

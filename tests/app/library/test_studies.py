@@ -3,8 +3,8 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.batches import BatchStore, identify_study
-from app.jobs.store import JobStore
+from app.library.batches import BatchStore, identify_study
+from app.library.jobs import JobStore
 from app.request import ReportRequest
 from tests.app.conftest import AddJob
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from app.settings import Settings
-from app.storage.open import open_storage
-from app.storage.store import format_recording_name
+from app.store.folder import format_recording_name
+from app.store.open import open_storage
 from fusion.live import Frames, replay_frames
 from fusion.recording import Recording
 from tests.factories import hold

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api import live as live_api
-from app.api.live import LIVE_FOLDER
+from app.http.api import live as live_api
+from app.http.api.live import LIVE_FOLDER
 from app.live.ports import (
     EarlyFile,
     EarlyPort,

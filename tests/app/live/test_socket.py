@@ -15,16 +15,16 @@ from sqlalchemy import Row, select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
-from app.jobs.database.tables import audit_log, deliveries, recordings
-from app.jobs.store import JobStore
+from app.http.api.live import LIVE_FOLDER, _find_limiter, find_hub
+from app.library.database.tables import audit_log, deliveries, recordings
+from app.library.jobs import JobStore
 from app.live.ports import SerialPort, begin_files
 from app.live.raw_file import RawFile, Wearer
 from app.live.recorder import Recorder
 from app.live.sources import SourceFacts
 from app.main import create_app
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
+from app.store.server_secret import ServerSecret
 from fusion.live import LiveElevation, replay_frames
 from fusion.live.cues import CueRule
 from fusion.recording import Recording
@@ -317,7 +317,7 @@ def test_a_message_that_is_no_message_ends_the_connection_not_the_session(
 def test_a_message_that_is_too_long_in_coming_ends_the_connection(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.api.live.FIRST_LIMIT_S", 0.05)
+    monkeypatch.setattr("app.http.api.live.FIRST_LIMIT_S", 0.05)
     with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
         assert socket.receive_json()["code"] == "E-PARAMETER"
 
@@ -394,7 +394,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(fresh: Settings, t
 def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Board]:
     """A board on a serial port; it writes 1,500 rows once its port is open, which drops earlier ones."""
     made, opening = Board(tmp_path), SerialPort.__init__
-    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(made.path),))
+    monkeypatch.setattr("app.http.api.live.find_serial_ports", lambda: (str(made.path),))
     writing: list[threading.Thread] = []
 
     def open_and_write(port: SerialPort, name: str, baud: int = 115_200) -> None:
@@ -463,7 +463,7 @@ def test_lines_without_a_header_are_refused_in_words_and_leave_no_file(
 def test_boards_that_are_silent_hold_up_no_other_request(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 3.0)
+    monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 600.0)
     silent = 45  # more than the threads that answer requests
     with ExitStack() as sockets:
         for _ in range(silent):
@@ -473,6 +473,7 @@ def test_boards_that_are_silent_hold_up_no_other_request(
         client.get("/healthz")
 
         assert count_starting(client) == silent
+        monkeypatch.setattr("app.live.sources.LEARN_LIMIT_S", 0.0)
 
 
 def count_starting(client: TestClient) -> int:

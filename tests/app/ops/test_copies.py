@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from app.access.accounts import AccountStore
-from app.api.housekeeping import grow_older
-from app.jobs.recordings import RecordingFilter, RecordingStore
-from app.jobs.store import JobStore
+from app.accounts.accounts import AccountStore
+from app.http.api.housekeeping import grow_older
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingFilter, RecordingStore
 from app.main import create_app
+from app.ops import copies
+from app.ops.copies import find_copies, keep_daily_copy, renew_copies, restore_copy
 from app.settings import Settings
-from app.upkeep import copies
-from app.upkeep.copies import find_copies, keep_daily_copy, renew_copies, restore_copy
 from tests.app.conftest import AddJob
 from tests.app.ops.conftest import Acromion, lose_sqlite, read_subjects
 

@@ -13,13 +13,13 @@ from fastapi.testclient import TestClient
 from sqlalchemy import text
 
 from app.errors import UnknownRecordings
-from app.jobs.database.connect import connect
-from app.jobs.side_files import decode_side_file
-from app.jobs.store import JobStore
-from app.jobs.worker import open_bench, run_next
+from app.library.database.connect import connect
+from app.library.jobs import JobStore
+from app.library.side_files import decode_side_file
+from app.ops.recover import read_side_file
+from app.queue.worker import open_bench, run_next
 from app.settings import Settings
-from app.storage.store import Storage, format_side_file_name, read_recording
-from app.upkeep.recover import read_side_file
+from app.store.folder import Storage, format_side_file_name, read_recording
 from tests.app import stand_ins
 from tests.app.conftest import on_both_set_ups, serving
 from tests.app.ops.conftest import Acromion, lose_sqlite

@@ -10,9 +10,9 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect, text
 
 from app.errors import WrongSchema
-from app.jobs import migrations
-from app.jobs.database.connect import bring_up_to_date, connect, open_database, read_revision
-from app.jobs.database.tables import REVISION, metadata
+from app.library import migrations
+from app.library.database.connect import bring_up_to_date, connect, open_database, read_revision
+from app.library.database.tables import REVISION, metadata
 from app.settings import Settings
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)

@@ -18,7 +18,7 @@ from app.errors import StoreAway
 from app.main import create_app
 from app.services import Readiness
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app.conftest import on_both_set_ups
 from tests.postgres import PostgresServer
 

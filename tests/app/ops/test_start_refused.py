@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.errors import DatabaseLocked
-from app.jobs.database import connect as database_module
-from app.jobs.worker import open_bench
+from app.library.database import connect as database_module
+from app.queue.worker import open_bench
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import StoredRecording
+from app.store.folder import StoredRecording
 from tests.postgres import PostgresServer
 
 Damage = Callable[[bytes], bytes]

@@ -16,16 +16,16 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.jobs.database.tables import REVISION
-from app.jobs.job import Job, JobState
-from app.jobs.recordings import Description, RecordingStore, UploadStore
-from app.jobs.store import JobStore
-from app.jobs.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
-from app.jobs.worker import run_next
+from app.library.database.tables import REVISION
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.library.recordings import Description, RecordingStore, UploadStore
+from app.library.webhooks import EVENTS, SECRET_OF_WEBHOOK, WebhookStore
+from app.ops.recover import catch_up
+from app.queue.worker import run_next
 from app.settings import Settings
-from app.storage.server_secret import ServerSecret
-from app.storage.store import Fetched, FolderLock, Storage
-from app.upkeep.recover import catch_up
+from app.store.folder import Fetched, FolderLock, Storage
+from app.store.server_secret import ServerSecret
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 from tests.app.ops.conftest import Acromion

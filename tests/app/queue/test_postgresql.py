@@ -12,19 +12,19 @@ from fastapi.testclient import TestClient
 from sqlalchemy import Engine, text, update
 from sqlalchemy.exc import OperationalError
 
-from app.api.library.analyses import run_to_end
-from app.jobs.cluster import install, revive_if_leading
-from app.jobs.database.connect import lock_tables, one_request_at_a_time, open_database
-from app.jobs.database.tables import analyses, recordings
-from app.jobs.job import Job, JobState
-from app.jobs.leader import REVIVAL, Leader
-from app.jobs.recordings import Description, RecordingStore, insert_recording
-from app.jobs.results import find_or_add
-from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.http.api.library.analyses import run_to_end
+from app.library.database.connect import lock_tables, one_request_at_a_time, open_database
+from app.library.database.tables import analyses, recordings
+from app.library.job import Job, JobState
+from app.library.jobs import JobStore
+from app.library.recordings import Description, RecordingStore, insert_recording
+from app.library.results import find_or_add
 from app.main import create_app
+from app.queue.cluster import install, revive_if_leading
+from app.queue.leader import REVIVAL, Leader
+from app.queue.worker import run_next
 from app.settings import Settings
-from app.storage.store import Storage, StoredRecording
+from app.store.folder import Storage, StoredRecording
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 from tests.loops import run_coroutine

@@ -13,17 +13,17 @@ from sqlalchemy import delete, text, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
-from app.jobs.audit_log import acting
-from app.jobs.database.tables import analyses, recordings
-from app.jobs.job import TRANSITIONS, Job, JobState
-from app.jobs.listing import Library, Took
-from app.jobs.queue import WayIn
-from app.jobs.store import JobFilter, JobStore
-from app.jobs.worker import run_next
+from app.http.pages.views import estimate_left_s
+from app.library.audit_log import acting
+from app.library.claims import WayIn
+from app.library.database.tables import analyses, recordings
+from app.library.job import TRANSITIONS, Job, JobState
+from app.library.jobs import JobFilter, JobStore
+from app.library.listing import Library, Took
+from app.queue.worker import run_next
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.store import ResultFile, Storage
-from app.web.views import estimate_left_s
+from app.store.folder import ResultFile, Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_databases
 from tests.app.stand_ins import write_report

@@ -12,19 +12,19 @@ from typing import cast
 import pytest
 from sqlalchemy import select, update
 
-from app.jobs import pool, worker
-from app.jobs.children import attempt
-from app.jobs.children import fork_server as forking
-from app.jobs.children.attempt import NICENESS, MakeReport, choose_limits
-from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
-from app.jobs.database.tables import analyses
-from app.jobs.job import JobState
-from app.jobs.recordings import RecordingStore
-from app.jobs.store import JobStore
-from app.jobs.worker import Lease, return_expired, run_next
+from app.analysis import attempt
+from app.analysis import fork_server as forking
+from app.analysis.attempt import NICENESS, MakeReport, choose_limits
+from app.analysis.fork_server import NotStarted, end_fork_server, warm_up_and_wait
+from app.library.database.tables import analyses
+from app.library.job import JobState
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
+from app.queue import pool, worker
+from app.queue.worker import Lease, return_expired, run_next
 from app.request import Reference
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 

@@ -19,7 +19,7 @@ from fhir.resources.R4B.bundle import Bundle
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.analysis.report import build_report
+from app.analysis.run import make_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
 from app.report.export.columns import (
     PERIOD_COLUMNS,
@@ -35,10 +35,10 @@ from app.report.export.naming import Origin, format_file_name, format_report_nam
 from app.report.export.results import encode_results
 from app.report.figures import SUMMARY, find_unit
 from app.report.model import format_brief
+from app.report.single.report import build_report
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
-from app.roads.analyse import make_report
-from app.storage.store import KnownLogs
+from app.store.folder import KnownLogs
 from fusion.diary import DiaryEntry
 from fusion.exposure.types import Interval
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject

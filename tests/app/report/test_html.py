@@ -16,7 +16,6 @@ import openpyxl
 import pytest
 from pypdf import PdfReader
 
-from app.report.analysis.report import Report, build_report
 from app.report.export.all import encode_redcap_import
 from app.report.export.columns import encode_summary, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL
@@ -26,6 +25,7 @@ from app.report.findings import Findings
 from app.report.model import format_brief
 from app.report.render.html import content_security_policy, render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.single.report import Report, build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Conclusion
 from fusion.exposure.types import PartExposure

@@ -9,10 +9,10 @@ from typing import Any, get_args
 import pytest
 from pypdf import PageObject, PdfReader
 
-from app.report.analysis.report import build_report
 from app.report.export.results import encode_results
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language, Part, load_wording
 from app.request import Paper
 from fusion.exposure.types import PeakWindow

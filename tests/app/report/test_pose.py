@@ -9,6 +9,7 @@ import pytest
 from app.batch.folder import Task
 from app.batch.run import Outcome
 from app.cli.output import format_question
+from app.http.pages.pairs import align_request
 from app.report.export.results import encode_results
 from app.report.findings import (
     CalibrationFacts,
@@ -21,7 +22,6 @@ from app.report.findings import (
 from app.report.model import Report, format_brief
 from app.report.render.html import render_html
 from app.request import ReportRequest
-from app.web.pairs import align_request
 from fusion.conventions import CalibrationState, PoseHeld
 from fusion.pipeline import analyse
 from fusion.pose.wear import Question

@@ -12,10 +12,10 @@ from math import hypot
 import pytest
 from pypdf import PdfReader
 
-from app.report.analysis.report import build_report
 from app.report.findings import Findings
 from app.report.model import Profile, Report
 from app.report.render.pdf import render_pdf
+from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Paper
 from fusion.conventions import Pose

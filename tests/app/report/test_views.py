@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from app.report.analysis.report import Report, build_report
+from app.report.single.report import Report, build_report
 from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure.types import Entries, Episodes, Interval, PartExposure, PeakWindow
 from fusion.quality import Quality, TimeAccount

@@ -11,15 +11,15 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
-from app.api.library.files import format_disposition
 from app.cli import app
-from app.jobs.audit_log import AuditLine, AuditQuestion, find_lines
-from app.jobs.job import Job
-from app.jobs.recordings import RecordingStore
-from app.jobs.store import JobStore
+from app.http.api.library.files import format_disposition
+from app.library.audit_log import AuditLine, AuditQuestion, find_lines
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.recordings import RecordingStore
 from app.request import ReportRequest, clean_file_name
 from app.settings import Settings
-from app.storage.store import Storage
+from app.store.folder import Storage
 from tests.app.conftest import AddJob, on_both_set_ups
 from tests.app.http.test_recordings import keep
 

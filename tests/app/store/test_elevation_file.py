@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from app.analysis.run import make_report
 from app.report.export.parquet import (
     encode_elevation_csv,
     lay_flags,
@@ -21,7 +22,6 @@ from app.report.export.parquet import (
     write_elevation,
 )
 from app.request import ReportRequest
-from app.roads.analyse import make_report
 from fusion import read_elevation
 from fusion.angle_files import AngleFile, read_angle_file
 from fusion.elevation import Elevation, ElevationSegment

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from app.jobs.database.connect import open_database
-from app.jobs.store import JobStore
+from app.library.database.connect import open_database
+from app.library.jobs import JobStore
 from app.settings import Settings
-from app.storage.permissions import make_folder, restrict_permissions
-from app.storage.store import Storage
+from app.store.folder import Storage
+from app.store.permissions import make_folder, restrict_permissions
 
 
 @pytest.fixture(autouse=True)

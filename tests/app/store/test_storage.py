@@ -10,7 +10,7 @@ import pytest
 
 from app.errors import DiskFull, FolderTaken
 from app.settings import Settings
-from app.storage.store import FolderLock, FolderUpload, Storage, describe_files
+from app.store.folder import FolderLock, FolderUpload, Storage, describe_files
 
 
 @pytest.fixture

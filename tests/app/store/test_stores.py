@@ -5,8 +5,8 @@ import hashlib
 import pytest
 
 from app.errors import DiskFull, FileTooLarge, StoreAway
-from app.storage.incoming import Incoming
-from app.storage.store import Storage
+from app.store.folder import Storage
+from app.store.incoming import Incoming
 from tests.swift import SwiftServer
 
 pytestmark = pytest.mark.parametrize("objects", ["folder", "s3"], indirect=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from app.analysis.reading import read_file
 from app.formats import Format, find_added_formats
 from app.request import ReportRequest
-from app.roads.reading import read_file
 from fusion import plugins
 from fusion.errors import FailedReader, NoGyroscope
 from fusion.readers import read_recording

@@ -1,0 +1,607 @@
+"""Logging in by a password and a second factor, and proving again who one is.
+
+A session begins only once every step is done. A wrong name, a wrong password and an ended account are refused
+alike, and each costs one hash.
+"""
+
+import hmac
+import json
+import logging
+import re
+import secrets
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from ipaddress import ip_address, ip_network
+from math import ceil
+from types import ModuleType
+from typing import Any, Literal
+
+from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, update
+
+from app.accounts.accounts import (
+    AccountDatabase,
+    AccountStore,
+    Person,
+    hash_secret,
+    normalise_login,
+    note_act,
+)
+from app.accounts.subjects import Subject
+from app.errors import LoginRefused, SecondFactorLost, SecretUnreadable, TicketSpent, TooManyTries
+from app.library.audit_log import NOBODY, find_actor
+from app.library.database.tables import known_browsers, link_uses, people, recovery_codes, tickets, tries
+from app.library.queries import format_now
+from app.settings import Settings
+from app.store.open import load_extra
+
+# What people log in with.
+
+
+UNOPENED = "?"
+"""In place of an authenticator's secret whose key is not here: no code is right, recovery codes are."""
+BROWSER_BYTES = 32
+BROWSER_TERM_S = 400 * 24 * 3600
+"""As long as browsers keep a cookie at most."""
+
+logger = logging.getLogger(__name__)
+
+
+def name_second_factor(person_id: str) -> str:
+    """Name what the secret of an authenticator is encrypted about: no row opens as another person's."""
+    return f"second factor of {person_id}"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkUse:
+    """A password was set by a link: ``made_by`` (an id, or ``machine``) made it, ``address`` used it.
+
+    ``is_told``: the person knows.
+    """
+
+    made_by: str
+    address: str
+    used_at: str = ""
+    is_told: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """What is kept of one person's ways in.
+
+    ``second_factor``: an authenticator's secret, "" for none, :data:`UNOPENED` where its key is lost.
+    """
+
+    person_id: str
+    password_hash: str | None
+    second_factor: str
+    last_step: int
+
+
+class CredentialStore:
+    """Rows of what people log in with."""
+
+    def __init__(self, accounts: AccountStore) -> None:
+        self._database, self._clock, self._secrets = accounts.database, accounts.clock, accounts.secrets
+
+    def find(self, login: str) -> Credentials | None:
+        """Find what a person may log in with, by the login name; None where nobody may by this name."""
+        return self._find(people.c.login == normalise_login(login))
+
+    def find_of(self, person_id: str) -> Credentials | None:
+        """Find what a person may log in with."""
+        return self._find(people.c.id == person_id)
+
+    def set_password(self, person_id: str, password_hash: str, *, is_new: bool = True) -> None:
+        """Keep the hash of a password; ``is_new``: of another one than before."""
+        with self._database.write() as connection:
+            mine = update(people).where(people.c.id == person_id)
+            connection.execute(mine.values(password_hash=password_hash))
+            if is_new:
+                note_act(connection, "password.changed", person_id)
+
+    def set_password_by_link(self, person: Person, password_hash: str, use: LinkUse) -> None:
+        """Keep the hash of a password that was set by a link, and by which one."""
+        told_at = None if person.has_password else format_now()  # the first is no news to who was invited
+        row = {"made_by": use.made_by, "address": use.address, "used_at": format_now(), "told_at": told_at}
+        with self._database.write() as connection:
+            mine = update(people).where(people.c.id == person.id)
+            connection.execute(mine.values(password_hash=password_hash))
+            connection.execute(delete(link_uses).where(link_uses.c.person_id == person.id))
+            connection.execute(insert(link_uses).values(row | {"person_id": person.id}))
+            by = {"by": "link", "made_by": use.made_by, "address": use.address}
+            note_act(connection, "password.changed", person.id, **by)
+
+    def find_link_use(self, person_id: str) -> LinkUse | None:
+        """Find the link by which a person's password was last set; None where it was not by one."""
+        row = self._database.read_one(select(link_uses).where(link_uses.c.person_id == person_id))
+        return LinkUse(row.made_by, row.address, row.used_at, row.told_at is not None) if row else None
+
+    def note_told(self, person_id: str) -> None:
+        """Note that a person knows of the link."""
+        with self._database.write() as connection:
+            mine = update(link_uses).where(link_uses.c.person_id == person_id)
+            connection.execute(mine.values(told_at=format_now()))
+
+    def set_second_factor(self, person_id: str, secret: str, step: int, codes: Collection[str]) -> None:
+        """Keep an authenticator and its recovery codes in place of those before; "" for none."""
+        sealed = self._secrets.encrypt(secret, name_second_factor(person_id)).encode() if secret else None
+        values = {"totp_secret": sealed, "totp_step": step}
+        with self._database.write() as connection:
+            connection.execute(update(people).where(people.c.id == person_id).values(values))
+            connection.execute(delete(recovery_codes).where(recovery_codes.c.person_id == person_id))
+            rows = [{"person_id": person_id, "hash": hash_secret(code)} for code in codes]
+            if rows:
+                connection.execute(insert(recovery_codes), rows)
+            note_act(connection, "second_factor.changed", person_id, what="on" if secret else "off")
+
+    def use_step(self, person_id: str, step: int) -> bool:
+        """Use up the step of a code; False where it, or a later one, was used: of two at once one wins."""
+        with self._database.write() as connection:
+            unused = (people.c.id == person_id, people.c.totp_step < step)
+            used = connection.execute(update(people).where(*unused).values(totp_step=step))
+        return used.rowcount == 1
+
+    def use_recovery_code(self, person_id: str, code: str) -> bool:
+        """Use up a recovery code; False where there is none such."""
+        with self._database.write() as connection:
+            mine = (recovery_codes.c.person_id == person_id, recovery_codes.c.hash == hash_secret(code))
+            used = connection.execute(delete(recovery_codes).where(*mine))
+        return used.rowcount == 1
+
+    def count_recovery_codes(self, person_id: str) -> int:
+        """Count the recovery codes that are left."""
+        mine = recovery_codes.c.person_id == person_id
+        return int(self._database.read_value(select(func.count()).select_from(recovery_codes).where(mine)))
+
+    def knows_browser(self, browser: str, person_id: str) -> bool:
+        """Tell whether a person has logged in in this browser before."""
+        is_it = (known_browsers.c.hash == hash_secret(browser), known_browsers.c.person_id == person_id)
+        recent = known_browsers.c.used_s > self._clock() - BROWSER_TERM_S
+        return self._database.read_one(select(known_browsers).where(*is_it, recent)) is not None
+
+    def note_browser(self, browser: str, person_id: str) -> str:
+        """Note that a person logged in in a browser; gives its new name, for the one before may be known."""
+        name, before, now_s = secrets.token_urlsafe(BROWSER_BYTES), hash_secret(browser), self._clock()
+        with self._database.write() as connection:
+            old = known_browsers.c.used_s <= now_s - BROWSER_TERM_S
+            mine = (known_browsers.c.hash == before, known_browsers.c.person_id == person_id)
+            connection.execute(delete(known_browsers).where(old))
+            connection.execute(delete(known_browsers).where(*mine))
+            others = update(known_browsers).where(known_browsers.c.hash == before)
+            connection.execute(others.values(hash=hash_secret(name)))
+            row = {"hash": hash_secret(name), "person_id": person_id, "used_s": now_s}
+            connection.execute(insert(known_browsers).values(row))
+        return name
+
+    def _find(self, is_it: ColumnElement[bool]) -> Credentials | None:
+        row = self._database.read_one(select(people).where(is_it, people.c.ended_at.is_(None)))
+        if row is None:
+            return None
+        try:
+            kept = row.totp_secret
+            secret = self._secrets.decrypt(kept.decode(), name_second_factor(row.id)) if kept else ""
+        except SecretUnreadable:
+            secret = UNOPENED
+            logger.error(
+                "the second factor of %s cannot be read: put server.key back, or "
+                "acromion account reset LOGIN --second-factor",
+                row.id,
+            )
+        return Credentials(row.id, row.password_hash, secret, row.totp_step)
+
+
+# Delays after wrong logins.
+
+
+FORGET_S = 3600.0
+"""So long after the last wrong try nothing is held against anybody."""
+TOLD_S = 15 * 60.0
+"""So long a further try that had to wait is no further line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Whose tries are counted: the first ``free`` cost no time, then 1, 2, 4 … s up to ``longest_s``."""
+
+    key: str
+    free: int
+    longest_s: float
+
+    def find_delay_s(self, failures: int) -> float:
+        """Return the delay before the next try, s."""
+        return min(self.longest_s, 2.0 ** (failures - self.free)) if failures >= self.free else 0.0
+
+
+class Throttle:
+    """Rows of tries.
+
+    A try counts before it is looked at, so that many at once get no more than many in a row. Who knows a
+    password gets his try back. A stranger's tries delay the account and his address, never a browser that is
+    known. Tries that had to wait are a line of the audit log, once for each account, address or browser in
+    15 minutes.
+    """
+
+    def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
+        self._database, self._clock = database, clock
+
+    def take(self, budgets: Collection[Budget], person_id: str = "") -> None:
+        """Count a try, or refuse it before anything is computed; ``person_id``: whom it is about, if known.
+
+        Raises TooManyTries.
+        """
+        now_s = self._clock()
+        with self._database.write() as connection:
+            connection.execute(delete(tries).where(tries.c.blocked_until_s < now_s - FORGET_S))
+            counts = [_read_tries(connection, budget.key) for budget in budgets]
+            wait_s = max(until_s for _, until_s in counts) - now_s
+            for budget, (failures, until_s) in zip(budgets, counts, strict=True):
+                if wait_s <= 0:
+                    delay_s = budget.find_delay_s(failures + 1)
+                    _write_tries(connection, budget.key, failures + 1, now_s + delay_s)
+                elif until_s > now_s:
+                    _note_throttled(connection, budget.key, person_id, now_s)
+        if wait_s > 0:
+            raise TooManyTries(wait_s=ceil(wait_s))
+
+    def give_back(self, budgets: Collection[Budget]) -> None:
+        """Take back a try that was right; what was wrong before stays counted."""
+        with self._database.write() as connection:
+            for budget in budgets:
+                failures, _ = _read_tries(connection, budget.key)
+                _write_tries(connection, budget.key, max(failures - 1, 0), self._clock())
+
+    def clear(self, budgets: Collection[Budget]) -> None:
+        """Hold nothing against whoever has logged in; against the address only one try less.
+
+        Somebody with an account of his own must not clear his address by it.
+        """
+        self.give_back([budget for budget in budgets if budget.key.startswith("address:")])
+        own = [budget.key for budget in budgets if not budget.key.startswith("address:")]
+        with self._database.write() as connection:
+            connection.execute(delete(tries).where(tries.c.key.in_(own)))
+
+
+def limit_code(person_id: str) -> Budget:
+    """Count tries of a person's second factor: the right password does not clear them."""
+    return Budget(f"code:{person_id}", 5, 300.0)
+
+
+def limit_address(address: str) -> Budget:
+    """Count tries from one address; of IPv6 one network, as a household has."""
+    return Budget(f"address:{find_network(address)}", 10, 900.0)
+
+
+def find_network(address: str) -> str:
+    """Return the key under which tries of an address are counted: itself, or its network for IPv6."""
+    try:
+        known = ip_address(address)
+    except ValueError:
+        return address[:40]
+    return str(known) if known.version == 4 else str(ip_network((known, 64), strict=False))
+
+
+def _read_tries(connection: Connection, key: str) -> tuple[int, float]:
+    row = connection.execute(select(tries).where(tries.c.key == key)).one_or_none()
+    return (row.failures, row.blocked_until_s) if row is not None else (0, 0.0)
+
+
+def _write_tries(connection: Connection, key: str, failures: int, until_s: float) -> None:
+    values = {"failures": failures, "blocked_until_s": until_s}
+    changed = connection.execute(update(tries).where(tries.c.key == key).values(values))
+    if not changed.rowcount:
+        connection.execute(insert(tries).values(key=key, **values))
+
+
+def _note_throttled(connection: Connection, key: str, person_id: str, now_s: float) -> None:
+    """Note that tries had to wait, unless that was noted a short time ago.
+
+    An address says nothing of a person.
+    """
+    kind, told = key.partition(":")[0], f"told:{key}"
+    if _read_tries(connection, told)[1] <= now_s:
+        _write_tries(connection, told, 0, now_s + TOLD_S)
+        note_act(connection, "login.throttled", "" if kind == "address" else person_id, by=kind)
+
+
+# What works once.
+
+
+Purpose = Literal["password", "code", "enrol", "provider"]
+"""``password``: set one; ``code``, ``enrol``: give or set up the second factor; ``provider``: return."""
+
+TICKET_BYTES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Ticket:
+    """Whom it is for ("" before anybody is known), and what it was told to keep."""
+
+    person_id: str
+    told: Mapping[str, Any]
+
+
+class TicketStore:
+    """Rows of tickets; of each only the digest is kept."""
+
+    def __init__(self, database: AccountDatabase, clock: Callable[[], float] = time.time) -> None:
+        self._database, self._clock = database, clock
+
+    def make(self, purpose: Purpose, term_s: float, person_id: str = "", **told: Any) -> str:
+        """Make a ticket; gives it. A person's earlier one for a new password no longer works."""
+        ticket = secrets.token_urlsafe(TICKET_BYTES)
+        row = {
+            "hash": hash_secret(ticket),
+            "purpose": purpose,
+            "person_id": person_id or None,
+            "told": json.dumps(told),
+            "expires_s": self._clock() + term_s,
+        }
+        with self._database.write() as connection:
+            connection.execute(delete(tickets).where(tickets.c.expires_s <= self._clock()))
+            if purpose == "password":
+                earlier = (tickets.c.person_id == person_id, tickets.c.purpose == purpose)
+                connection.execute(delete(tickets).where(*earlier))
+                note_act(connection, "link.made", person_id)
+            connection.execute(insert(tickets).values(row))
+        return ticket
+
+    def look(self, purpose: Purpose, ticket: str) -> Ticket:
+        """Return the content of a ticket without using it up. Raises TicketSpent."""
+        return _read_ticket(self._database.read_one(select(tickets).where(*self._find(purpose, ticket))))
+
+    def take(self, purpose: Purpose, ticket: str) -> Ticket:
+        """Use a ticket up; of two who try at once one gets it. Raises TicketSpent."""
+        with self._database.write() as connection:
+            found = self._find(purpose, ticket)
+            row = connection.execute(select(tickets).where(*found)).one_or_none()
+            connection.execute(delete(tickets).where(*found))
+        return _read_ticket(row)
+
+    def _find(self, purpose: Purpose, ticket: str) -> tuple[Any, ...]:
+        is_it = (tickets.c.hash == hash_secret(ticket), tickets.c.purpose == purpose)
+        return (*is_it, tickets.c.expires_s > self._clock())
+
+
+def _read_ticket(row: Any | None) -> Ticket:
+    if row is None:
+        raise TicketSpent
+    return Ticket(row.person_id or "", json.loads(row.told))
+
+
+EXTRA = "trust"
+STEP_TERM_S = 10 * 60.0
+"""So long a login may stand between two steps."""
+INVITED_S = 7 * 24 * 3600.0
+FORGOTTEN_S = 3600.0
+STEP_DIGITS = 6
+LONGEST_ADDRESS = 45
+_ADDRESS = re.compile(r"[^0-9A-Za-z.:]")
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """From where somebody tries: an address, and the name of the browser ("" for a new one)."""
+
+    address: str
+    browser: str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What follows a right password: ``in`` (for ``person_id``), or with ``ticket`` a code, or its set-up."""
+
+    next: Literal["in", "code", "enrol"]
+    person_id: str
+    ticket: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Entered:
+    """A login that is done: the values of both cookies.
+
+    ``is_to_be_told``: the password was set by a link since, which the person is to be told.
+    """
+
+    session: str
+    browser: str
+    is_to_be_told: bool = False
+
+
+class Logins:
+    """Passwords, codes and links of an installation; needs the extra ``trust``."""
+
+    def __init__(self, accounts: AccountStore, settings: Settings) -> None:
+        self.accounts, self.credentials = accounts, CredentialStore(accounts)
+        self.tickets = TicketStore(accounts.database, accounts.clock)
+        self.throttle = Throttle(accounts.database, accounts.clock)
+        self._must_enrol = settings.second_factor == "required"
+
+    # Logging in.
+
+    def give_password(self, login: str, password: str, caller: Caller) -> Step:
+        """Take the first step. Raises LoginRefused, TooManyTries or NotInstalled."""
+        found = self.credentials.find(login)
+        budgets = self._take(found, caller, self._limit_login(normalise_login(login)))
+        kept = found.password_hash if found is not None else None
+        if not self._passwords.verify_password(kept, password) or found is None:
+            logger.warning("login refused: name or password")
+            self.accounts.note_refusal(found.person_id if found is not None else "")
+            raise LoginRefused
+        if kept is not None and self._passwords.needs_rehash(kept):
+            hashed = self._passwords.hash_password(password)
+            self.credentials.set_password(found.person_id, hashed, is_new=False)
+        if found.second_factor:
+            self.throttle.give_back(budgets)
+            return Step("code", found.person_id, self.tickets.make("code", STEP_TERM_S, found.person_id))
+        self.throttle.clear(budgets)
+        if self._must_enrol:
+            return Step("enrol", found.person_id, self.begin_enrolment(found.person_id))
+        return Step("in", found.person_id)
+
+    def give_code(self, ticket: str, code: str, caller: Caller) -> Entered:
+        """Take the second step: a code of the authenticator, or a recovery code.
+
+        Raises LoginRefused, SecondFactorLost, TooManyTries, TicketSpent or NotInstalled.
+        """
+        person_id = self.tickets.look("code", ticket).person_id
+        found = self.credentials.find_of(person_id)
+        budgets = self._take(found, caller, limit_code(person_id))
+        self._check_second_factor(found, code, budgets)
+        if found is None or not self._is_code(found, code):
+            logger.warning("login refused: the second factor")
+            self.accounts.note_refusal(person_id)
+            raise LoginRefused
+        self.tickets.take("code", ticket)
+        self.throttle.clear((*budgets, self._limit_login(self.accounts.get_person(person_id).login)))
+        return self.enter(person_id, caller)
+
+    def enter(self, person_id: str, caller: Caller) -> Entered:
+        """Begin a session, in a browser that is known from now on."""
+        browser = self.credentials.note_browser(caller.browser, person_id)
+        use = self.credentials.find_link_use(person_id)
+        is_news = use is not None and not use.is_told
+        return Entered(self.accounts.begin_session(person_id), browser, is_news)
+
+    def confirm(self, subject: Subject, proof: str, caller: Caller) -> str:
+        """Take the password, or a code of the authenticator, again from somebody who is logged in.
+
+        Gives the new cookie of the session. Raises LoginRefused, SecondFactorLost, TooManyTries or
+        NotInstalled.
+        """
+        found = self.credentials.find_of(subject.id)
+        budgets = self._take(found, caller, limit_code(subject.id))
+        self._check_second_factor(found, proof, budgets)
+        if found is None:
+            is_right = False
+        elif found.second_factor and _is_step(proof):
+            is_right = self._is_code(found, proof)
+        else:
+            is_right = self._passwords.verify_password(found.password_hash, proof)
+        if not is_right:
+            logger.warning("confirmation refused")
+            raise LoginRefused
+        self.throttle.clear(budgets)
+        return self.accounts.confirm_session(subject.session)
+
+    # The second factor.
+
+    def begin_enrolment(self, person_id: str) -> str:
+        """Make a secret for an authenticator; it counts once a code of it was given. Gives the ticket."""
+        secret = self.accounts.secrets.encrypt(self._passwords.make_secret(), name_second_factor(person_id))
+        return self.tickets.make("enrol", STEP_TERM_S, person_id, secret=secret)
+
+    def show_enrolment(self, ticket: str) -> tuple[str, str]:
+        """Return the secret of an enrolment, as text and as a drawing. Raises TicketSpent or NotInstalled."""
+        found = self.tickets.look("enrol", ticket)
+        secret, person = self._open_secret(found), self.accounts.get_person(found.person_id)
+        return secret, self._passwords.draw_secret(secret, person.login)
+
+    def enrol(self, ticket: str, code: str) -> tuple[str, Sequence[str]]:
+        """Turn an authenticator on by its first code; gives the person and the recovery codes.
+
+        Raises LoginRefused, TicketSpent or NotInstalled.
+        """
+        found = self.tickets.look("enrol", ticket)
+        secret = self._open_secret(found)
+        step = self._passwords.find_step(secret, code, self.accounts.clock(), 0)
+        if step is None:
+            raise LoginRefused
+        self.tickets.take("enrol", ticket)
+        codes: Sequence[str] = self._passwords.make_recovery_codes()
+        self.credentials.set_second_factor(found.person_id, secret, step, codes)
+        return found.person_id, codes
+
+    def _open_secret(self, ticket: Ticket) -> str:
+        return self.accounts.secrets.decrypt(str(ticket.told["secret"]), name_second_factor(ticket.person_id))
+
+    def drop_second_factor(self, person_id: str) -> None:
+        """Turn the authenticator off; where it is required the next login sets one up."""
+        self.credentials.set_second_factor(person_id, "", 0, ())
+
+    # Passwords.
+
+    def make_link(self, person_id: str, term_s: float) -> str:
+        """Make the last part of an address that works once, by which a person chooses a password."""
+        return self.tickets.make("password", term_s, person_id, made_by=find_actor())
+
+    def set_password_by_link(self, ticket: str, password: str, address: str) -> Person:
+        """Set a password by a link, used from ``address``; every session of the person ends.
+
+        No session begins: the person logs in by it then, with the second factor. Raises TicketSpent,
+        WeakPassword or NotInstalled.
+        """
+        person = self.accounts.get_person(self.tickets.look("password", ticket).person_id)
+        self.check_password(person, password)
+        told = self.tickets.take("password", ticket).told
+        use = LinkUse(str(told.get("made_by", NOBODY)), _ADDRESS.sub("-", address)[:LONGEST_ADDRESS])
+        self.credentials.set_password_by_link(person, self._passwords.hash_password(password), use)
+        self.accounts.end_sessions(person.id)
+        return person
+
+    def change_password(self, subject: Subject, proof: str, password: str, caller: Caller) -> str:
+        """Set another password, by the one before; every other session of the person ends.
+
+        Gives the new cookie of the session. Raises LoginRefused, TooManyTries, WeakPassword or
+        NotInstalled.
+        """
+        person = self.accounts.get_person(subject.id)
+        self.check_password(person, password)
+        cookie = self.confirm(subject, proof, caller)
+        self.set_password(person, password, but=hash_secret(cookie))
+        return cookie
+
+    def check_password(self, person: Person, password: str) -> None:
+        """Check a new password of a person. Raises WeakPassword or NotInstalled."""
+        self._passwords.check_password(password, (person.login.partition("@")[0], *person.name.split()))
+
+    def set_password(self, person: Person, password: str, but: str = "") -> None:
+        """Set a password that was checked; every session of the person but one ends."""
+        self.credentials.set_password(person.id, self._passwords.hash_password(password))
+        self.accounts.end_sessions(person.id, but)
+
+    @property
+    def _passwords(self) -> ModuleType:
+        return load_extra("app.accounts.passwords", EXTRA)
+
+    def _take(self, found: Credentials | None, caller: Caller, of_person: Budget) -> Sequence[Budget]:
+        """Count a try: by the browser alone where the person logged in there before. Raises TooManyTries."""
+        known_as = found.person_id if found is not None else ""
+        budgets: Sequence[Budget] = (of_person, limit_address(caller.address))
+        if caller.browser and self.credentials.knows_browser(caller.browser, known_as):
+            budgets = (Budget(f"browser:{hash_secret(caller.browser)}", 10, 900.0),)
+        self.throttle.take(budgets, known_as)
+        return budgets
+
+    def _limit_login(self, login: str) -> Budget:
+        """Count tries of one name, whether or not there is such a person.
+
+        Kept is its keyed digest, because people sometimes type a password: no guess can be tried on the rows.
+        The key comes from the secret of the server, so that all servers count together.
+        """
+        key = self.accounts.secrets.derive("logins")
+        return Budget(f"account:{hmac.digest(key, login.encode(), 'sha256').hex()}", 5, 300.0)
+
+    def _check_second_factor(self, found: Credentials | None, code: str, budgets: Collection[Budget]) -> None:
+        """Refuse a code that cannot be compared, for the key is lost: a guess it is not, nor a wrong one.
+
+        Raises SecondFactorLost.
+        """
+        if found is not None and found.second_factor == UNOPENED and _is_step(code):
+            self.throttle.give_back(budgets)
+            raise SecondFactorLost
+
+    def _is_code(self, found: Credentials, code: str) -> bool:
+        """Tell whether a code is right, and use it up."""
+        typed = code.replace(" ", "")
+        if _is_step(code):
+            now_s = self.accounts.clock()
+            step = self._passwords.find_step(found.second_factor, typed, now_s, found.last_step)
+            return step is not None and self.credentials.use_step(found.person_id, step)
+        return self.credentials.use_recovery_code(found.person_id, self._passwords.read_recovery_code(code))
+
+
+def _is_step(code: str) -> bool:
+    """Tell whether a code is an authenticator's, and no recovery code."""
+    typed = code.replace(" ", "")
+    return len(typed) == STEP_DIGITS and typed.isdecimal()

@@ -1,0 +1,95 @@
+"""Inspections and other short tasks for which a person waits: in a child process, but not queued."""
+
+import importlib
+import json
+import shutil
+import tempfile
+import threading
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from app.analysis.attempt import Attempt, MakeReport, choose_limits, make_now
+from app.analysis.fork_server import warm_up
+from app.request import OnStage, ReportRequest
+from app.settings import Settings
+
+MOST_CONCURRENT = 2
+PREFIX = "look_"
+
+
+def load_and_call(
+    module: str, function: str, log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    """Call a function of a module that is loaded only here, in the child process."""
+    getattr(importlib.import_module(module), function)(log, request, out, on_stage)
+
+
+INSPECT = partial(load_and_call, "app.analysis.inspect", "write_inspection")
+PREVIEW = partial(load_and_call, "app.analysis.inspect", "write_preview")
+PROPOSE_COLUMNS = partial(load_and_call, "app.analysis.inspect", "write_column_proposal")
+WRITE_ANGLES = partial(load_and_call, "app.analysis.run", "write_elevation_csv")
+
+
+@dataclass(frozen=True, slots=True)
+class Inspector:
+    """Runs a few of these tasks at once; further callers wait."""
+
+    settings: Settings
+    folder: Path
+    inspect: MakeReport = INSPECT
+    make_preview: MakeReport = PREVIEW
+    _turns: threading.BoundedSemaphore = field(
+        default_factory=lambda: threading.BoundedSemaphore(MOST_CONCURRENT)
+    )
+    _warm: threading.Event = field(default_factory=threading.Event)
+
+    def prepare(self) -> None:
+        """Create the folder for the files that pass from child to parent."""
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def sweep(self) -> None:
+        """Remove what a crash left; only for the one server of this folder, before its first inspection."""
+        for left in self.folder.glob(f"{PREFIX}*"):
+            shutil.rmtree(left, ignore_errors=True)
+            if left.is_file():
+                left.unlink()
+
+    def get_ready(self) -> None:
+        """Load the science now, in the fork server: a recording has been announced."""
+        if not self._warm.is_set():
+            self._warm.set()
+            threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
+
+    def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+        """Inspect a whole recording. Raises RecordedProblem, with the code of the refusal."""
+        return _read(self._run(log, request, self.inspect, "inspection.json"))
+
+    def preview(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
+        """Inspect the first bytes of a recording. Raises RecordedProblem."""
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(head)
+            file.flush()
+            return _read(self._run(Path(file.name), request, self.make_preview, "inspection.json"))
+
+    def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+        """Return the names of a table's columns, and what they may be. Raises RecordedProblem."""
+        return _read(self._run(log, request, PROPOSE_COLUMNS, "columns.json"))
+
+    def write_angles(self, parquet: Path) -> bytes:
+        """Write the angles as CSV in gzip."""
+        return self._run(parquet, ReportRequest(""), WRITE_ANGLES, "elevation.csv.gz")
+
+    def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+        """Return the content of the file of this name that the child has written."""
+        with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
+            out = Path(folder)
+            limits = choose_limits(self.settings, log.stat().st_size)
+            make_now(Attempt(log, request, out, make, limits))
+            return (out / name).read_bytes()
+
+
+def _read(body: bytes) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(body)
+    return found

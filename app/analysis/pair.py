@@ -1,0 +1,236 @@
+"""From finished analyses to a report of several: of two (both arms, or two days), or of many days.
+
+It starts from the folders that finished analyses leave; nothing is fused again. Page, API and command line
+all take it.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from app.errors import AppError, CannotPair, CannotProfile
+from app.report.findings import Kept
+from app.report.model import Report, Table
+from app.report.pairs import (
+    ArmPair,
+    TrunkClock,
+    are_mixed,
+    build_comparison,
+    build_pair,
+    describe_comparison,
+    describe_pair,
+    encode_document,
+    is_confirmed,
+    judge_person,
+    read_code,
+    refuse_no_comparison,
+)
+from app.report.render.write import read_kept, write_report
+from app.report.several.document import describe_profile, encode_day_table, encode_overlay_table
+from app.report.several.people import MeasuredDay, Stage, group_days
+from app.report.several.report import build_days
+from app.request import PairRequest, ProfileRequest
+from fusion.angle_files.elevation_parquet import read_elevation
+from fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
+from fusion.comparison.days import lay_on_clock, overlay_days
+from fusion.elevation import Elevation
+from fusion.errors import TooShort
+from fusion.exposure.summary import join_intervals
+from fusion.quality.time_account import leave_out
+
+ELEVATION = "elevation.parquet"
+
+
+def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path) -> None:
+    """Make the report of two, or for a pair three, finished analyses into the existing folder ``out``.
+
+    ``folders``: left, right and, where there is one, trunk; or before and after. Writes ``pair.json`` or
+    ``comparison.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+
+    Raises CannotPair if a folder holds no finished analysis, if two are not both arms of one shift, if
+    nothing says that they are of one person, if neither clocks nor request give their offset, or if
+    methods are mixed unasked.
+    Raises CannotCompare if two are of different people or of the same hours of one arm, if nothing says
+    that they are of one person, or if methods are mixed unasked.
+    """
+    if request.kind == "pair":
+        left, right, *trunk = folders
+        pair = _pair_arms((left, right), trunk[0] if trunk else None, request)
+        reports = [build_pair(pair, language) for language in request.languages]
+        _write(reports, describe_pair(pair), request, out)
+    else:
+        before, after = (_read(folder, CannotPair(why="kept")) for folder in folders)
+        same = request.same_subject
+        refuse_no_comparison(before, after, same_subject=same, mixed_methods=request.mixed_methods)
+        reports = [
+            build_comparison(before, after, language, same_subject=same) for language in request.languages
+        ]
+        _write(reports, describe_comparison(before, after, same_subject=same), request, out)
+
+
+def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
+    left, right = (_read(arm, CannotPair(why="kept")) for arm in arms)
+    body = _read(trunk, CannotPair(why="kept")) if trunk else None
+    _refuse_strangers(left, right)
+    if left.subject.side == "right" or right.subject.side == "left":
+        raise CannotPair(why="side")
+    every = tuple(filter(None, (left, right, body)))
+    one_person = judge_person(every, is_stated=request.same_subject)
+    if one_person == "unknown":
+        raise CannotPair(why="person")
+    if are_mixed(every) and not request.mixed_methods:
+        raise CannotPair(why="methods")
+    offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
+    angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
+    first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
+    sigmas_deg = (first, second) if first and second else None  # known of both, or of none
+    try:
+        shared = pair_arms(*angles, offset_s, sigmas_deg)
+        if trunk is None or body is None:
+            relative, clock = (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
+        else:
+            relative, clock = _relate(angles, (trunk, body), (left, right), offset_s, request.trunk_offset_s)
+    except TooShort:
+        raise CannotPair(why="apart") from None
+    stated_by: Literal["clocks", "person"] = "clocks" if request.offset_s is None else "person"
+    shared = widen_unconfirmed(shared, left, right)
+    return ArmPair(left, right, offset_s, stated_by, shared, relative, clock, one_person)
+
+
+def find_offset_s(left: Kept, right: Kept) -> float:
+    """Find by how many seconds the right recording began after the left, by their clocks.
+
+    Where only one file states its zone, both are taken for clocks of the same place.
+
+    Raises CannotPair if one of them has no clock.
+    """
+    first, second = left.findings.recording.start, right.findings.recording.start
+    if first is None or second is None:
+        raise CannotPair(why="offset")
+    if first.tzinfo is None or second.tzinfo is None:
+        first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
+    return (second - first).total_seconds()
+
+
+def read_analysed(folder: Path, kept: Kept) -> Elevation:
+    """Read the angle series of a finished analysis; what its report leaves out is not valid."""
+    return leave_out(read_elevation(folder / ELEVATION), kept.findings.exclusions)
+
+
+def _read(folder: Path, refusal: AppError) -> Kept:
+    try:
+        return read_kept(folder)
+    except (OSError, ValueError):
+        raise refusal from None
+
+
+def _refuse_strangers(one: Kept, other: Kept) -> None:
+    """Refuse one recording twice, which would look like a perfectly even worker, and two people."""
+    if one.findings.recording.sha256 == other.findings.recording.sha256:
+        raise CannotPair(why="same")
+    if len({read_code(one), read_code(other)} - {""}) > 1:
+        raise CannotPair(why="subjects")
+
+
+def widen_unconfirmed(shared: PairedArms, left: Kept, right: Kept) -> PairedArms:
+    """Widen the ranges of an arm with an unconfirmed pose to include those of its own report.
+
+    Those cover the other stillnesses that may be the pose. A figure that cannot be widened has no range.
+    """
+    arms = {"left": left.findings, "right": right.findings}
+    open_arms = {side: arm.exposure for side, arm in arms.items() if not is_confirmed(arm)}
+    if not open_arms:
+        return shared
+    own = {
+        f"{side}_{name}": interval
+        for side, exposure in open_arms.items()
+        for name, interval in (
+            *exposure.intervals.items(),
+            *((f"time_above_{one.threshold_deg:g}_percent", one.interval) for one in exposure.time_above),
+        )
+        if interval
+    }
+    closed = tuple(f"{side}_" for side in arms if side not in open_arms)
+    kept = {
+        name: join_intervals([interval, own[name]]) if name in own else interval
+        for name, interval in shared.intervals.items()
+        if name in own or (name.startswith(closed) and not name.startswith("right_to_left"))
+    }
+    return replace(shared, intervals=kept)
+
+
+def _relate(
+    angles: tuple[Elevation, Elevation],
+    trunk: tuple[Path, Kept],
+    arms: tuple[Kept, Kept],
+    offset_s: float,
+    trunk_offset_s: float | None,
+) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock]:
+    """Relate each arm to the trunk, all three on the clock of the left recording.
+
+    ``trunk_offset_s``: the trunk's offset after the left arm as a person stated it.
+    """
+    for arm in arms:
+        _refuse_strangers(arm, trunk[1])
+    body = read_analysed(*trunk)
+    if trunk_offset_s is None:
+        clock = TrunkClock(find_offset_s(arms[0], trunk[1]), "clocks")
+    else:
+        clock = TrunkClock(trunk_offset_s, "person")
+    left = relate_to_trunk(angles[0], body, clock.offset_s)
+    return (left, relate_to_trunk(angles[1], body, clock.offset_s - offset_s)), clock
+
+
+def _write(reports: Sequence[Report], figures: dict[str, Any], request: PairRequest, out: Path) -> None:
+    body = encode_document(figures)
+    (out / request.figures_name).write_bytes(body)
+    for report in reports:
+        write_report(report, request.kinds, request.paper, {request.figures_name: body}, out)
+
+
+# Several days: of a person, of both arms, of a group.
+
+
+_NO_TABLE = Table("", (), ())
+
+
+def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) -> None:
+    """Make the report of several finished analyses into the existing folder ``out``.
+
+    ``folders``: the first ``request.before_count`` of them are before a change, the rest after it; all of
+    them are days of the same time where it is None. Writes ``profile.json``, ``profile.csv``,
+    ``overlay.csv`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+
+    Raises CannotProfile if a folder holds no finished analysis, or the analyses are no days to be set
+    together (:func:`app.report.several.people.group_days`).
+    """
+    days = []
+    for rank, folder in enumerate(folders):
+        stage: Stage = "all"
+        if request.before_count is not None:
+            stage = "before" if rank < request.before_count else "after"
+        kept = _read(folder, CannotProfile(why="kept", name=folder.name))
+        days.append(MeasuredDay(kept, stage, str(folder)))
+    grouped = group_days(days, same_subject=request.same_subject, mixed_methods=request.mixed_methods)
+    arms = []
+    for arm in grouped.arms:
+        clocked = [  # a day of more than 24 h would lie over itself
+            lay_on_clock(read_analysed(Path(day.place), day.kept), day.start)
+            for day in arm.days
+            if day.start and day.left_out != "long" and (Path(day.place) / ELEVATION).exists()
+        ]
+        arms.append(replace(arm, bands=overlay_days(clocked)))
+    studied = replace(grouped, arms=tuple(arms))
+    body = encode_document(describe_profile(studied))
+    (out / "profile.json").write_bytes(body)
+    (out / "profile.csv").write_bytes(encode_day_table(studied))
+    (out / "overlay.csv").write_bytes(encode_overlay_table(studied))
+    for language in request.languages:
+        report = build_days(studied, language)
+        write_report(report, request.kinds, request.paper, {"profile.json": body}, out)
+        if request.has_drawings:
+            charts = (*report.figures, *(chart for section in report.sections for chart in section.figures))
+            shown = [asdict(replace(chart, table=_NO_TABLE)) for chart in charts]
+            (out / f"drawings.{language}.json").write_text(json.dumps(shown), "utf-8")

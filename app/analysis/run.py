@@ -1,0 +1,255 @@
+"""From a stored file to a report: the one pipeline of page, API and command line."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.analysis.reading import read_logs
+from app.errors import BadParameter
+from app.report.export.all import export_results
+from app.report.export.fhir import encode_fhir
+from app.report.export.parquet import encode_elevation_csv, write_elevation
+from app.report.export.results import encode_results, identify_report
+from app.report.figures import load_results
+from app.report.findings import take_findings
+from app.report.render.write import RESULTS, rewrite_reports, write_reports
+from app.report.words.subject import ReportSubject, Software
+from app.request import OnStage, ReportRequest, Stage
+from app.store.day_file import DAY_NAME, DaySegment, write_day
+from app.store.folder import NOTHING_KNOWN, KnownLogs, sync_file
+from app.version import software_revision, software_version
+from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
+from fusion.caveats import Caveat
+from fusion.conventions import SAID_S, awaits_pose
+from fusion.exposure.periods import find_diary_poses
+from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
+from fusion.pose.calibrate import find_early_stills, propose_poses, reduce_recording, survey
+from fusion.pose.rules import find_nearest_axis
+from fusion.quality.time_account import propose_nonwear
+from fusion.readers import holds_device_format
+from fusion.recording import MICROSECONDS, Span
+from fusion.sensor.model import view_segment
+from fusion.sensor.self_calibration import calibrate_accelerometer
+from fusion.sensor.stillness import find_still_moments, reduce_run
+from fusion.settings import AnalysisSettings
+
+# The day of an analysis, for the page on which a person looks at it and corrects it.
+
+
+def write_day_of(analysis: Analysis, path: Path) -> None:
+    """Write the day of an analysis (:mod:`app.store.day_file`); ready angles have no samples to reduce."""
+    by_start = {segment.start_us: segment for segment in analysis.recording.segments}
+    days = []
+    for run in analysis.elevation.segments:
+        angle_deg = np.where(run.valid, run.elevation_deg, np.nan).astype(np.float32)
+        segment, block_s, quiet = by_start.get(run.start_us), 1.0, np.empty((0, 6), np.float32)
+        if segment is not None and len(segment) and run.rate_hz:
+            blocks = reduce_run(view_segment(segment))
+            block_s, quiet = blocks.block_s, blocks.acc.astype(np.float32)
+        days.append(DaySegment(run.start_us / MICROSECONDS, run.rate_hz, angle_deg, block_s, quiet))
+    write_day(path, days, _describe_facts(analysis))
+
+
+def _describe_facts(analysis: Analysis) -> dict[str, Any]:
+    recording, calibration = analysis.recording, analysis.calibration
+    proposed = propose_poses(recording) if calibration else ()
+    not_worn = propose_nonwear(recording, analysis.exclusions) if calibration else ()
+    used = calibration.windows if calibration else ()
+    return {
+        "device": recording.device,
+        "start": recording.start.isoformat() if recording.start else None,
+        "duration_us": recording.duration_us,
+        "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
+        "not_worn": [_bound(span) for span in not_worn],
+        "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
+        "calibration": [[still.start_s, still.end_s, still.score] for still in used],
+        **_describe_questions(analysis),
+        "nearest_axis": list(find_nearest_axis(calibration.arm_axis)) if calibration else None,
+    }
+
+
+def _describe_questions(analysis: Analysis) -> dict[str, Any]:
+    """Describe what only a person knows: which stillness was the pose, whether the sensor moved.
+
+    ``unread``: each stretch that waits for a pose, with the stillnesses at its beginning that may be one.
+    """
+    calibration = analysis.calibration
+    if calibration is None:
+        return {"asked": []}
+    moves = [[q.kind, q.first_s, q.end_s, q.apart_deg] for q in calibration.questions]
+    return {
+        "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
+        "spread_deg": calibration.spread_deg,
+        "needs_pose": calibration.needs_pose,
+        "not_held": any(flag.code == Caveat.NOT_HELD for flag in analysis.quality.flags),
+        "moves": moves,
+        "unread": list(_list_unread(analysis)),
+    }
+
+
+def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
+    duration_s = analysis.recording.duration_us / MICROSECONDS
+    left_out = [part for part in analysis.axis_parts if part.arm_axis is None]
+    parts = [part for part in left_out if awaits_pose(part.start_s, part.end_s)]
+    if not parts:
+        return
+    blocks = reduce_recording(analysis.recording)
+    correction = calibrate_accelerometer(find_still_moments(blocks))
+    stretches_s, wears = survey(analysis.recording, blocks, correction)
+    for part in parts:
+        end_s = min(part.end_s, duration_s)
+        slip_s = part.start_s - SAID_S
+        wear = replace(wears[0], start_s=slip_s, end_s=end_s, worn_from_s=slip_s)
+        (early,) = find_early_stills(analysis.recording, [wear], stretches_s)
+        yield [slip_s, end_s, [[still.start_s, still.end_s] for still in early.stills]]
+
+
+def _bound(span: Span) -> list[float]:
+    return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
+
+
+FHIR = "fhir.json"
+
+# How far along each stage begins, from the share of time each takes on a long shift.
+_BEGINS: dict[Stage, float] = {
+    "reading": 0.0,
+    "checking": 0.45,
+    "calibrating": 0.5,
+    "fusing": 0.55,
+    "counting": 0.7,
+    "rendering": 0.9,
+}
+
+
+CAPTURES = ("mvnx", "dot")
+"""Layouts whose angle needs no fusion of ours."""
+
+
+def ignore_stage(_stage: Stage, _fraction: float) -> None:
+    """Take the place of a listener where nobody listens."""
+
+
+def make_report(
+    log: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage = ignore_stage,
+    known: KnownLogs = NOTHING_KNOWN,
+) -> None:
+    """Analyse the file and write every product into the existing folder ``out``.
+
+    ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
+    where decoded samples are kept.
+
+    Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
+    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; where a
+    PDF is asked for, ``fhir.json`` too. With a cache, as the server has one, the day is written for the page.
+
+    Raises fusion.errors.FusionError if no number can be given; then nothing has been written.
+    """
+    analysis = _analyse_file(log, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
+    on_stage("rendering", _BEGINS["rendering"])
+    findings, subject = take_findings(analysis), describe_subject(request)
+    subject = replace(subject, report_id=identify_report(analysis.settings, findings, subject))
+    content = encode_results(findings, subject)
+    (out / RESULTS).write_bytes(content)
+    results = load_results(content)
+
+    def write_angle(path: Path) -> None:
+        """Have the disk take the angle while the pages are drawn."""
+        write_elevation(analysis.elevation, path)
+        sync_file(path)
+
+    def write_tables() -> None:
+        for name, table in export_results(results).items():
+            (out / name).write_bytes(table)
+
+    with ThreadPoolExecutor(1) as writer:  # packing angles releases the interpreter, as drawing pages does
+        written = [writer.submit(write_angle, out / "elevation.parquet"), writer.submit(write_tables)]
+        write_reports(findings, subject, request, out)
+        for work in written:
+            work.result()
+    if "pdf" in request.kinds:  # with the PDFs as they stand there, and a conclusion in the first language
+        pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
+        conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
+        (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
+    if known.cache is not None:
+        write_day_of(analysis, out / DAY_NAME)
+
+
+def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` in ``out``."""
+    on_stage("rendering", 0.0)
+    (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
+
+
+def make_report_again(
+    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
+) -> None:
+    """Write the reports of the finished analysis in the folder ``finished``, in the languages asked."""
+    on_stage("rendering", _BEGINS["rendering"])
+    rewrite_reports(finished, request, out)
+
+
+def describe_subject(request: ReportRequest) -> ReportSubject:
+    """Build the subject of a report: whose arm it is, and which software analysed it."""
+    software = Software(software_version(), software_revision())
+    return ReportSubject(
+        file_name=request.file_name,
+        subject=request.subject,
+        side=request.side,
+        software=software,
+        version=request.version,
+        changes=request.changes,
+        reason=request.reason,
+        columns=request.profile,
+        conclusion=request.conclusion,
+    )
+
+
+def _analyse_file(
+    log: Path, request: ReportRequest, known: KnownLogs, begin: Callable[[Stage], None]
+) -> Analysis:
+    told = request.select_diary()
+    diary, windows_s = tuple(entry for entry in told if entry.kind != "pose"), request.calibration_windows_s
+    begin("reading")
+    if request.source == "angles":
+        with log.open("rb") as file:
+            return analyse_angles(file, begin, diary)
+    captured = _read_capture(log, request)
+    if captured is not None:
+        duration_us = round((captured.last_s - captured.first_s) * MICROSECONDS)
+        windows_s = windows_s or find_diary_poses(told, captured.start, duration_us)
+        return analyse_angle_file(captured, begin, diary, windows_s)
+    recording = read_logs(log, request, known)
+    settings = AnalysisSettings(
+        request.method,
+        request.pose,
+        windows_s,
+        told,
+        request.arm_axis,
+        request.slip_times_s,
+        request.no_slip_times_s,
+        request.pose_held,
+    )
+    duration_s = recording.duration_us / MICROSECONDS
+    for name, times_s in (("slip_at", request.slip_times_s), ("no_slip_at", request.no_slip_times_s)):
+        for time_s in times_s:
+            if time_s > duration_s:
+                raise BadParameter(name=name, value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
+    return analyse(recording, settings, begin)
+
+
+def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
+    """Read a motion capture; None for a file with samples of an inertial sensor."""
+    with log.open("rb") as file:
+        if holds_device_format(file):
+            return None
+        layout = recognise_layout(file, request.file_name)
+        if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
+            return None
+        return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))

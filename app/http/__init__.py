@@ -1,0 +1,1 @@
+"""What speaks HTTP: the API, the pages, and what stands before both."""

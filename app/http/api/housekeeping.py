@@ -1,0 +1,169 @@
+"""What the server does by itself: it delivers webhooks and deletes what has reached its term.
+
+Ages are counted in running time of the server, not by the clock: a clock that is put forward deletes nothing.
+"""
+
+import asyncio
+import logging
+import time
+from contextlib import suppress
+
+import anyio
+from sqlalchemy.exc import OperationalError, SQLAlchemyError
+
+from app.errors import AppError, LockedUpload, OnHold
+from app.http.api.library.analyses import run_to_end
+from app.http.api.library.recordings import finish_purge, forget_samples, purge_recording
+from app.http.api.library.uploads import drop_upload
+from app.http.api.webhooks import WebhookSender
+from app.library.audit_log import Act, AuditQuestion, find_lines, record_alone
+from app.ops.copies import keep_daily_copy, renew_copies
+from app.ops.recover import (
+    catch_up,
+    check_known,
+    drop_stale_attempts,
+    find_strange,
+    finish_purges,
+    quarantine_strange,
+    restore_known,
+)
+from app.queue.leader import Leader
+from app.services import Services
+from app.store.folder import TEMPORARY_S
+
+LOOK_S = 1.0
+SIDE_FILES_AT_ONCE = 200
+AGE_S = 60.0
+INCOMING_S = 24 * 3600.0
+"""After which the bytes of an upload without a row are removed: nobody can go on with it."""
+
+logger = logging.getLogger(__name__)
+
+
+async def keep_house(services: Services) -> None:
+    """Look after the server until it ends; where several serve, one of them does for all."""
+    leader, sender = Leader(services.store.engine), WebhookSender(services)
+    await _note(services, "server.started")
+    looked_s = aged_s = time.monotonic()
+    try:
+        while True:
+            await anyio.sleep(LOOK_S)
+            now_s = time.monotonic()
+            try:
+                if not await run_to_end(leader.is_leader):
+                    looked_s = aged_s = now_s  # another counts this time
+                    continue
+                await run_to_end(write_side_files, services)
+                await sender.start_due(now_s - looked_s)
+                looked_s = now_s
+                if now_s - aged_s > AGE_S:
+                    await run_to_end(grow_older, services, now_s - aged_s)
+                    aged_s = now_s
+                    await run_to_end(keep_daily_copy, services.settings, services.store.engine)
+            except OperationalError:
+                logger.exception("the database does not answer; trying again")
+            except (AppError, OSError):
+                logger.exception("housekeeping is not done; trying again")
+    finally:
+        await sender.stop()
+        leader.close()
+        await asyncio.shield(_note(services, "server.stopped"))
+
+
+async def _note(services: Services, act: Act) -> None:
+    """Write a line about the server itself; trouble with that stops no server."""
+    try:
+        await run_to_end(record_alone, services.store.engine, act)
+    except SQLAlchemyError:
+        logger.exception("the audit log cannot be written")
+
+
+def write_side_files(services: Services) -> None:
+    """Write the side files of what has changed; trouble takes back nothing: the rows are committed."""
+    try:
+        while services.side_files.write_lagging(SIDE_FILES_AT_ONCE) == SIDE_FILES_AT_ONCE:
+            continue
+    except (AppError, OSError, SQLAlchemyError):
+        logger.exception("side files are not written; trying again")
+
+
+def reconcile(services: Services) -> None:
+    """Compare the store with the rows, at a start: nothing that is not known is removed.
+
+    Raises UnknownRecordings.
+    """
+    store, storage, uploads = services.store, services.storage, services.uploads
+    unknown = check_known(store, storage)
+    begun = storage.find_erased() & store.find_recordings()
+    for recording_id in {*services.recordings.find_purging(), *begun}:
+        try:
+            purge_recording(services, recording_id)
+        except (AppError, OSError):
+            logger.exception("the purge of %s is not done; the next start tries again", recording_id)
+    finish_purges(storage, unknown)
+    attempts, newer = drop_stale_attempts(store, storage)
+    back, moved = restore_known(store, storage), quarantine_strange(storage, unknown)
+    dropped, swept = _finish_dropped(services), 0
+    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
+        swept += services.incoming.sweep(upload_id)
+    swept += storage.drop_temporary(TEMPORARY_S)
+    written = catch_up(store, storage)
+    services.quarantined = find_strange(storage)
+    counts = {
+        "recordings came back from quarantine: they have rows": back,
+        "unknown entries moved into quarantine": moved,
+        "attempts removed that do not count": attempts,
+        "results past their term removed": dropped,
+        "old temporary files removed": swept,
+        "reports are newer than the database: stop, and run acromion recover": newer,
+        "side files written": written,
+        "entries in quarantine: acromion doctor": len(services.quarantined),
+    }
+    for what, number in counts.items():
+        if number:
+            logger.warning("start: %d %s", number, what)
+
+
+def _finish_dropped(services: Services) -> int:
+    """Remove the files of results whose rows retention deleted before a crash; gives their number."""
+    there = {analysis_id for analysis_id, _ in services.storage.find_attempts()}
+    strays = there - services.store.find_analyses()
+    if not strays:
+        return 0
+    lines = find_lines(services.store.reader, AuditQuestion(act="analysis.purged"))
+    dropped = strays & {line.analysis_id for line in lines}
+    for analysis_id in dropped:
+        services.storage.drop_analysis(analysis_id)
+    return len(dropped)
+
+
+def grow_older(services: Services, elapsed_s: float) -> None:
+    """Age uploads and trash by ``elapsed_s``; delete what has reached its term."""
+    settings = services.settings
+    for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):
+        try:
+            drop_upload(services, services.uploads.get(upload_id))
+        except LockedUpload:
+            continue
+    services.retention.add_running_time(elapsed_s)
+    trash_term_s = services.retention.find_trash_term_s(settings.trash_term_s)
+    due = services.recordings.age_trash(elapsed_s, trash_term_s)
+    begun = []
+    for recording_id in (
+        *services.recordings.find_purging(),
+        *due,
+        *services.retention.find_due_recordings(),
+    ):
+        with suppress(OnHold):  # put on hold since it was found
+            begun.append(services.recordings.begin_purge(recording_id))
+    finish_purge(services, *begun)
+    dropped = [one for one in services.retention.find_due_results() if services.retention.drop_analysis(one)]
+    for analysis_id in dropped:
+        services.storage.drop_analysis(analysis_id)
+    if dropped:
+        renew_copies(settings, services.store.engine)
+    services.retention.shorten_audit_log()
+    forget_samples(services)  # a child may have written some while its recording was being purged
+    services.recordings.forget_purged()
+    services.storage.drop_temporary(TEMPORARY_S)
+    services.quarantined = find_strange(services.storage)

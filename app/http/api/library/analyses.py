@@ -1,0 +1,409 @@
+"""Analyses under ``/api/v1``: asking for them, following them, reading their files."""
+
+import asyncio
+import re
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import anyio
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.batch.settings_file import encode_settings
+from app.errors import Busy
+from app.http.api.library.files import build_download_name, serve_bytes, serve_file
+from app.http.api.library.models import (
+    RESULT_NAMES,
+    AnalysisList,
+    AnalysisQuery,
+    AnalysisSettings,
+    AnalysisView,
+    AnalyzeParameters,
+    StartedAnalyses,
+    StudyName,
+    check_periods,
+    cut_page,
+    read_cursor,
+    read_periods,
+    view_analysis,
+)
+from app.http.api.library.uploads import receive_recording
+from app.http.middleware.problems import PROBLEM_RESPONSES
+from app.library.job import Job, JobState
+from app.library.jobs import JobFilter
+from app.library.recordings import StoredRow
+from app.library.results import check_succeeded, find_or_add, retry
+from app.report.export.columns import PERIOD_COLUMNS, describe_periods
+from app.report.export.crate import CRATE, Made, encode_crate
+from app.report.export.csv import encode_table
+from app.report.export.naming import pack_files
+from app.report.figures import load_results
+from app.report.words.wording import Language, find_nearest
+from app.request import Conclusion, Paper, ReportRequest, clean_file_name, write_profile
+from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
+from app.store.day_file import DAY_NAME
+from app.store.folder import StoredRecording
+
+# Waits: for the end of an analysis, and for a thread whose request was cancelled.
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+POLL_S = 0.2
+LONGEST_WAIT_S = 60.0
+
+
+async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
+    """Poll until the job is over, the time is up or the client has gone; other requests go on."""
+    end_s = time.monotonic() + wait_s
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    while not job.is_over and time.monotonic() < end_s and not await request.is_disconnected():
+        await anyio.sleep(min(POLL_S, max(0.0, end_s - time.monotonic())))
+        job = await run_in_threadpool(services.store.get, analysis_id)
+    return job
+
+
+async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+    """Run in a thread, and wait for its end even when cancelled, so that its connection is returned."""
+    work = asyncio.ensure_future(run_in_threadpool(function, *arguments, **named))
+    try:
+        return await asyncio.shield(work)
+    except asyncio.CancelledError:
+        with suppress(Exception):
+            await work
+        raise
+
+
+# Starting analyses: of a recording sent along, or of stored recordings.
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
+DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
+ANALYZE: dict[str, Any] = {
+    "status_code": 202,
+    "response_model": AnalysisView,
+    "response_model_exclude_unset": True,
+    "responses": DONE,
+    "openapi_extra": {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
+}
+
+
+class AnalysisWish(BaseModel):
+    """Which recordings are to be analysed, each on its own, and how."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    recording_ids: Annotated[list[str], Field(min_length=1, max_length=1000)]
+    settings: AnalysisSettings = AnalysisSettings()
+    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+    study: StudyName = ""
+
+
+@router.post("/analyze", **ANALYZE)
+async def analyze(
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    way_in: UsedWayIn,
+    parameters: Annotated[AnalyzeParameters, Query()],
+) -> Response:
+    """Analyse a recording sent as the raw body: 202, or 200 when ``Prefer: wait=N`` saw it end.
+
+    The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
+    """
+    check_queue(services)
+    store, file_name = services.store, clean_file_name(parameters.file_name)
+    asked = parameters.build_request(file_name, language, services.settings.paper)
+
+    def commit(stored: StoredRecording) -> tuple[Job, bool]:
+        add = partial(store.add, stored, asked, way_in, parameters.external_id)
+        own, again = (stored.id, stored.sha256), parameters.again
+        job, existed = find_or_add(store, services.storage, own, asked, way_in, add, again=again)
+        if existed:
+            services.storage.drop_recording(stored.id)
+        if parameters.study:
+            store.join_study(parameters.study, job.id)
+        return job, existed
+
+    job, existed = await receive_recording(request, services, commit)
+    # ``Prefer: wait=N`` (RFC 7240); anything else is ignored, as the RFC asks
+    asked_s = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", request.headers.get("prefer", ""))
+    wait_s = min(float(asked_s[1]), LONGEST_WAIT_S) if asked_s else 0.0
+    job = await wait_for_end(request, services, job.id, wait_s)
+    view = _view(job, language, existed=existed)
+    return _accept(view.model_dump(mode="json", exclude_unset=True), job)
+
+
+# What ``curl -T`` sends.
+router.put("/analyze", name="put_and_analyze", **ANALYZE)(analyze)
+
+
+@router.post(
+    "/analyses",
+    status_code=202,
+    response_model_exclude_unset=True,
+    responses={200: {"model": StartedAnalyses, "description": "The first is over already."}},
+)
+def create_analyses(
+    body: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
+) -> StartedAnalyses:
+    """Analyse stored recordings; what has been analysed alike comes back as it is (``duplicate_of``)."""
+    check_queue(services, len(body.recording_ids))
+    rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
+    paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
+    asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
+    store, storage, pairs = services.store, services.storage, []
+    for row, request in asked:
+        own = (row.id, row.sha256)
+        add = partial(store.add_analysis, own, request, flow)
+        pairs.append(find_or_add(store, storage, own, request, flow, add, again=body.again))
+    for row in rows:  # write on a recording whose arm it is, where it does not say so yet
+        about, told = row.about, body.settings
+        stated = replace(about, subject=about.subject or told.subject, side=about.side or told.side)
+        if stated != about:
+            services.recordings.describe(row, stated)
+    for job, _ in pairs if body.study else ():
+        store.join_study(body.study, job.id)
+    views = [_view(job, language, existed=existed) for job, existed in pairs]
+    items = [view.model_dump(mode="json", exclude_unset=True) for view in views]
+    return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
+
+
+@router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)
+def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLanguage) -> AnalysisView:
+    """Stop an analysis; one that is over stays as it is."""
+    return view_analysis(services.store.cancel(analysis_id), language)
+
+
+@router.delete("/analyses/{analysis_id}/conclusion-draft", status_code=204)
+def dismiss_draft(analysis_id: str, services: UsedServices) -> Response:
+    """Dismiss the draft of a conclusion, also for every later version; without one nothing happens."""
+    services.store.dismiss_draft(analysis_id)
+    return Response(status_code=204)
+
+
+@router.post(
+    "/analyses/{analysis_id}/retry", status_code=202, response_model_exclude_unset=True, responses=DONE
+)
+def retry_analysis(
+    analysis_id: str, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
+) -> AnalysisView:
+    """Analyse anew what failed, was cancelled, or has a file that is damaged or missing.
+
+    What is under way, or done and whole, comes back as it is.
+    """
+    job = retry(services.store, services.storage, analysis_id, way_in)
+    return _accept(view_analysis(job, language).model_dump(mode="json", exclude_unset=True), job)  # type: ignore[return-value]
+
+
+def check_queue(services: Services, more: int = 1) -> None:
+    """Refuse more work than may wait. Raises Busy."""
+    if services.store.count_waiting() + more > services.settings.max_queued:
+        raise Busy
+
+
+def build_request(
+    row: StoredRow, settings: AnalysisSettings, language: Language, paper: Paper
+) -> ReportRequest:
+    """Build the request of the settings; the recording and then the server give what they leave out.
+
+    Raises fusion.errors.UnusableDiary.
+    """
+    request = settings.complete(row.about).build_request(row.about.file_name, language, paper)
+    diary = row.diary
+    if settings.periods is not None:
+        diary = read_periods(settings.periods)
+        check_periods(diary, row.inspection)
+    columns = (settings.profile or {}) | ({"sensor": settings.sensor} if settings.sensor else {})
+    profile = write_profile(columns) if columns else ""
+    said = settings.conclusion
+    return replace(
+        request,
+        diary=diary,
+        source=settings.source,
+        profile=profile,
+        reason=settings.reason,
+        conclusion=Conclusion(**said.model_dump(mode="json")) if said else None,
+    )
+
+
+def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
+    view = view_analysis(job, language)
+    if existed:
+        view.duplicate_of = job.id
+    return view
+
+
+def _accept(body: dict[str, Any], job: Job) -> JSONResponse:
+    """Answer 202, or 200 where nothing is left to wait for."""
+    headers = {"Location": f"/api/v1/analyses/{job.id}"}
+    if job.is_over:
+        return JSONResponse(body, 200, headers)
+    return JSONResponse(body, 202, headers | {"Retry-After": "2"})
+
+
+# Progress as server-sent events, for pages; polling stays the contract.
+
+LOOK_S = 0.25
+QUIET_S = 15.0
+
+
+@router.get(
+    "/analyses/{analysis_id}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}}},
+)
+async def follow_analysis(
+    analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
+) -> StreamingResponse:
+    """Tell every change of an analysis as an event ``analysis`` until it ends."""
+    await run_in_threadpool(services.store.get, analysis_id)
+    events = _stream_changes(request, services, analysis_id, language)
+    return StreamingResponse(events, media_type="text/event-stream")
+
+
+async def _stream_changes(
+    request: Request, services: Services, analysis_id: str, language: Language
+) -> AsyncIterator[str]:
+    last, sent_s = "", time.monotonic()
+    while not await request.is_disconnected():
+        job = await run_in_threadpool(services.store.get, analysis_id)
+        view = view_analysis(job, language)
+        event = f"event: analysis\ndata: {view.model_dump_json(exclude_unset=True)}\n\n"
+        if event != last:
+            last, sent_s = event, time.monotonic()
+            yield event
+        elif time.monotonic() - sent_s > QUIET_S:
+            sent_s = time.monotonic()
+            yield ": still here\n\n"
+        if job.is_over:
+            return
+        await anyio.sleep(LOOK_S)
+
+
+ReportLanguage = Annotated[
+    Language | None, Query(description="en, fr or fr-CA, or the nearest made; else the one asked for first")
+]
+
+
+@router.get("/analyses", response_model_exclude_unset=True)
+def list_analyses(
+    request: Request,
+    answer: Response,
+    services: UsedServices,
+    language: UsedLanguage,
+    wanted: Annotated[AnalysisQuery, Query()],
+) -> AnalysisList:
+    """Give the newest analyses, page by page."""
+    asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
+    found = services.store.find_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
+    jobs, following = cut_page(
+        found,
+        wanted.limit,
+        lambda job: (job.created_at.isoformat(timespec="microseconds"), job.id),
+        request,
+        answer,
+    )
+    return AnalysisList(items=[view_analysis(job, language) for job in jobs], next_cursor=following)
+
+
+@router.get("/analyses/{analysis_id}", response_model_exclude_unset=True)
+async def get_analysis(
+    analysis_id: str,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    wait: Annotated[float, Query(ge=0, le=LONGEST_WAIT_S, description="Seconds to wait for its end.")] = 0,
+) -> AnalysisView:
+    """Give one analysis; with ``wait``, as soon as it ends."""
+    return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)
+
+
+def _add_file_route(name: str, about: str, route: str) -> None:
+    """Add the route of one stored file."""
+
+    def get_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
+        return serve_file(request, services, services.store.get(analysis_id), name)
+
+    path = f"/analyses/{{analysis_id}}/{name}"
+    router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
+
+
+_add_file_route("results.json", "Every figure, byte for byte as the command line writes it.", "get_results")
+_add_file_route("elevation.parquet", "The angle over time.", "get_elevation")
+_add_file_route(
+    "fhir.json", "The report with its PDF, and its figures as observations, as a FHIR R4 bundle.", "get_fhir"
+)
+
+
+def _add_report_route(name: str, about: str, route: str) -> None:
+    """Add the route of a file that is made in each language."""
+
+    def get_file(
+        analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
+    ) -> Response:
+        job, (stem, _, kind) = services.store.get(analysis_id), name.partition(".")
+        made = job.request.languages
+        language = find_nearest(lang, made) if lang else made[0]
+        return serve_file(request, services, job, f"{stem}.{language}.{kind}")
+
+    path = f"/analyses/{{analysis_id}}/{name}"
+    router.add_api_route(path, get_file, name=route, description=about, response_class=FileResponse)
+
+
+_add_report_route("report.html", "The report, one file that opens anywhere.", "get_report_html")
+_add_report_route("report.pdf", "The report, to print and to file.", "get_report_pdf")
+_add_report_route("answer.txt", "The answer in five lines, to paste into a record.", "get_answer")
+
+
+@router.get("/analyses/{analysis_id}/bundle.zip", response_class=FileResponse)
+def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
+    job = services.store.get(analysis_id)
+    check_succeeded(job, "bundle.zip")
+    names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
+    files = {name: services.results.read(job, name) for name in names}
+    sizes = {name: len(content) for name, content in files.items()}
+    made = Made(sizes, load_results(files.get("results.json", b"null")))
+    body = pack_files({**files, CRATE: encode_crate([made], {})})
+    return serve_bytes(request, body, build_download_name(services, job, "bundle.zip"))
+
+
+@router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
+def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The main figures by clock hour and by period of the diary."""
+    job = services.store.get(analysis_id)
+    rows = describe_periods(load_results(services.results.read(job, "results.json")))
+    return serve_bytes(
+        request, encode_table(PERIOD_COLUMNS, rows), build_download_name(services, job, "periods.csv")
+    )
+
+
+@router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)
+def get_settings_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """What was asked, as ``acromion run --config`` takes it."""
+    job = services.store.get(analysis_id)
+    return serve_bytes(
+        request, encode_settings(job.request), build_download_name(services, job, "settings.yaml")
+    )
+
+
+@router.get("/analyses/{analysis_id}/elevation.csv.gz", response_class=FileResponse)
+def get_elevation_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The angle over time as text, in gzip."""
+    job = services.store.get(analysis_id)
+    with services.results.borrow(job, "elevation.parquet") as parquet:
+        body = services.inspector.write_angles(parquet)
+    return serve_bytes(request, body, build_download_name(services, job, "elevation.csv.gz"))
+
+
+for export in RESULT_NAMES:
+    if export.startswith(("summary", "dictionary", "redcap", "datapackage")):
+        about = "The main figures as a table, or what its columns mean."
+        _add_file_route(export, about, f"get_{export.replace('.', '_')}")

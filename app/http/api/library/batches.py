@@ -1,0 +1,178 @@
+"""Batches: many recordings, one set of settings, one table."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.errors import CANCELLED, NotFinished, ResultDamaged
+from app.http.api.library.analyses import build_request, check_queue
+from app.http.api.library.files import MEDIA_TYPES, respond_with_file
+from app.http.api.library.models import AnalysisSettings
+from app.http.middleware.problems import PROBLEM_RESPONSES, validate_model
+from app.library.batches import Batch
+from app.library.job import Job, JobState
+from app.library.results import can_regenerate
+from app.report.export.columns import encode_summary, summarise_failure, summarise_results
+from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
+from app.report.figures import load_results
+from app.services import Services, UsedLanguage, UsedServices
+from app.store.folder import is_result_whole
+
+RESULTS = "results.json"
+CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
+
+router = APIRouter(prefix="/api/v1/batches", responses=PROBLEM_RESPONSES, tags=["batches"])
+
+
+class BatchItem(BaseModel):
+    """A recording, and what is asked of it alone."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    recording_id: str
+    settings: dict[str, Any] | None = None
+
+
+class BatchWish(BaseModel):
+    """Which recordings are to be analysed, by which settings; an item's own settings win."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(max_length=200)] = ""
+    settings: AnalysisSettings = AnalysisSettings()
+    items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
+    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+
+
+class BatchCounts(BaseModel):
+    """How many analyses are in each state."""
+
+    queued: int
+    running: int
+    succeeded: int
+    failed: int
+    cancelled: int
+
+
+class BatchView(BaseModel):
+    """A batch: how far it is, and where its tables are."""
+
+    id: str
+    name: str
+    item_count: Annotated[int, Field(description="Analyses in it: the same work asked twice counts once.")]
+    duplicate_count: Annotated[
+        int, Field(description="Items that needed no new analysis: asked twice, or analysed alike before.")
+    ]
+    counts: BatchCounts
+    is_over: bool
+    created_at: str
+    links: dict[str, str]
+
+
+@router.post("", status_code=202)
+def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
+    """Analyse many stored recordings; the same bytes with the same settings are not analysed twice."""
+    check_queue(services, len(body.items))
+    items = []
+    for item in body.items:
+        row = services.recordings.get(item.recording_id)
+        merged = body.settings.model_dump(exclude_unset=True) | (item.settings or {})
+        settings = validate_model(AnalysisSettings, merged)
+        items.append((row, build_request(row, settings, language, services.settings.paper)))
+    batch = services.batches.add(body.name, items, again=body.again)
+    headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
+    return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]
+
+
+@router.get("/{batch_id}")
+def get_batch(batch_id: str, services: UsedServices) -> BatchView:
+    """Say how far a batch is."""
+    return view_batch(services.batches.get(batch_id))
+
+
+@router.get("/{batch_id}/summary.csv", responses=CSV, response_class=Response)
+def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
+    """One row for each recording, failed ones too; once nothing more will happen to any."""
+    rows: list[Row] = []
+    for job in _find_ended(services, batch_id):
+        if job.request.reference is not None:
+            continue
+        origin = _build_origin(job)
+        if job.state is not JobState.SUCCEEDED:
+            rows.append(summarise_failure(origin, job.problem_code or CANCELLED))
+            continue
+        try:
+            results = load_results(services.results.read(job, RESULTS))
+            rows.append(summarise_results(add_origin(results, origin)))
+        except ResultDamaged as damaged:
+            rows.append(summarise_failure(origin, damaged.code))
+    return respond_with_file(encode_summary(rows), MEDIA_TYPES["csv"], "summary.csv")
+
+
+@router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
+def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
+    """The recordings without a result, and what to do about each; those whose result is damaged, too."""
+    rows: list[Row] = []
+    for job in _find_ended(services, batch_id):
+        if job.state is not JobState.SUCCEEDED:
+            code, facts = job.problem_code or CANCELLED, job.problem_facts
+            rows.append(tell_problem(_build_origin(job), code, facts, language))
+        elif _is_damaged(services, job):
+            rows.append(tell_problem(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language))
+    return respond_with_file(encode_table(PROBLEM_COLUMNS, rows), MEDIA_TYPES["csv"], "problems.csv")
+
+
+@router.post("/{batch_id}/retry-failed", status_code=202)
+def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
+    """Analyse anew what failed in a batch, and what has lost its result or holds a damaged one."""
+    batch = services.batches.get(batch_id)
+    damaged = [job for job in services.batches.find_jobs(batch_id) if _is_damaged(services, job)]
+    check_queue(services, batch.counts[JobState.FAILED] + len(damaged))
+    for job in damaged:
+        if can_regenerate(services.store, services.storage, job):
+            services.store.repeat(job, "api")
+    services.batches.retry_failed(batch_id)
+    return view_batch(services.batches.get(batch_id))
+
+
+SAME = ("id", "name", "item_count", "duplicate_count", "is_over", "created_at")
+
+
+def view_batch(batch: Batch) -> BatchView:
+    """Show a batch."""
+    own = f"/api/v1/batches/{batch.id}"
+    parts = {"summary_csv": "summary.csv", "problems_csv": "problems.csv", "retry_failed": "retry-failed"}
+    return BatchView(
+        **{name: getattr(batch, name) for name in SAME},
+        counts=BatchCounts(**{state.value: number for state, number in batch.counts.items()}),
+        links={"self": own, "analyses": f"/api/v1/analyses?batch_id={batch.id}"}
+        | {name: f"{own}/{part}" for name, part in parts.items()},
+    )
+
+
+def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
+    """Return the analyses of a batch that is over: half a table would pass for a whole one."""
+    batch = services.batches.get(batch_id)
+    if not batch.is_over:
+        done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
+        raise NotFinished(state=f"{done}/{batch.item_count}")
+    return services.batches.find_jobs(batch_id)
+
+
+def _is_damaged(services: Services, job: Job) -> bool:
+    """Return whether the figures of an analysis are lost; all its files would be too many to read here."""
+    file = services.store.find_file(job.id, RESULTS) if job.state is JobState.SUCCEEDED else None
+    return file is not None and not is_result_whole(services.storage, job.id, str(job.token), file)
+
+
+def _build_origin(job: Job) -> Origin:
+    """Return the origin of a row; two recordings of one name differ by their addresses."""
+    return Origin(
+        job.file_name,
+        job.request.subject,
+        job.request.side,
+        path=f"/api/v1/recordings/{job.recording_id}",
+        folder=f"/api/v1/analyses/{job.id}",
+    )

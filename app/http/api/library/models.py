@@ -1,0 +1,593 @@
+"""Recordings and analyses as the API takes and gives them, typed for the readers of the OpenAPI document."""
+
+import base64
+import binascii
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from datetime import date, datetime
+from typing import Annotated, Any, Literal, Self, TypeVar
+from urllib.parse import urlencode
+
+from fastapi import Request, Response
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    RootModel,
+    StrictBool,
+    StrictFloat,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from app.errors import BadParameter
+from app.http.middleware.problems import ProblemView, view_problem
+from app.library.job import Job
+from app.library.recordings import Description, Place, RecordingFilter, StoredRow
+from app.report.export.csv import encode_table
+from app.report.words.subject import MAX_TEXT, check_conclusion, clean_text
+from app.report.words.wording import Language, find_other_language
+from app.request import (
+    LONGEST_CONCLUSION,
+    LONGEST_SUBJECT,
+    SUBJECT_HINT,
+    WINDOW_HINT,
+    Paper,
+    ReportRequest,
+    check_subject,
+    clean_file_name,
+    find_window_hint,
+    parse_window,
+    write_profile,
+)
+from fusion.caveats import Caveat
+from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, PoseHeld, Side, parse_arm_axis
+from fusion.diary import DiaryEntry, Kind, read_diary, refuse_slips, split_times
+from fusion.errors import UnusableDiary
+from fusion.exposure.periods import place_diary
+from fusion.recording import MICROSECONDS
+
+T = TypeVar("T")
+
+# Periods of a recording, taken and given as rows of JSON or as a diary file.
+
+
+COLUMNS = ["start", "end", "start_s", "end_s", "kind", "label", "left_out", "file"]
+SECONDS = {"start_s", "end_s"}
+LONGEST_US = 366 * 86_400 * MICROSECONDS
+_YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
+
+
+ClockText = Annotated[
+    StrictFloat | str | None,
+    Field(description="10:20, 10h20 or 2026-03-02T10:20:30; a number is refused with E-DIARY."),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]}),
+]
+
+
+class PeriodView(BaseModel):
+    """A stretch of the day: the clock as text (``start``), or seconds from the first sample (``start_s``)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    start: ClockText = None
+    end: ClockText = None
+    start_s: StrictFloat | None = None
+    end_s: StrictFloat | None = None
+    kind: Kind
+    label: Annotated[str, Field(max_length=200)] = ""
+    left_out: StrictBool | None = None
+
+
+class PeriodList(RootModel[list[PeriodView]]):
+    """The periods of a recording."""
+
+
+def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:
+    """Show a diary as rows."""
+    return [
+        PeriodView(**split_times(e), kind=e.kind, label=e.label, left_out=e.left_out)  # type: ignore[arg-type]
+        for e in diary
+    ]
+
+
+def write_periods(diary: tuple[DiaryEntry, ...]) -> bytes:
+    """Write a diary as the CSV that is read again."""
+    rows = [asdict(e) | split_times(e) | {"left_out": _YES_NO[e.left_out]} for e in diary]
+    unused = {name for name in SECONDS if all(row[name] is None for row in rows)}
+    return encode_table([name for name in COLUMNS if name not in unused], rows)
+
+
+def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
+    """Check rows by the very rules of the diary file (:func:`fusion.diary.read_diary`).
+
+    Raises UnusableDiary; its line is the place of the row, counted from 2: a file's header is line 1.
+    """
+    if not rows:
+        return ()
+    numbers = [
+        UnusableDiary(line=line, why="number", cure="number", value=f"{moment:g}")
+        for line, row in enumerate(rows, 2)
+        for moment in (row.start, row.end)
+        if isinstance(moment, float)
+    ]
+    refuse_slips(numbers)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS[:-1])
+    writer.writeheader()
+    for row in rows:
+        told = {"label": " ".join(row.label.split()), "left_out": _YES_NO[row.left_out]}
+        writer.writerow(row.model_dump() | told)
+    return read_diary(text.getvalue().encode())
+
+
+def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
+    """Place the periods on the recording as its analysis will; ``found`` is what an inspection found.
+
+    Without an inspection (None), rows in seconds are compared with one another. Raises UnusableDiary if a row
+    ends before it begins, overlaps another or lies outside of the recording.
+    """
+    if found is None:
+        numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
+        place_diary(numbered, None, LONGEST_US)
+        return
+    start = datetime.fromisoformat(found["start"]) if found["start"] else None
+    duration_us = round(found["recorded_s"] * MICROSECONDS)
+    if place_diary(diary, start, duration_us).flags:
+        for entry, following in zip(diary, [*diary[1:], None], strict=True):
+            end = following.start if entry.end is None and following else entry.end
+            place_diary((replace(entry, end=end),), start, duration_us)
+
+
+# What may be asked with a recording.
+
+MOST_WINDOWS = 100
+CLOCK_HINT = "2026-03-02, 2026-03-02T07:58"
+
+
+def parse_subject(text: str) -> str:
+    """Check a subject code; the refusal carries a validation hint."""
+    return _parse(check_subject, text, SUBJECT_HINT)
+
+
+def parse_device_clock(text: str) -> str:
+    """Check a date or time of the device's clock and write it as starts are written; the refusal has a hint.
+
+    A zone is refused: compared with a clock that has none, it would find others.
+    """
+    moment = _parse(datetime.fromisoformat, text, CLOCK_HINT) if text else None
+    if moment is not None and moment.tzinfo is not None:
+        raise PydanticCustomError("value", "value", {"expected": CLOCK_HINT})
+    return moment.isoformat() if moment else ""
+
+
+def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
+    try:
+        return read(text)
+    except ValueError:
+        raise PydanticCustomError("value", "value", {"expected": hint}) from None
+
+
+SubjectCode = Annotated[str, AfterValidator(parse_subject)]
+DeviceClock = Annotated[str, AfterValidator(parse_device_clock)]
+SlipTimes = list[Annotated[float, Field(ge=0, le=1e8)]]
+
+
+class AnalysisOptions(BaseModel):
+    """What may be asked of an analysis; a name that is not known is refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
+    subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
+    method: MethodName = "smoothed"
+    pose: Pose = "n-pose"
+    lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
+    paper: Annotated[Paper | None, Field(description="Paper of the PDF; else the server's.")] = None
+    calibration: Annotated[
+        list[Annotated[str, AfterValidator(lambda text: _parse(parse_window, text, WINDOW_HINT) and text)]],
+        Field(
+            max_length=MOST_WINDOWS,
+            description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
+        ),
+    ] = []
+    pose_held: Annotated[
+        PoseHeld | None,
+        Field(description="The pose was held at the start of wear; no: not so, though the file says it."),
+    ] = None
+    axis: Annotated[
+        ArmAxis | None,
+        BeforeValidator(lambda text: _parse(parse_arm_axis, text, AXIS_HINT) if text else None),
+        Field(description="No pose: the sensor's axis along the arm, towards the shoulder."),
+    ] = None
+    slip_at: Annotated[
+        SlipTimes, Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds.")
+    ] = []
+    no_slip_at: Annotated[
+        SlipTimes,
+        Field(max_length=MOST_WINDOWS, description="When it did not, though it may seem so, seconds."),
+    ] = []
+    rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
+    sensor: Annotated[
+        str, Field(max_length=200, description="Which sensor of a table of several is on the arm.")
+    ] = ""
+
+    def complete(self, about: Description) -> Self:
+        """Return the options with what the recording says where they say nothing."""
+        stated = {"subject": about.subject, "side": about.side} | self.model_dump(exclude_unset=True)
+        return self.model_validate(stated)
+
+    @model_validator(mode="after")
+    def _count_windows(self) -> Self:
+        count = len(self.calibration)
+        hint = find_window_hint(self.pose, count, self.axis)
+        if hint:
+            raise BadParameter(name="calibration", value=str(count), allowed=hint)
+        return self
+
+    def build_request(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
+        """Build the request; both languages are made, the one asked for first.
+
+        ``language`` and ``paper`` apply where the options name none.
+        """
+        first = self.lang or language
+        return ReportRequest(
+            file_name=file_name,
+            subject=self.subject,
+            side=self.side,
+            method=self.method,
+            pose=self.pose,
+            calibration_windows_s=tuple(parse_window(text) for text in self.calibration),
+            arm_axis=self.axis,
+            slip_times_s=tuple(self.slip_at),
+            no_slip_times_s=tuple(self.no_slip_at),
+            pose_held=self.pose_held,
+            rate_hz=self.rate_hz,
+            profile=write_profile({"sensor": self.sensor}) if self.sensor else "",
+            languages=(first, find_other_language(first)),
+            paper=self.paper or paper,
+        )
+
+
+StudyName = Annotated[
+    SubjectCode, Field(description="Name of a study that it joins, which begins with its first.")
+]
+
+
+class DeclaredOptions(AnalysisOptions):
+    """What may be asked of an analysis before its recording is there."""
+
+    study: StudyName = ""
+
+
+class AnalyzeParameters(DeclaredOptions):
+    """What may be asked with a recording."""
+
+    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
+    external_id: Annotated[SubjectCode, Field(description="Its name in your own system.")] = ""
+    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+
+
+class ConclusionView(BaseModel):
+    """What a clinician concludes, with name and date; it stands in the report as it was typed."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    text: Annotated[str, Field(max_length=LONGEST_CONCLUSION), AfterValidator(check_conclusion)]
+    name: Annotated[str, Field(min_length=1, max_length=LONGEST_SUBJECT), AfterValidator(clean_text)]
+    date: date
+
+
+class ConclusionDraftView(ConclusionView):
+    """A conclusion of an earlier version that nobody has confirmed for this one; no report prints it."""
+
+    version: Annotated[int, Field(description="Version that it was written for.")]
+    changes: Annotated[
+        list[str],
+        Field(description="Settings that differ since then; engine: the software; empty: the same figures."),
+    ]
+
+
+class AnalysisSettings(AnalysisOptions):
+    """What may be asked of a stored recording; what is left out is as the recording says."""
+
+    source: Annotated[
+        Literal["samples", "angles"], Field(description="Samples of a sensor, or ready angles.")
+    ] = "samples"
+    profile: Annotated[
+        dict[str, Any] | None, Field(description="What the columns mean, for tables that do not tell.")
+    ] = None
+    periods: Annotated[
+        list[PeriodView] | None, Field(max_length=10_000, description="In place of the recording's periods.")
+    ] = None
+    reason: Annotated[
+        str,
+        Field(max_length=MAX_TEXT, description="Why it is analysed anew; the report says it."),
+        AfterValidator(clean_text),
+    ] = ""
+    conclusion: Annotated[
+        ConclusionView | None, Field(description="What a clinician concludes from the report.")
+    ] = None
+
+
+# What is answered.
+
+RESULT_NAMES = (
+    "results.json",
+    "report.html",
+    "report.pdf",
+    "answer.txt",
+    "elevation.parquet",
+    "elevation.csv.gz",
+    "periods.csv",
+    "summary.csv",
+    "summary_fr.csv",
+    "summary.xlsx",
+    "summary.parquet",
+    "dictionary.csv",
+    "datapackage.json",
+    "redcap_import.csv",
+    "redcap_dictionary.csv",
+    "fhir.json",
+    "settings.yaml",
+    "bundle.zip",
+)
+
+
+class AnalysisView(BaseModel):
+    """An analysis: where it is, why it failed if it did, and where its files are."""
+
+    id: str
+    recording_id: str
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    stage: str | None
+    progress: float
+    attempts: int
+    file_name: str
+    size_bytes: int
+    sha256: str
+    settings: dict[str, Any]
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    links: dict[str, str]
+    batch_id: str | None = None
+    replaced_by: str | None = None
+    interruptions: int = 0
+    asked_by: str | None = None
+    conclusion: ConclusionView | None = None
+    conclusion_draft: ConclusionDraftView | None = None
+    duplicate_of: str | None = None
+    problem: ProblemView | None = None
+
+
+class AnalysisQuery(BaseModel):
+    """Which analyses are listed; what is left out asks for any."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"] | None = None
+    batch_id: str = ""
+    recording_id: str = ""
+    limit: Annotated[int, Field(ge=1, le=500)] = 100
+    cursor: str = ""
+    lang: Language | None = None
+
+
+class AnalysisList(BaseModel):
+    """A page of analyses, newest first; ``next_cursor`` asks for the next, null ends."""
+
+    items: list[AnalysisView]
+    next_cursor: str | None
+
+
+class StartedAnalyses(AnalysisView):
+    """The first of the analyses that were asked for, and all of them in order."""
+
+    items: list[AnalysisView]
+
+
+SAME = (
+    *("id", "recording_id", "stage", "attempts", "file_name", "size_bytes", "sha256"),
+    *("batch_id", "replaced_by", "interruptions"),
+)
+
+
+SETTINGS = (
+    *("subject", "side", "method", "pose", "calibration_windows_s", "pose_held", "arm_axis"),
+    *("slip_times_s", "no_slip_times_s", "rate_hz", "source", "paper"),
+)
+
+
+def view_analysis(job: Job, language: Language) -> AnalysisView:
+    """Show a job."""
+    said, draft = job.request.conclusion, job.request.draft
+    concluded = ConclusionView.model_validate(asdict(said)) if said else None
+    drafted = None
+    if draft is not None:
+        origin = {"version": draft.version, "changes": list(draft.changes)}
+        drafted = ConclusionDraftView.model_validate(asdict(draft.conclusion) | origin)
+    periods = [period.model_dump() for period in view_periods(job.request.diary)]
+    view = AnalysisView(
+        **{name: getattr(job, name) for name in SAME},
+        state=job.state.value,
+        progress=round(job.progress, 3),
+        asked_by=job.asked_by or None,
+        settings={name: getattr(job.request, name) for name in SETTINGS} | {"periods": periods},
+        created_at=job.created_at.isoformat(),
+        started_at=job.started_at.isoformat() if job.started_at else None,
+        ended_at=job.ended_at.isoformat() if job.ended_at else None,
+        links=dict(describe_links(job)),
+        conclusion=concluded,
+        conclusion_draft=drafted,
+    )
+    if job.problem_code is not None:
+        view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
+    return view
+
+
+def describe_links(job: Job) -> Mapping[str, str]:
+    """Return the addresses of an analysis, of what can be done with it, and of its files."""
+    own = f"/api/v1/analyses/{job.id}"
+    if job.request.reference is not None:  # its files are those of a comparison
+        return {"self": own, "validation": f"/api/v1/validations/{job.id}"}
+    files = {name.replace(".", "_"): f"{own}/{name}" for name in RESULT_NAMES}
+    steps = {name: f"{own}/{name}" for name in ("cancel", "retry", "events")}
+    about = {"page": f"/analyses/{job.id}", "recording": f"/api/v1/recordings/{job.recording_id}"}
+    return {"self": own, **steps, **about, **files}
+
+
+# Long lists, page by page.
+
+
+def write_cursor(place: Place) -> str:
+    """Write where a page ended, as text that nobody need understand."""
+    return base64.urlsafe_b64encode("|".join(place).encode()).decode().rstrip("=")
+
+
+def read_cursor(text: str) -> Place | None:
+    """Read what :func:`write_cursor` wrote; None for "". Raises BadParameter."""
+    if not text:
+        return None
+    try:
+        decoded = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4)).decode("utf-8")
+        moment, identity = decoded.split("|")
+    except (binascii.Error, ValueError):
+        raise BadParameter(name="cursor", value=text[:60], allowed="next_cursor") from None
+    return moment, identity
+
+
+def cut_page(
+    rows: Sequence[T], limit: int, place: Callable[[T], Place], asked: Request, answer: Response
+) -> tuple[Sequence[T], str | None]:
+    """Return the rows of the page and the cursor of the next, from one row more than asked for.
+
+    The answer also gets ``Link: <...>; rel="next"`` (RFC 8288).
+    """
+    if len(rows) <= limit:
+        return rows, None
+    cursor = write_cursor(place(rows[limit - 1]))
+    others = [(name, value) for name, value in asked.query_params.multi_items() if name != "cursor"]
+    answer.headers["Link"] = f'<{asked.url.path}?{urlencode([*others, ("cursor", cursor)])}>; rel="next"'
+    return rows[:limit], cursor
+
+
+Text = Annotated[str, Field(max_length=200), AfterValidator(parse_subject)]
+SENT_BEFORE = Caveat.DUP_UPLOAD
+Note = Annotated[str, Field(max_length=2000)]
+
+
+class RecordingWords(BaseModel):
+    """What people say about a recording; a name that is not known is refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
+    subject: Annotated[SubjectCode, Field(description="Subject code; never a name.")] = ""
+    side: Annotated[Side | None, Field(description="Which arm.")] = None
+    external_id: Annotated[Text, Field(description="Its name in your own system.")] = ""
+    note: Note = ""
+
+    def describe(self) -> Description:
+        """Return the words as the rows hold them."""
+        return Description(
+            clean_file_name(self.file_name), self.subject, self.side, self.external_id, self.note
+        )
+
+
+class RecordingPatch(BaseModel):
+    """A JSON merge patch (RFC 7396): what is absent stays, null takes the value away."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    file_name: Annotated[str, Field(max_length=1000)] | None = None
+    subject: SubjectCode | None = None
+    side: Side | None = None
+    external_id: Text | None = None
+    note: Note | None = None
+
+    def merge(self, about: Description) -> Description:
+        """Return the words after the change."""
+        named = {name: getattr(self, name) for name in self.model_fields_set}
+        emptied = {name: "" if value is None and name != "side" else value for name, value in named.items()}
+        return RecordingWords(**(asdict(about) | emptied)).describe()
+
+
+class RecordingView(BaseModel):
+    """A stored recording. ``start`` is known once it has been inspected."""
+
+    id: str
+    file_name: str
+    subject: str
+    side: Literal["left", "right"] | None
+    external_id: str
+    note: str
+    sha256: str
+    size_bytes: int
+    duplicate_of: str | None
+    warnings: list[str]
+    damage: str | None = Field(
+        None, description="E-STORE-DAMAGED where the stored bytes are gone or altered."
+    )
+    start: str | None
+    period_count: int
+    version: int
+    state: Literal["stored", "trashed"]
+    hold: str | None = Field(None, description="Why it may not be deleted for good; null where it may.")
+    created_at: str
+    links: dict[str, str]
+
+
+class RecordingQuery(BaseModel):
+    """Which recordings are listed; what is left out asks for any."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str = ""
+    external_id: str = ""
+    sha256: str = ""
+    begin: Annotated[
+        DeviceClock,
+        Field(alias="from", description="First start, ISO 8601, by the device's clock: without a zone."),
+    ] = ""
+    end: Annotated[DeviceClock, Field(alias="to", description="Start before this, by the same clock.")] = ""
+    trashed: bool = False
+    limit: Annotated[int, Field(ge=1, le=500)] = 50
+    cursor: str = ""
+    lang: Language | None = None
+
+    def wanted(self) -> RecordingFilter:
+        """Return the filter of the rows."""
+        return RecordingFilter(
+            self.subject, self.external_id, self.sha256, self.begin, self.end, self.trashed
+        )
+
+
+class RecordingList(BaseModel):
+    """A page of recordings; ``next_cursor`` asks for the next, null ends."""
+
+    items: list[RecordingView]
+    next_cursor: str | None
+
+
+def view_recording(row: StoredRow) -> RecordingView:
+    """Show a recording."""
+    own = f"/api/v1/recordings/{row.id}"
+    links = {"self": own} | {part: f"{own}/{part}" for part in ("file", "inspection", "periods")}
+    about = {name: value for name, value in asdict(row.about).items() if value is not None}
+    return RecordingView(
+        **{name: getattr(row, name) for name in ("id", "sha256", "size_bytes", "duplicate_of", "start")},
+        **{"side": None} | about,
+        warnings=[SENT_BEFORE] if row.duplicate_of else [],
+        period_count=len(row.diary),
+        version=row.version,
+        state=row.state,
+        hold=row.hold or None,
+        created_at=row.created_at,
+        links=links | {"analyses": f"/api/v1/analyses?recording_id={row.id}"},
+    )

@@ -1,0 +1,352 @@
+"""Recordings: stored, described, looked at, divided into periods, thrown away."""
+
+from contextlib import suppress
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, JSONResponse
+from pydantic import BaseModel
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.errors import (
+    AppError,
+    Crashed,
+    NotFinished,
+    PurgeUnfinished,
+    RecordedProblem,
+    StaleVersion,
+    StoreDamaged,
+)
+from app.http.api.library.files import serve_recording
+from app.http.api.library.models import (
+    PeriodList,
+    PeriodView,
+    RecordingList,
+    RecordingPatch,
+    RecordingQuery,
+    RecordingView,
+    RecordingWords,
+    check_periods,
+    cut_page,
+    read_cursor,
+    read_periods,
+    view_periods,
+    view_recording,
+    write_periods,
+)
+from app.http.api.library.uploads import (
+    RecordingForm,
+    finish_upload,
+    get_upload_row,
+    read_digest,
+    read_small_body,
+    receive_recording,
+    store_recording,
+)
+from app.http.middleware.access import check_confirmed, check_may, find_subject
+from app.http.middleware.problems import PROBLEM_RESPONSES, parse_json, validate_model
+from app.library.recordings import Description, Purged, StoredRow
+from app.ops.backup_term import find_backup_term
+from app.ops.copies import renew_copies
+from app.request import ReportRequest
+from app.services import Services, UsedServices
+from app.store.folder import StoredRecording, borrow_recording, seems_whole
+from fusion.diary import DiaryEntry, read_diary
+
+router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
+IfMatch = Annotated[str, Header(description='The ETag that was read, as "3"; else no check is made.')]
+MOST_DIARY_BYTES = 4 << 20
+WORD = {"type": "string"}
+FORM_BODY: dict[str, Any] = {
+    "schema": {
+        "type": "object",
+        "properties": dict.fromkeys(RecordingWords.model_fields, WORD)
+        | {"file": {"type": "string", "format": "binary"}},
+        "required": ["file"],
+    }
+}
+RAW: dict[str, Any] = {
+    "content": {"application/octet-stream": {}, "application/json": {}, "multipart/form-data": FORM_BODY}
+}
+DIARY_KINDS: dict[str, Any] = {
+    "application/json": {"schema": {"type": "array", "items": {"$ref": "#/components/schemas/PeriodView"}}},
+    "text/csv": {"schema": {"type": "string"}},
+}
+
+ORIGINAL: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
+}
+
+
+class UploadedRecording(RecordingWords):
+    """A recording that came by ``/uploads``, and what is said about it."""
+
+    upload_id: str
+
+
+REPEATED: dict[int | str, dict[str, Any]] = {
+    200: {"model": RecordingView, "description": "The same upload within 24 h: the recording that there is."}
+}
+
+
+@router.post("", status_code=201, openapi_extra={"requestBody": RAW}, responses=REPEATED)
+async def create_recording(
+    request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
+) -> RecordingView:
+    """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of one that came before."""
+    kind = request.headers.get("content-type", "")
+    if kind.startswith("multipart/form-data"):
+        row, is_new = await _receive_form(request, services, words)
+    elif kind.startswith("application/json"):
+        body = await read_small_body(request, MOST_DIARY_BYTES)
+        row, is_new = await run_in_threadpool(_adopt_upload, services, body), True
+    else:
+        about = words.describe()
+        row, is_new = await receive_recording(request, services, lambda stored: _add(services, stored, about))
+    location = {"Location": f"/api/v1/recordings/{row.id}"}
+    return _answer(row, 201 if is_new else 200, location)  # type: ignore[return-value]
+
+
+def _add(services: Services, stored: StoredRecording, about: Description) -> tuple[StoredRow, bool]:
+    """Return the recording, and whether it is new; the bytes of a repeated upload are removed."""
+    row = services.recordings.add(stored, about)
+    if row.id != stored.id:
+        services.storage.drop_recording(stored.id)
+    return row, row.id == stored.id
+
+
+@router.get("")
+def list_recordings(
+    request: Request, answer: Response, services: UsedServices, asked: Annotated[RecordingQuery, Query()]
+) -> RecordingList:
+    """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
+    limit = asked.limit
+    wanted = asked.wanted()
+    found = services.recordings.find_page(wanted, limit + 1, read_cursor(asked.cursor))
+    rows, following = cut_page(found, limit, wanted.place, request, answer)
+    return RecordingList(items=[view_recording(row) for row in rows], next_cursor=following)
+
+
+@router.get("/{recording_id}")
+def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
+    """Give one recording, with its ETag; ``damage`` tells where its bytes are gone or altered."""
+    row = services.recordings.get(recording_id)
+    is_whole = seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
+    view = view_recording(row).model_copy(update={} if is_whole else {"damage": StoreDamaged.code})
+    return JSONResponse(view.model_dump(), headers={"ETag": _tag(row)})  # type: ignore[return-value]
+
+
+@router.get("/{recording_id}/file", response_class=FileResponse, responses=ORIGINAL)
+def get_file(recording_id: str, request: Request, services: UsedServices) -> Response:
+    """Download the original file: the bytes and the name that were uploaded. ``Range`` resumes a download."""
+    return serve_recording(request, services, services.recordings.get(recording_id))
+
+
+@router.patch("/{recording_id}")
+def change_recording(
+    recording_id: str, patch: RecordingPatch, services: UsedServices, if_match: IfMatch = ""
+) -> RecordingView:
+    """Say anew whose arm it is (JSON merge patch); reports that are made already stay as they are."""
+    row = _match(services.recordings.get(recording_id), if_match)
+    return _answer(services.recordings.describe(row, patch.merge(row.about)))  # type: ignore[return-value]
+
+
+class ErasureView(BaseModel):
+    """What an erasure leaves in backups: ``backups`` tells if any is known that can contain the recording.
+
+    ``backups_until``: the date by which ``acromion backup --keep`` has deleted the last of them.
+    """
+
+    recording_id: str
+    backups: Literal["none", "until", "unlimited"]
+    backups_until: str | None = None
+
+
+@router.delete(
+    "/{recording_id}",
+    status_code=204,
+    responses={200: {"model": ErasureView, "description": "Deleted for good."}},
+)
+def delete_recording(
+    recording_id: str,
+    request: Request,
+    services: UsedServices,
+    purge: bool = False,  # noqa: FBT001, FBT002
+) -> Response:
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+
+    With ``purge``, or where the trash keeps nothing, it is deleted for good, which needs the permission to
+    erase; else when its time in the trash is over. The answer then says until when backups can contain it.
+    """
+    is_for_good = purge or not has_trash(services)
+    if is_for_good:
+        check_may_erase(request)
+        services.recordings.check_hold(recording_id)
+    services.recordings.trash(recording_id)
+    if not is_for_good:
+        return Response(status_code=204)
+    purge_recording(services, recording_id)
+    term = find_backup_term(services.storage)
+    view = ErasureView(recording_id=recording_id, backups=term.kind, backups_until=term.until or None)
+    return JSONResponse(view.model_dump())
+
+
+@router.post("/{recording_id}/restore")
+def restore_recording(recording_id: str, services: UsedServices) -> RecordingView:
+    """Take a recording out of the trash."""
+    return _answer(services.recordings.restore(recording_id))  # type: ignore[return-value]
+
+
+@router.get("/{recording_id}/inspection")
+def get_inspection(
+    recording_id: str,
+    services: UsedServices,
+    rate_hz: Annotated[float | None, Query(ge=1, le=10_000, description="For logs without time.")] = None,
+) -> dict[str, Any]:
+    """Say what the file is: device, rate, clock, gaps, calibration proposals, warnings."""
+    return _inspect(services, services.recordings.get(recording_id), rate_hz)
+
+
+def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -> dict[str, Any]:
+    if not seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes)):
+        raise StoreDamaged
+    if row.inspection is not None and rate_hz is None:
+        return dict(row.inspection)
+    request = ReportRequest(row.about.file_name, rate_hz=rate_hz)
+    with borrow_recording(services.storage, row.id, row.sha256) as log:
+        found = services.inspector.look(log, request)
+    if rate_hz is None:
+        services.recordings.keep_inspection(row.id, found)
+    return found
+
+
+@router.get("/{recording_id}/periods", responses={200: {"content": DIARY_KINDS}})
+def get_periods(recording_id: str, request: Request, services: UsedServices) -> list[PeriodView]:
+    """Give what the day consisted of; as a diary file when text/csv is accepted."""
+    row = services.recordings.get(recording_id)
+    headers = {"ETag": _tag(row), "Vary": "Accept"}
+    if "text/csv" in request.headers.get("accept", ""):
+        return Response(write_periods(row.diary), headers=headers, media_type="text/csv")  # type: ignore[return-value]
+    periods = [period.model_dump() for period in view_periods(row.diary)]
+    return JSONResponse(periods, headers=headers)  # type: ignore[return-value]
+
+
+@router.put("/{recording_id}/periods", openapi_extra={"requestBody": {"content": DIARY_KINDS}})
+async def put_periods(
+    recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
+) -> list[PeriodView]:
+    """Say what the day consisted of, by rows of JSON or a diary file; the next analyses go by it."""
+    body = await read_small_body(request, MOST_DIARY_BYTES)
+    is_csv = request.headers.get("content-type", "").startswith("text/csv")
+    diary = read_diary(body) if is_csv else read_periods(validate_model(PeriodList, parse_json(body)).root)
+    row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)
+    periods = [period.model_dump() for period in view_periods(row.diary)]
+    return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
+
+
+def _store_periods(
+    services: Services, recording_id: str, if_match: str, diary: tuple[DiaryEntry, ...]
+) -> StoredRow:
+    row = _match(services.recordings.get(recording_id), if_match)
+    if diary:
+        found = None
+        with suppress(RecordedProblem, Crashed):  # it needs a rate or a profile before it can be read
+            found = _inspect(services, row)
+        check_periods(diary, found)
+    return services.recordings.put_diary(row, diary)
+
+
+def has_trash(services: Services) -> bool:
+    """Return whether deleted recordings wait in the trash; with a term of 0 they are removed at once."""
+    return services.retention.find_trash_term_s(services.settings.trash_term_s) > 0
+
+
+def check_may_erase(request: Request) -> None:
+    """Check that who asks may delete for good, and gave the password a short time ago.
+
+    Raises NotPermitted or NotConfirmed.
+    """
+    check_may(find_subject(request), "erase")
+    check_confirmed(request)
+
+
+def purge_recording(services: Services, recording_id: str) -> None:
+    """Delete a recording for good, with every file made of it. Raises OnHold or PurgeUnfinished."""
+    finish_purge(services, services.recordings.begin_purge(recording_id))
+
+
+def finish_purge(services: Services, *begun: Purged) -> None:
+    """Delete files, then rows: recordings that are hidden already.
+
+    They are in the ledger of erasures before the first file is deleted. The rows go last, once the daily
+    copies hold them no more, so that housekeeping or the next start can go on with an interrupted purge.
+    Raises PurgeUnfinished.
+    """
+    if not begun:
+        return
+    services.storage.add_erased([one for purged in begun for one in (*purged.recordings, *purged.analyses)])
+    for purged in begun:
+        for analysis_id in purged.analyses:
+            services.storage.drop_analysis(analysis_id)
+        for stored_id in purged.recordings:
+            services.storage.drop_recording(stored_id)
+        services.cache.forget(purged.recordings)
+    services.pairs.forget_all()
+    ids = [purged.recordings[0] for purged in begun]
+    try:
+        renew_copies(services.settings, services.store.engine)
+    except (AppError, OSError, SQLAlchemyError) as error:
+        why = error.code if isinstance(error, AppError) else str(getattr(error, "strerror", "") or error)
+        raise PurgeUnfinished(id=ids[0], why=why[:200]) from error
+    for recording_id in ids:
+        services.recordings.end_purge(recording_id)
+    forget_samples(services)
+
+
+def forget_samples(services: Services) -> None:
+    """Remove the decoded samples of which no recording is left."""
+    held = services.cache.find_recordings()
+    services.cache.forget(held - services.recordings.find_known(held))
+
+
+async def _receive_form(
+    request: Request, services: Services, words: RecordingWords
+) -> tuple[StoredRow, bool]:
+    """Take the one file of a form; its other fields say what the query may say, and go before it."""
+    form = RecordingForm(request.headers["content-type"], read_digest(request.headers))
+
+    def commit(stored: StoredRecording) -> tuple[StoredRow, bool]:
+        stated = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
+        stated |= {name: word for name, word in form.words.items() if word}
+        return _add(services, stored, validate_model(RecordingWords, stated).describe())
+
+    return await store_recording(request, services, form.copy_file, commit)
+
+
+def _adopt_upload(services: Services, body: bytes) -> StoredRow:
+    described = validate_model(UploadedRecording, parse_json(body))
+    upload = finish_upload(services, get_upload_row(services, described.upload_id))
+    if upload.recording_id is None:
+        raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")
+    row = services.recordings.get(upload.recording_id)
+    changed = described.model_fields_set - {"upload_id"}
+    if not changed:
+        return row
+    patch = RecordingPatch(**{name: getattr(described, name) for name in changed})
+    return services.recordings.describe(row, patch.merge(row.about))
+
+
+def _answer(row: StoredRow, status: int = 200, headers: dict[str, str] | None = None) -> JSONResponse:
+    return JSONResponse(view_recording(row).model_dump(), status, {"ETag": _tag(row)} | (headers or {}))
+
+
+def _tag(row: StoredRow) -> str:
+    return f'"{row.version}"'
+
+
+def _match(row: StoredRow, if_match: str) -> StoredRow:
+    """Refuse a change of something that was read before somebody else changed it."""
+    if if_match and if_match.strip() != "*" and _tag(row) not in if_match:
+        raise StaleVersion
+    return row

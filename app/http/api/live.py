@@ -1,0 +1,467 @@
+"""Live sessions over a WebSocket: docs/live.md describes the messages.
+
+The science is loaded with the first session: a server that only takes requests stays small.
+"""
+
+import asyncio
+import json
+import logging
+import re
+import time
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
+from math import inf
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from anyio import CapacityLimiter, to_thread
+from anyio.lowlevel import RunVar
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from app.errors import AppError, BadParameter, LiveSourceFailed
+from app.http.middleware.problems import PROBLEM_RESPONSES, hide_tokens, show_input
+from app.intake import Intake
+from app.library.audit_log import record
+from app.library.job import Job
+from app.live.ports import (
+    PLAYED,
+    RAW,
+    WAIT_S,
+    EarlyFile,
+    EarlyPort,
+    Port,
+    PushedPort,
+    SessionFiles,
+    begin_files,
+    find_left,
+    find_serial_ports,
+    open_port,
+)
+from app.report.words.messages import describe_problem
+from app.report.words.subject import clean_text
+from app.report.words.wording import Language
+from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
+from app.services import Services, UsedLanguage, UsedServices, find_services
+from app.store.folder import borrow_recording
+from fusion.conventions import ArmAxis, Side
+from fusion.errors import FusionError
+
+if TYPE_CHECKING:
+    from app.live.hub import Ended, LiveHub, RunningSession
+    from app.live.sources import Source
+    from fusion.live.cues import Cue
+
+# What becomes of live sessions: the raw file of each that is kept is a recording in the end.
+
+
+LIVE_FOLDER = "live"
+HEAD_BYTES = 4096
+LONGEST_NOTE = 1000
+CUED = "cues"
+"""The tag of a recording in which cues were given: with and without can be told apart afterwards."""
+
+logger = logging.getLogger(__name__)
+
+
+class LiveLibrary:
+    """Takes raw files in, as recordings with their analysis; announces cues."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def keep(self, ended: "Ended") -> str:
+        """Store the file and queue its analysis; give the id of the analysis."""
+        wearer = ended.request.wearer
+        analysis = _take_in(self._services, ended.files, wearer.subject, wearer.side)
+        if ended.request.rules:  # in the note of the recording, as many cues as it takes
+            from app.live.cue_log import format_rule  # noqa: PLC0415  the science
+
+            counts = Counter(format_rule(cue.rule) for cue in ended.cues)
+            rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
+            times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
+            row = self._services.recordings.get(analysis.recording_id)
+            note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+            self._services.recordings.describe(row, replace(row.about, note=note))
+            self._services.recordings.tag([row.id], [CUED])
+        return analysis.id
+
+    def announce(self, session_id: str, cue: "Cue") -> None:
+        """Write the deliveries."""
+        rule = cue.rule
+        facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
+        self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
+
+
+def take_in_cut(services: Services) -> int:
+    """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
+    folder = services.settings.data_dir / LIVE_FOLDER
+    for path in folder.glob(f"{PLAYED}*{RAW}"):
+        path.unlink()  # what was played is stored already
+    count = 0
+    for files in find_left(folder):
+        try:
+            count += _take_in_left(services, files)
+        except (AppError, OSError):
+            logger.exception("what a live session left stays in its folder: %s", files.session_id)
+    return count
+
+
+def _take_in_left(services: Services, files: SessionFiles) -> bool:
+    """Take in what a killed server left of a session; False where it held no row."""
+    from app.live.raw_file import write_early_rows  # noqa: PLC0415  the science
+
+    is_early = files.early.exists()
+    has_rows = write_early_rows(files.early, files.raw) if is_early else files.raw.stat().st_size > 0
+    if has_rows:
+        with files.raw.open("rb") as file:
+            head = file.read(HEAD_BYTES).decode("utf-8", "replace")
+        told = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
+        side = next((one for one in get_args(Side) if one == told.get("side")), None)
+        analysis = _take_in(services, files, told.get("subject", "")[:LONGEST_SUBJECT], side)
+        if "cues" in told:
+            services.recordings.tag([analysis.recording_id], [CUED])
+    files.remove()
+    return has_rows
+
+
+def _take_in(services: Services, files: SessionFiles, subject: str, side: Side | None) -> Job:
+    """Make the raw file of a session a recording, and queue its analysis."""
+    request = ReportRequest(f"live-{files.session_id}.csv", subject, side, paper=services.settings.paper)
+    analysis = Intake(services.store, services.storage, services.settings).add(files.raw, request, "web")
+    with services.store.engine.begin() as connection:
+        ended = {"session": files.session_id}
+        record(connection, "live.ended", analysis.recording_id, analysis.id, other=ended)
+    return analysis
+
+
+SILENCE_S = 600.0
+"""After which a session of lines whose page sends none ends by itself."""
+MOST_WAITING = 250
+"""Messages that wait for a slow page, 10 s; then the oldest are left out."""
+FIRST_LIMIT_S = 30.0
+"""A page that connects says within this time what it wants."""
+MOST_STARTING = 50
+"""Sources that are waited for at once, in threads of their own: a silent board holds up no other request."""
+REFUSED, ENDED = 4400, 1000
+GOODBYES = (1000, 1001, 1005)
+"""How a program hangs up, and a page that is closed or loaded again; a link that was lost does not."""
+
+router = APIRouter(prefix="/api/v1")
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Rule(_Message):
+    """A rule of cues; ``limit``: seconds, or percent of a share."""
+
+    kind: Literal["hold", "share", "stays"]
+    angle_deg: float = Field(default=60.0, gt=0.0, lt=180.0)
+    limit: float = Field(gt=0.0, lt=3600.0)
+
+
+class Start(_Message):
+    """Start a session: of a recording that is played, of a serial port here, or of lines that come."""
+
+    type: Literal["start"]
+    source: Literal["demo", "recording", "port", "lines"]
+    recording: str = ""
+    port: str = ""
+    name: str = Field(default="", max_length=60)
+    speed: float = Field(default=1.0, ge=1.0, le=20.0)
+    keeps: bool = False
+    subject: str = Field(default="", max_length=LONGEST_SUBJECT)
+    side: Side | None = None
+    axis: ArmAxis | None = None
+    cues: list[Rule] = Field(default_factory=list, max_length=10)
+    countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
+    lang: Language = "en"
+
+
+class Resume(_Message):
+    """Go on with a session after a reload or a lost link."""
+
+    type: Literal["resume"]
+    session: str
+    lang: Language = "en"
+
+
+class Pose(_Message):
+    """Ask for the pose again."""
+
+    type: Literal["pose"]
+    countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
+
+
+class Cues(_Message):
+    """Pause the cues, or go on with them."""
+
+    type: Literal["cues"]
+    paused: bool
+
+
+class Stop(_Message):
+    """End the session."""
+
+    type: Literal["stop"]
+
+
+class Ping(_Message):
+    """Ask for the server's clock."""
+
+    type: Literal["ping"]
+    sent_ms: float
+
+
+_FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Annotated[Start | Resume, Field(discriminator="type")])
+_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(
+    Annotated[Pose | Cues | Stop | Ping, Field(discriminator="type")]
+)
+
+
+@router.websocket("/live")
+async def live(socket: WebSocket) -> None:
+    """Start a session or go on with one; then it sends what is new, and takes what is asked."""
+    await socket.accept()
+    language: Language = "en"
+    try:
+        first = _FIRST.validate_json(await asyncio.wait_for(socket.receive_text(), FIRST_LIMIT_S))
+        language = first.lang
+        async with _receiving(socket) as inbox:
+            services, port = find_services(socket), PushedPort()
+            if isinstance(first, Resume):
+                session = (await run_in_threadpool(find_hub, services)).get(first.session)
+            else:
+                inbox.push = port.push
+                session = await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
+            inbox.push = session.push
+            await _converse(socket, session, inbox)
+    except WebSocketDisconnect:
+        return
+    except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
+        refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+        if isinstance(error, ValidationError):  # name the part, and what it held
+            wrong = error.errors(include_url=False, include_context=False)[0]
+            name = clean_text(hide_tokens(".".join(map(str, wrong["loc"])) or "message"))[:60]
+            refusal = BadParameter(name=name, value=clean_text(show_input(wrong)))
+        problem = describe_problem(refusal.code, refusal.facts, language)
+        told = {"title": problem.title, "detail": problem.detail, "fix": problem.fix}
+        with suppress(RuntimeError, WebSocketDisconnect):  # it may have hung up meanwhile
+            await socket.send_text(json.dumps({"type": "problem", "code": refusal.code} | told))
+            await socket.close(REFUSED)
+
+
+_STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
+
+
+def _find_limiter() -> CapacityLimiter:
+    if (limiter := _STARTING.get(None)) is None:
+        limiter = CapacityLimiter(MOST_STARTING)
+        _STARTING.set(limiter)
+    return limiter
+
+
+def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
+    """Start a session; whatever a port brings is on the disk from here on, while the science is loaded."""
+    try:
+        subject = check_subject(asked.subject)
+    except ValueError as error:
+        raise BadParameter(name="subject", value=clean_text(asked.subject)[:60]) from error
+    port: Port | None = pushed if asked.source == "lines" else None
+    if asked.source == "port":
+        if asked.port not in find_serial_ports():  # no other file is opened for a page
+            raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
+        port = open_port(asked.port)
+    files = begin_files(services.settings.data_dir / LIVE_FOLDER, keeps=asked.keeps)
+    try:
+        if port is not None and files.is_kept:
+            whose = {"name": _name_source(asked), "subject": subject, "side": asked.side, "axis": asked.axis}
+            about = whose | {"cues": [rule.model_dump() for rule in asked.cues]}
+            port = EarlyPort(port, EarlyFile(files.early, about))
+        session = _start_with(services, asked, subject, port, files)
+    except BaseException:
+        if port is not None:
+            port.close()
+        files.remove()
+        raise
+    played = asked.recording if asked.source == "recording" else ""
+    with services.store.engine.begin() as connection:
+        record(connection, "live.started", played, other={"session": session.id})
+    return session
+
+
+def _name_source(asked: Start) -> str:
+    return asked.port if asked.source == "port" else clean_text(asked.name) or "browser"
+
+
+def _start_with(
+    services: Services, asked: Start, subject: str, port: Port | None, files: SessionFiles
+) -> "RunningSession":
+    from app.live.hub import SessionRequest  # noqa: PLC0415
+    from app.live.raw_file import Wearer, make_rule  # noqa: PLC0415
+    from app.live.sources import LineSource, ReplaySource, make_demo, open_replay  # noqa: PLC0415
+
+    request = SessionRequest(
+        Wearer(subject, asked.side, asked.axis),
+        rules=tuple(make_rule(rule.model_dump()) for rule in asked.cues),
+        countdown_s=asked.countdown_s,
+    )
+    source: Source
+    if port is not None:
+        silence_s = SILENCE_S if asked.source == "lines" else inf
+        now_s = port.now_s if isinstance(port, EarlyPort) else time.monotonic
+        source = LineSource(port, _name_source(asked), silence_s=silence_s, now_s=now_s)
+    elif asked.source == "demo":
+        source = ReplaySource(make_demo(), "demo", asked.speed)
+    else:
+        row = services.recordings.get(asked.recording)
+        with borrow_recording(services.storage, row.id, row.sha256) as path:
+            source = open_replay(path, asked.speed, row.about.file_name)
+    return find_hub(services).start(source, request, files)
+
+
+class DifferenceView(BaseModel):
+    """How the angle that was shown and that of the report differ, at the same moments.
+
+    ``rmse_deg`` and ``bias_deg``: live less report; the shares are those below 30 deg, from 30, 60, 90 deg
+    on. Nulls where no moment has both.
+    """
+
+    text: str
+    compared_s: float | None = None
+    rmse_deg: float | None = None
+    bias_deg: float | None = None
+    live_percent: list[float] | None = None
+    report_percent: list[float] | None = None
+
+
+@router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
+def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
+    """Compare what a session showed with its report, once that is made; for an hour after its end."""
+    from app.live.recorder import describe_difference, measure_difference  # noqa: PLC0415  the science
+
+    session = find_hub(services).get(session_id)
+    job = services.store.get(session.analysis_id)
+    with services.results.borrow(job, "elevation.parquet") as parquet:
+        found = measure_difference(session.recorder.shown, parquet)
+    text = describe_difference(found, language)
+    if found is None:
+        return DifferenceView(text=text)
+    return DifferenceView(
+        text=text,
+        compared_s=found.compared_s,
+        rmse_deg=round(found.rmse_deg, 6),
+        bias_deg=round(found.bias_deg, 6),
+        live_percent=[round(percent, 6) for percent in found.live_percent],
+        report_percent=[round(percent, 6) for percent in found.report_percent],
+    )
+
+
+async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
+    outbox = Outbox(asyncio.get_running_loop())
+
+    async def send_on() -> None:
+        while True:
+            await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
+
+    key = session.watch(outbox.put)
+    sender = asyncio.create_task(send_on())
+    was_closed = False
+    try:
+        while True:
+            asked = _LATER.validate_json(await inbox.take())
+            if isinstance(asked, Pose):
+                session.ask_pose(asked.countdown_s)
+            elif isinstance(asked, Cues):
+                session.pause_cues(paused=asked.paused)
+            elif isinstance(asked, Stop):
+                session.stop()
+            else:
+                clock_s = round(time.time(), 4)
+                outbox.put({"type": "pong", "sent_ms": asked.sent_ms, "server_s": clock_s})
+    except WebSocketDisconnect as end:
+        was_closed = end.code in GOODBYES
+        raise
+    finally:
+        session.leave(key, was_closed=was_closed)
+        sender.cancel()
+        with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sender
+
+
+class Inbox:
+    """What comes from one page: bytes go to the source at once, texts wait for their turn."""
+
+    def __init__(self) -> None:
+        self.push: Callable[[bytes], bool] | None = None
+        self._texts: asyncio.Queue[str | int] = asyncio.Queue()
+
+    async def fill(self, socket: WebSocket) -> None:
+        """Receive until the page hangs up; while a source takes no more bytes, nothing is received."""
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                await self._texts.put(int(message.get("code") or GOODBYES[0]))
+                return
+            piece = message.get("bytes")
+            if piece is not None and self.push is not None:
+                while not self.push(piece):
+                    await asyncio.sleep(WAIT_S)
+            elif message.get("text") is not None:
+                await self._texts.put(message["text"])
+
+    async def take(self) -> str:
+        """Wait for the next text. Raises WebSocketDisconnect."""
+        text = await self._texts.get()
+        if isinstance(text, int):
+            raise WebSocketDisconnect(text)
+        return text
+
+
+@asynccontextmanager
+async def _receiving(socket: WebSocket) -> AsyncIterator[Inbox]:
+    inbox = Inbox()
+    filling = asyncio.create_task(inbox.fill(socket))
+    try:
+        yield inbox
+    finally:
+        filling.cancel()
+        with suppress(asyncio.CancelledError, RuntimeError):
+            await filling
+
+
+class Outbox:
+    """Messages of a session's thread on their way to one page; of too many the oldest are left out."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._waiting: deque[Mapping[str, Any]] = deque(maxlen=MOST_WAITING)
+        self._has_any = asyncio.Event()
+
+    def put(self, message: Mapping[str, Any]) -> None:
+        """Add a message, from any thread."""
+        self._waiting.append(message)
+        with suppress(RuntimeError):  # the server is ending
+            self._loop.call_soon_threadsafe(self._has_any.set)
+
+    async def take(self) -> Mapping[str, Any]:
+        """Wait for the oldest message."""
+        while not self._waiting:
+            self._has_any.clear()
+            if not self._waiting:
+                await self._has_any.wait()
+        return self._waiting.popleft()
+
+
+def find_hub(services: Services) -> "LiveHub":
+    """Return the sessions of this server; the first call loads the science."""
+    from app.live.hub import LiveHub  # noqa: PLC0415
+
+    with services.live_turn:
+        if services.live is None:
+            services.live = LiveHub(LiveLibrary(services))
+        return services.live

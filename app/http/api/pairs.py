@@ -1,0 +1,433 @@
+"""Reports of several finished analyses: both arms of a shift, one day beside another, days of people."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.errors import BadParameter
+from app.http.api.library.files import serve_bytes
+from app.http.middleware.problems import PROBLEM_RESPONSES
+from app.library.kept_pairs import AnyJobs, AskedJobs
+from app.report.words.wording import Language
+from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
+from app.services import Services, UsedLanguage, UsedServices
+
+router = APIRouter(
+    prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["pairs"], default_response_class=Response
+)
+
+R = TypeVar("R", PairRequest, ProfileRequest)
+Side = Literal["left", "right"]
+Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
+SameSubject = Annotated[bool, Field(description="All are of one person, though a subject code is missing.")]
+MixedMethods = Annotated[
+    bool, Field(description="Two methods, or versions of one, may stand beside one another.")
+]
+OnePersonView = Annotated[
+    Literal["codes", "person", "no"],
+    Field(
+        description="Whether all are of one person: the subject codes say so (or they are one recording), "
+        "the person who asks does (`same_subject`), or no."
+    ),
+]
+PaperChoice = Annotated[Paper | None, Field(description="Paper of the PDF; else that of the first analysis.")]
+
+
+class FigureView(BaseModel):
+    """A figure before and after. ``detectable``: the least change that days do not make by themselves."""
+
+    name: str
+    before: float
+    after: float
+    change: float
+    detectable: float | None
+    verdict: str
+
+
+class _Exact(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class SourceView(_Exact):
+    """One of the analyses. ``start``: by the device's clock, null where it was never set."""
+
+    report_id: str
+    sha256: str
+    file_name: str
+    subject: str
+    side: Side | None
+    start: str | None
+    analysed_s: float
+    verdict: Literal["good", "caution", "poor"]
+
+
+class ClockView(_Exact):
+    """When a recording began, seconds after the left arm's, and whether the devices' clocks say so."""
+
+    offset_s: float
+    stated_by: Annotated[Literal["clocks", "person"], Field(alias="from")]
+
+
+class ArmView(_Exact):
+    """One arm over the time that both share; keys are percentiles, and angles in degrees."""
+
+    percentiles_deg: dict[str, float]
+    time_above_percent: dict[str, float]
+
+
+class RatioView(_Exact):
+    """Right arm to left; null where the left is 0."""
+
+    time_above_60: float | None
+    elevation_p50: float | None
+
+
+class TrunkView(_Exact):
+    """An arm's elevation less the trunk's inclination; ``limit`` says what it cannot show."""
+
+    limit: str
+    shared_s: float
+    percentiles_deg: dict[str, float] | None
+
+
+class PairView(_Exact):
+    """The figures of both arms of one shift; ``intervals`` are 95 % ranges."""
+
+    layout: Annotated[Literal["acromion.pair/1"], Field(alias="schema")]
+    left: SourceView
+    right: SourceView
+    one_person: OnePersonView
+    clock: ClockView
+    trunk_clock: ClockView | None
+    shared_s: float
+    arms: dict[Side, ArmView]
+    both_above_60_percent: float
+    right_to_left: RatioView
+    intervals: dict[str, tuple[float, float]]
+    trunk_relative: dict[Side, TrunkView]
+
+
+class ChangeView(_Exact):
+    """The figures of one day beside those of an earlier one."""
+
+    layout: Annotated[Literal["acromion.comparison/1"], Field(alias="schema")]
+    before: SourceView
+    after: SourceView
+    one_person: OnePersonView
+    figures: list[FigureView]
+    differences: list[str]
+    source: str
+
+
+MOST_DAYS = 300
+"""Analyses of one profile, on each side of a change."""
+Stage = Literal["all", "before", "after"]
+Ends = tuple[float, float]
+
+
+class RangeView(_Exact):
+    """The range of a figure on one day, and the one that also holds the N-pose's error."""
+
+    low: float
+    high: float
+    low_pose: float | None
+    high_pose: float | None
+
+
+class DayView(SourceView):
+    """One day. ``left_out``: why it does not count in means and spread; null where it does."""
+
+    device: str
+    method: str | None
+    pose: str | None
+    left_out: Literal["short", "long"] | None
+    figures: dict[str, float | None]
+    ranges: dict[str, RangeView | None]
+
+
+class MeanView(_Exact):
+    """A figure over the days of one arm; ranges are 95 % ranges, null of one day.
+
+    ``low_pose`` and ``high_pose``: means of those of the days; null unless each has them.
+    """
+
+    days: int
+    mean: float
+    sd: float | None
+    mean_range: Ends | None
+    sd_range: Ends | None
+    low_pose: float | None
+    high_pose: float | None
+
+
+class TellingView(_Exact):
+    """The days that tell a change of half the time above 60 deg, and by whose deviation."""
+
+    sd: float
+    sd_from: Literal["person", "published"]
+    days: int
+    more_days: int
+    detectable: float
+    detectable_range: Ends | None
+
+
+class TrendView(_Exact):
+    """One person's time above 60 deg from the first day to the last.
+
+    ``outside``: later days that differ from the first by more than ``detectable``.
+    """
+
+    first: float
+    last: float
+    change: float
+    detectable: float
+    sd_from: Literal["person", "published"]
+    outside: int
+
+
+class BandView(_Exact):
+    """A quarter hour of the clock over the days; null where too few days are analysed in it."""
+
+    clock: str
+    days: int
+    p10_deg: float | None
+    p25_deg: float | None
+    p50_deg: float | None
+    p75_deg: float | None
+    p90_deg: float | None
+
+
+class ArmDaysView(_Exact):
+    """One arm of one person, on one side of a change ("all" without a change)."""
+
+    subject: str
+    side: Side | None
+    stage: Stage
+    days: list[DayView]
+    figures: dict[str, MeanView]
+    telling: TellingView | None
+    trend: TrendView | None
+    overlay: list[BandView]
+
+
+class SpreadView(_Exact):
+    """A figure over a group: standard deviations between and within people."""
+
+    people: int
+    days: int
+    mean: float
+    mean_range: Ends | None
+    within_sd: float | None
+    between_sd: float | None
+    low_pose: float | None
+    high_pose: float | None
+
+
+class GroupView(_Exact):
+    """The spread of a group, for one arm on one side of a change."""
+
+    side: Side | None
+    stage: Stage
+    figures: dict[str, SpreadView]
+
+
+class PeopleChangeView(_Exact):
+    """After less before, of the people with days on both sides; ``detectable``: of one person alone."""
+
+    people: int
+    before: float
+    after: float
+    change: float
+    change_range: Ends | None
+    detectable: float | None
+    verdict: Literal["larger", "not larger", "unknown"]
+
+
+class SideChangeView(_Exact):
+    """The change of one arm."""
+
+    side: Side | None
+    figures: dict[str, PeopleChangeView]
+
+
+class ProfileView(_Exact):
+    """Several days of a person, or of a group."""
+
+    layout: Annotated[Literal["acromion.profile/1"], Field(alias="schema")]
+    one_person: OnePersonView
+    differences: list[str]
+    arms: list[ArmDaysView]
+    group: list[GroupView]
+    change: list[SideChangeView]
+    rules: dict[str, float]
+    source: str
+
+
+def find_jobs(services: Services, ids: Iterable[str], request: R, paper: Paper | None = None) -> AskedJobs[R]:
+    """Find the analyses of a request; its report is on the paper of the first unless one is named.
+
+    Raises NotHere.
+    """
+    jobs = tuple(map(services.store.get, ids))
+    return AskedJobs(jobs, replace(request, paper=paper or jobs[0].request.paper))
+
+
+class ChangeQuery(_Exact):
+    """The two analyses, the earlier first, and the paper of their report."""
+
+    analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
+    same_subject: SameSubject = False
+    lang: Language | None = None
+    mixed_methods: MixedMethods = False
+    paper: PaperChoice = None
+
+    def find(self, services: Services) -> AskedJobs[PairRequest]:
+        """Find the analyses. Raises NotHere."""
+        request = PairRequest("compare", same_subject=self.same_subject, mixed_methods=self.mixed_methods)
+        return find_jobs(services, self.analysis, request, self.paper)
+
+
+class PairQuery(_Exact):
+    """The analyses of both arms and, where it was measured, of the trunk."""
+
+    left: Annotated[str, Field(description="Analysis of the left arm.")]
+    right: Annotated[str, Field(description="Analysis of the right arm.")]
+    trunk: Annotated[str, Field(description="Analysis of a recording of the trunk.")] = ""
+    offset_s: Annotated[
+        Offset,
+        Field(description="When the right recording began, seconds after the left; else by the clocks."),
+    ] = None
+    trunk_offset_s: Annotated[Offset, Field(description="Likewise the trunk's, after the left.")] = None
+    same_subject: SameSubject = False
+    mixed_methods: MixedMethods = False
+    paper: PaperChoice = None
+    lang: Language | None = None
+
+    @model_validator(mode="after")
+    def _check_trunk(self) -> Self:
+        if self.trunk_offset_s is not None and not self.trunk:
+            raise BadParameter(name="trunk", value="", allowed="trunk_offset_s + trunk")
+        return self
+
+    def find(self, services: Services) -> AskedJobs[PairRequest]:
+        """Find the analyses. Raises NotHere."""
+        request = PairRequest(
+            "pair",
+            self.offset_s,
+            self.trunk_offset_s,
+            same_subject=self.same_subject,
+            mixed_methods=self.mixed_methods,
+        )
+        ids = (self.left, self.right, *filter(None, [self.trunk]))
+        return find_jobs(services, ids, request, self.paper)
+
+
+class ProfileQuery(_Exact):
+    """The analyses of the days; with ``after``, those before a change and those after it."""
+
+    analysis: Annotated[
+        list[str], Field(min_length=1, max_length=MOST_DAYS, description="Once for each day.")
+    ]
+    after: Annotated[
+        list[str], Field(max_length=MOST_DAYS, description="Once for each day after a change.")
+    ] = []
+    same_subject: SameSubject = False
+    mixed_methods: MixedMethods = False
+    paper: PaperChoice = None
+    lang: Language | None = None
+
+    def find(self, services: Services) -> AskedJobs[ProfileRequest]:
+        """Find the analyses. Raises NotHere."""
+        request = ProfileRequest(
+            len(self.analysis) if self.after else None,
+            same_subject=self.same_subject,
+            mixed_methods=self.mixed_methods,
+            has_drawings=True,
+        )
+        return find_jobs(services, (*self.analysis, *self.after), request, self.paper)
+
+
+PairChoice = Annotated[PairQuery, Query()]
+ProfileChoice = Annotated[ProfileQuery, Query()]
+ChangeChoice = Annotated[ChangeQuery, Query()]
+ReportName = Literal["report.html", "report.pdf", "answer.txt"]
+REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {kind: {} for kind in ("text/html", "application/pdf", "text/plain")}}
+}
+
+
+@router.get("/compare/comparison.json", responses={200: {"model": ChangeView}})
+def get_change(request: Request, services: UsedServices, asked: ChangeChoice) -> Response:
+    """Every figure of the change, byte for byte as ``acromion compare`` writes it."""
+    return _serve_figures(request, services, asked.find(services))
+
+
+@router.get("/compare/{name}", responses=REPORT_RESPONSE)
+def get_change_report(
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ChangeChoice
+) -> Response:
+    """The report on the change from one day to a later one, or its answer in five lines."""
+    return _serve_report(request, services, asked.find(services), name, language)
+
+
+@router.get("/pair/pair.json", responses={200: {"model": PairView}})
+def get_pair(request: Request, services: UsedServices, asked: PairChoice) -> Response:
+    """Every figure of both arms of one shift, byte for byte as ``acromion pair`` writes it."""
+    return _serve_figures(request, services, asked.find(services))
+
+
+@router.get("/pair/{name}", responses=REPORT_RESPONSE)
+def get_pair_report(
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: PairChoice
+) -> Response:
+    """The report of both arms of one shift, or its answer in five lines."""
+    return _serve_report(request, services, asked.find(services), name, language)
+
+
+@router.get("/profile/profile.json", responses={200: {"model": ProfileView}})
+def get_profile(request: Request, services: UsedServices, asked: ProfileChoice) -> Response:
+    """Every figure of several days, byte for byte as ``acromion profile`` writes it."""
+    return _serve_figures(request, services, asked.find(services))
+
+
+@router.get("/profile/{name}.csv", responses={200: {"content": {"text/csv": {}}}})
+def get_profile_table(
+    name: Literal["profile", "overlay"], request: Request, services: UsedServices, asked: ProfileChoice
+) -> Response:
+    """A row for each day, or for each quarter hour of the clock."""
+    found = asked.find(services)
+    body = services.pairs.make(found).read(f"{name}.csv")
+    return serve_bytes(request, body, build_pair_download_name(found, f"{name}.csv"))
+
+
+@router.get("/profile/{name}", responses=REPORT_RESPONSE)
+def get_profile_report(
+    name: ReportName, request: Request, services: UsedServices, language: UsedLanguage, asked: ProfileChoice
+) -> Response:
+    """The report of several days of a person or of a group, or its answer in a few lines."""
+    return _serve_report(request, services, asked.find(services), name, language)
+
+
+def build_pair_download_name(asked: AnyJobs, ending: str) -> str:
+    """Name a download by its subject: ``S012_pair.en.pdf``; several are a group."""
+    codes = {job.request.subject for job in asked.jobs} - {""}
+    code = "group" if len(codes) > 1 else "".join(codes)
+    subject = "".join(c for c in code if c.isalnum() or c in "-_") or "report"
+    return f"{subject}_{asked.request.kind}.{ending}"
+
+
+def _serve_figures(request: Request, services: Services, asked: AnyJobs) -> Response:
+    body = services.pairs.make(asked).read(asked.request.figures_name)
+    return serve_bytes(request, body, build_pair_download_name(asked, "json"))
+
+
+def _serve_report(
+    request: Request, services: Services, asked: AnyJobs, name: str, language: Language
+) -> Response:
+    stem, _, kind = name.partition(".")
+    report = services.pairs.make(asked)
+    body = report.read(report.find(stem, kind, language))
+    return serve_bytes(request, body, build_pair_download_name(asked, f"{language}.{kind}"))

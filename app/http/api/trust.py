@@ -1,0 +1,333 @@
+"""Releases, holds, terms, group figures, the audit log and tokens, for scripts; names of those who act."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.responses import JSONResponse, StreamingResponse
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from starlette.requests import HTTPConnection
+
+from app.accounts.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
+from app.accounts.subjects import Permission, Subject
+from app.errors import NotPermitted
+from app.http.api.library.files import MEDIA_TYPES, respond_with_file
+from app.http.middleware.access import UsedSubject
+from app.http.middleware.callers import find_logins
+from app.http.middleware.problems import PROBLEM_RESPONSES
+from app.library.audit_log import (
+    AT_MACHINE,
+    AUDIT_COLUMNS,
+    NOBODY,
+    SYSTEM,
+    AuditLine,
+    AuditQuestion,
+    find_lines,
+    parse_moment,
+)
+from app.library.governance import Release
+from app.library.recordings import HoldReason
+from app.report.export.csv import INTERNATIONAL, encode_table
+from app.report.words.wording import Language, load_wording
+from app.services import Services, UsedServices
+
+MOST_LINES = 500
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
+
+
+class ReleaseView(BaseModel):
+    """The release of a report; nulls where it is not released."""
+
+    analysis_id: str
+    released_by: str | None
+    released_at: str | None
+    method_version: str | None
+    report_id: str | None = Field(description="SHA-256 of the released results.")
+
+
+def view_release(analysis_id: str, found: Release | None) -> ReleaseView:
+    """Show a release."""
+    return ReleaseView(
+        analysis_id=analysis_id,
+        released_by=found.who if found else None,
+        released_at=found.at if found else None,
+        method_version=found.method_version if found else None,
+        report_id=found.report_id if found else None,
+    )
+
+
+@router.get("/analyses/{analysis_id}/release", tags=["analyses"])
+def get_release(analysis_id: str, services: UsedServices) -> ReleaseView:
+    """Say who released a report, and when."""
+    job = services.store.get(analysis_id)
+    return view_release(job.id, services.releases.find(job.id))
+
+
+@router.post("/analyses/{analysis_id}/release", tags=["analyses"])
+def release_report(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
+    """Release a report under one's name. Its bytes stay; a later version is not released by it."""
+    job = services.store.get(analysis_id)
+    return view_release(job.id, services.releases.release(job, subject.id))
+
+
+@router.delete("/analyses/{analysis_id}/release", tags=["analyses"])
+def take_release_back(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
+    """Take a release back, by a further row."""
+    job = services.store.get(analysis_id)
+    return view_release(job.id, services.releases.take_back(job, subject.id))
+
+
+class HoldRequest(BaseModel):
+    """Why a recording is kept whatever happens."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    reason: HoldReason
+
+
+class HoldView(BaseModel):
+    """The hold of a recording; nulls where there is none."""
+
+    recording_id: str
+    reason: str | None
+    held_by: str | None
+
+
+@router.get("/recordings/{recording_id}/hold", tags=["recordings"])
+def get_hold(recording_id: str, services: UsedServices) -> HoldView:
+    """Say whether a recording is on hold."""
+    row = services.recordings.get(recording_id, trashed=True)
+    return HoldView(recording_id=row.id, reason=row.hold or None, held_by=row.hold_by or None)
+
+
+@router.put("/recordings/{recording_id}/hold", tags=["recordings"])
+def put_hold(recording_id: str, asked: HoldRequest, services: UsedServices, subject: UsedSubject) -> HoldView:
+    """Put a recording on hold: neither a person nor a term deletes it for good."""
+    services.recordings.hold(recording_id, asked.reason, subject.id)
+    return get_hold(recording_id, services)
+
+
+@router.delete("/recordings/{recording_id}/hold", tags=["recordings"])
+def end_hold(recording_id: str, services: UsedServices) -> HoldView:
+    """End the hold of a recording."""
+    services.recordings.let_go(recording_id)
+    return get_hold(recording_id, services)
+
+
+class TermView(BaseModel):
+    """How many days of the server's running time a kind is kept; null: for good."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    days: Annotated[int, Field(ge=1, le=36_500, strict=True)] | None
+
+
+@router.get("/retention", tags=["recordings"])
+def get_terms(services: UsedServices) -> dict[str, int | None]:
+    """Give the term of each kind."""
+    return {str(kind): days for kind, days in services.retention.find_all().items()}
+
+
+@router.put("/retention/{kind}", tags=["recordings"])
+def put_term(kind: str, asked: TermView, services: UsedServices) -> dict[str, int | None]:
+    """Change the term of a kind: recordings, results, trash or trail."""
+    services.retention.put(kind, asked.days)
+    return get_terms(services)
+
+
+class BlockView(BaseModel):
+    """Means over at least five people; counts are rounded down to a multiple of five."""
+
+    published_at: str
+    people: int
+    recordings: int
+    time_above_60_percent: float
+    recorded_h: float
+
+
+class AggregateView(BaseModel):
+    """The published group figures of a study, the oldest first; none where fewer than five people count."""
+
+    study_id: str
+    blocks: list[BlockView]
+
+
+@router.get("/studies/{study_id}/aggregate.json", tags=["studies"])
+def get_aggregate(study_id: str, services: UsedServices) -> AggregateView:
+    """Give group figures of a study: never of fewer than five people."""
+    group = services.aggregates.publish(study_id)
+    blocks = [
+        BlockView(**{name: value for name, value in asdict(one).items() if name != "id"})
+        for one in group.blocks
+    ]
+    return AggregateView(study_id=group.id, blocks=blocks)
+
+
+Moment = Annotated[str, AfterValidator(parse_moment)]
+
+
+class AuditQuery(BaseModel):
+    """Which lines are asked for. ``subject`` stands for its recordings of now; an erased one by its id."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str = ""
+    recording: str = ""
+    who: str = ""
+    act: str = ""
+    begin: Annotated[Moment, Field(alias="from", description="ISO 8601; without a zone UTC.")] = ""
+    end: Annotated[Moment, Field(alias="to")] = ""
+    before: Annotated[int, Field(ge=0, lt=1 << 63)] = 0
+    lang: str | None = None
+
+
+def build_question(services: Services, asked: AuditQuery) -> AuditQuestion:
+    """Turn what is asked into what the lines hold: a subject code into ids of recordings."""
+    ids: frozenset[str] | None = None
+    if asked.recording:
+        ids = frozenset({asked.recording})
+    elif asked.subject:
+        ids = services.recordings.find_of_subject(asked.subject)
+    return AuditQuestion(ids, asked.who, asked.act, asked.begin, asked.end)
+
+
+class AuditView(BaseModel):
+    """Lines of the audit log, the newest first; ``next_before`` asks for the next page, null ends."""
+
+    items: list[dict[str, str | int]]
+    next_before: int | None
+
+
+@router.get("/trail", tags=["trail"])
+def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> AuditView:
+    """Answer who touched a subject, or what somebody did, between two moments."""
+    question = build_question(services, asked)
+    found = list(find_lines(services.store.reader, question, before=asked.before, most=MOST_LINES))
+    following = found[-1].seq if len(found) == MOST_LINES else None
+    return AuditView(items=[asdict(line) for line in found], next_before=following)
+
+
+@router.get("/trail/trail.csv", tags=["trail"])
+def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
+    """Give the lines as a table."""
+    rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
+    body = encode_table(AUDIT_COLUMNS, rows, INTERNATIONAL)
+    return respond_with_file(body, MEDIA_TYPES["csv"], "audit_log.csv")
+
+
+@router.get("/trail/trail.jsonl", tags=["trail"])
+def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
+    """Give the lines as JSON, one each."""
+
+    def write() -> Iterator[bytes]:
+        for line in find_export(services, asked):
+            yield json.dumps(asdict(line)).encode() + b"\n"
+
+    headers = {"Content-Disposition": 'attachment; filename="audit_log.jsonl"', "Cache-Control": "no-store"}
+    return StreamingResponse(write(), media_type="application/jsonl", headers=headers)
+
+
+def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
+    """Return every line that is asked for."""
+    return find_lines(services.store.reader, build_question(services, asked), before=asked.before)
+
+
+# Tokens, by which scripts ask in the name of a person.
+
+token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])
+LONGEST_NAME = 100
+Granted = Literal["upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail"]
+
+
+def find_person(subject: UsedSubject) -> Subject:
+    """Return the person who asks; a token is none, so that none prolongs itself. Raises NotPermitted."""
+    if subject.kind != "person":
+        raise NotPermitted(permission="own")
+    return subject
+
+
+UsedPerson = Annotated[Subject, Depends(find_person)]
+
+
+class TokenWish(BaseModel):
+    """A token: what it is for, what it may, and for how long."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+    permissions: Annotated[list[Granted], Field(min_length=1)]
+    days: Annotated[int, Field(ge=1, le=MOST_DAYS)] = DAYS
+
+
+class TokenView(BaseModel):
+    """A token. ``token`` itself is shown once, when it is made."""
+
+    id: str
+    name: str
+    permissions: list[Permission]
+    created_at: str
+    expires_at: str
+    used_at: str | None
+    token: str | None = None
+
+
+class TokenList(BaseModel):
+    """Every token of the person who asks."""
+
+    items: list[TokenView]
+
+
+@token_router.post("", status_code=201)
+def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson) -> TokenView:
+    """Make a token with at most the permissions of whoever asks."""
+    accounts = find_logins(connection).accounts
+    token, bearer = make_token(accounts, person, body.name, body.permissions, body.days)
+    view = _view(token)
+    view.token = bearer
+    return JSONResponse(view.model_dump(), 201)  # type: ignore[return-value]
+
+
+@token_router.get("", response_model_exclude_none=True)
+def list_tokens(connection: HTTPConnection, person: UsedPerson) -> TokenList:
+    """Give the tokens that hold."""
+    return TokenList(
+        items=[_view(token) for token in find_logins(connection).accounts.find_tokens(person.id)]
+    )
+
+
+@token_router.delete("/{token_id}", status_code=204)
+def delete_token(token_id: str, connection: HTTPConnection, person: UsedPerson) -> Response:
+    """Revoke a token: from the next request on it is nobody's."""
+    find_logins(connection).accounts.end_token(person.id, token_id)
+    return Response(status_code=204)
+
+
+def _view(token: Token) -> TokenView:
+    return TokenView(
+        id=token.id,
+        name=token.name,
+        permissions=sorted(token.permissions),
+        created_at=token.created_at,
+        expires_at=format_end(token),
+        used_at=token.used_at,
+    )
+
+
+# Names of those who act.
+
+
+def find_names(connection: HTTPConnection, ids: Iterable[str], language: Language) -> Mapping[str, str]:
+    """Return a name for each id; an account that is gone keeps its id."""
+    accounts = find_logins(connection).accounts
+    words = load_wording(language, "trail")["who"]
+    known = {AT_MACHINE: words["machine"], SYSTEM: words["system"], NOBODY: words["nobody"], "": ""}
+    return {one: known[one] if one in known else accounts.find_name(one) or one for one in set(ids)}
+
+
+def find_person_name(connection: HTTPConnection, who: str) -> str:
+    """Return the name of the person who acts, by a token too; "" at the machine."""
+    accounts = find_logins(connection).accounts
+    return "" if who == AT_MACHINE else accounts.find_person_name(who)

@@ -1,0 +1,337 @@
+"""Middleware before every route: who may call, how slowly and with which text, what browsers may do."""
+
+import asyncio
+import json
+import math
+import re
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any, ClassVar
+from urllib.parse import urlsplit
+
+import anyio
+import h11
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from app.errors import AppError, BadParameter, ForeignHostName, ForeignOrigin, SlowUpload
+from app.http.middleware.callers import find_origin
+from app.store.folder import too_large
+
+# A time limit for the header of each request; uvicorn itself waits for ever.
+
+
+class HeaderTimeoutProtocol(H11Protocol):
+    """HTTP/1.1 as uvicorn speaks it; closes a connection whose header does not come in time."""
+
+    header_timeout_s: ClassVar[float] = 10.0
+    _timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Start the timer."""
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        """Stop the timer once the header is whole; further bytes do not prolong it."""
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop the timer."""
+        self._stop_watching()
+        super().connection_lost(exc)
+
+    def _watch(self) -> None:
+        if self.conn.their_state is not h11.IDLE:
+            self._stop_watching()
+        elif self._timer is None:
+            self._timer = self.loop.call_later(self.header_timeout_s, self._time_out)
+
+    def _stop_watching(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _time_out(self) -> None:
+        self._timer = None
+        if self.conn.their_state is h11.IDLE and not self.transport.is_closing():
+            self.transport.close()
+
+
+def make_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
+    """Make the protocol with a limit of its own."""
+    return type("HeaderTimeoutProtocol", (HeaderTimeoutProtocol,), {"header_timeout_s": header_timeout_s})
+
+
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+_PORTS = {"http": 80, "https": 443}
+LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+
+FILE_PATHS = (
+    "/api/v1/analyze",
+    "/api/v1/recordings",
+    "/api/v1/uploads",
+    "/api/v1/validations",
+    "/validations",
+)
+DRAINED_BYTES, DRAIN_LIMIT_S = 64 << 20, 5.0
+"""Most that is read of a refused body, one piece of the page's uploads, before the response goes out."""
+MOST_TEXT_BYTES = 8 << 20
+"""Largest body of a request that brings no file."""
+
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
+    "frame-ancestors 'none'; sandbox"
+)
+
+SECURITY_HEADERS: dict[str, str] = {
+    "Content-Security-Policy": PAGE_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",  # without it browsers send forms from "null", and we refuse those
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+TRANSPORT_SECURITY = "max-age=31536000; includeSubDomains"
+"""Asked of browsers: for a year no request without TLS to this name and those below it."""
+
+Respond = Callable[[Request, AppError], Response]
+
+
+class Guard:
+    """Refuses strangers and slow senders, and sets the security headers of every response."""
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        respond: Respond,
+        min_rate_bytes_per_s: float,
+        body_timeout_s: float,
+        host_names: frozenset[str] = frozenset(),
+    ) -> None:
+        self._app, self._respond, self._host_names = app, respond, LOOPBACK_NAMES | host_names
+        # a server that others reach has a name, and TLS; this computer's own names are not ours to bind
+        bound = {"Strict-Transport-Security": TRANSPORT_SECURITY} if host_names else {}
+        self._headers = SECURITY_HEADERS | bound
+        self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Check the request, then hand it on."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] == "websocket":  # browsers bind these to no origin
+            try:
+                check_caller("POST", HTTPConnection(scope), self._host_names)
+            except AppError:
+                await send({"type": "websocket.close", "code": 1008})
+                return
+            await self._app(scope, receive, send)
+            return
+        request, sealed = Request(scope), _add_headers(send, self._headers)
+        try:
+            check_caller(request.method, request, self._host_names)
+        except AppError as refusal:
+            await self._respond(request, refusal)(scope, receive, sealed)
+            return
+        most_bytes = math.inf if takes_file(scope) else MOST_TEXT_BYTES
+        watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
+        sealed = _drain_refused(sealed, watch, request)
+        if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
+            scope = {**scope, "method": "GET"}  # the server itself leaves the body out
+        await self._app(scope, watch.receive, sealed)
+
+
+def takes_file(scope: Scope) -> bool:
+    """Whether an address, below the path at which a proxy serves us, takes files of any size."""
+    path: str = scope["path"]
+    return path.removeprefix(scope.get("root_path", "")).startswith(FILE_PATHS)
+
+
+def check_caller(
+    method: str, connection: HTTPConnection, host_names: frozenset[str] = LOOPBACK_NAMES
+) -> None:
+    """Refuse a name that is not ours (DNS rebinding), and changes asked for by another site.
+
+    Our own pages ask by the same scheme, name and port; behind a proxy the scheme is the proxy's.
+
+    Raises ForeignHostName, ForeignOrigin.
+    """
+    headers = connection.headers
+    host = headers.get("host", "")
+    if _read_host_name(host) not in host_names:
+        raise ForeignHostName(host=host[:100])
+    if method in SAFE_METHODS:
+        return
+    origin = headers.get("origin")
+    if origin is not None and _read_origin(origin) != _read_origin(find_origin(connection)):
+        raise ForeignOrigin
+    if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+        raise ForeignOrigin
+
+
+def _read_origin(origin: str) -> tuple[str, str, int | None] | None:
+    """Read scheme, name and port; None for what is no origin ("null")."""
+    try:
+        parts = urlsplit(origin)
+        port = parts.port or _PORTS.get(parts.scheme)
+    except ValueError:
+        return None
+    return (parts.scheme, parts.hostname, port) if parts.hostname else None
+
+
+def _read_host_name(host: str) -> str:
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _add_headers(send: Send, added: Mapping[str, str]) -> Send:
+    """Add the headers that the route has not set itself."""
+
+    async def sealed(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in added.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return sealed
+
+
+def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
+    """Drain a body before it is refused: closing on unread bytes would break the response off."""
+    announced = request.headers.get("content-length", "")
+    is_drained = announced.isdecimal() and int(announced) <= DRAINED_BYTES
+
+    async def patient(message: Message) -> None:
+        if is_drained and message["type"] == "http.response.start" and message["status"] >= 400:
+            with anyio.move_on_after(DRAIN_LIMIT_S):
+                await watch.finish()
+        await send(message)
+
+    return patient
+
+
+class _BodyWatch:
+    """Adds up how long the server waited for the body; its own time does not count."""
+
+    def __init__(
+        self,
+        receive: Receive,
+        min_rate_bytes_per_s: float,
+        body_timeout_s: float,
+        most_bytes: float = math.inf,
+    ) -> None:
+        self._receive, self._most_bytes = receive, most_bytes
+        self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
+        self._waited_s, self._got_bytes, self._all_bytes, self._more = 0.0, 0, 0, True
+
+    async def receive(self) -> Message:
+        """Return the next message. Raises SlowUpload, FileTooLarge."""
+        if not self._more:
+            return await self._receive()
+        began_s = time.monotonic()
+        with anyio.move_on_after(self._body_timeout_s) as scope:
+            message = await self._receive()
+        if scope.cancelled_caught:
+            raise SlowUpload
+        self._waited_s += time.monotonic() - began_s
+        self._got_bytes += len(message.get("body", b""))
+        self._all_bytes += len(message.get("body", b""))
+        self._more = message.get("more_body", False)
+        if self._all_bytes > self._most_bytes:
+            raise too_large(self._all_bytes, int(self._most_bytes))
+        # judged by windows as long as the limit, so that a good start does not excuse a standstill
+        if self._waited_s >= self._body_timeout_s:
+            if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
+                raise SlowUpload
+            self._waited_s, self._got_bytes = 0.0, 0
+        return message
+
+    async def finish(self) -> None:
+        """Read what is left, and ignore it."""
+        with suppress(AppError):  # it is being refused already
+            while self._more and (await self.receive())["type"] == "http.request":
+                pass
+
+
+# Text that no database, log or response can hold: a lone surrogate, a NUL.
+
+_UNFIT = re.compile(r"[\0\ud800-\udfff]")
+_MAY_BE_UNFIT = re.compile(rb"\\u(?:0000|[dD][89a-fA-F])|\xed[\xa0-\xbf]|\0")
+"""How such text is written in JSON: as an escape, or as bytes that are not UTF-8 (Python reads them)."""
+_NUL_IN_ADDRESS = re.compile(rb"%00|\0")
+
+
+class PlainText:
+    """Refuses text which no database, log or response can hold, in every address and every body of JSON."""
+
+    def __init__(self, app: ASGIApp, respond: Respond) -> None:
+        self._app, self._respond = app, respond
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Refuse unfit text; hand everything else on as it came."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        try:
+            # bytes of an address that are not UTF-8 are replaced where they are read
+            if any(map(_NUL_IN_ADDRESS.search, (scope.get("raw_path") or b"", scope["query_string"]))):
+                raise BadParameter(name="URL", value="%00", allowed="UTF-8")
+            messages = await _read_json(scope, receive)
+            check_json(b"".join(message.get("body", b"") for message in messages))
+        except AppError as refusal:
+            await self._respond(Request(scope), refusal)(scope, receive, send)
+            return
+        waiting = iter(messages)
+
+        async def receive_again() -> Message:
+            return next(waiting, None) or await receive()
+
+        await self._app(scope, receive_again, send)
+
+
+def check_json(body: bytes) -> None:
+    """Refuse JSON with a lone surrogate or a NUL in any of its texts; what is no JSON is for the route.
+
+    Raises BadParameter.
+    """
+    if not _MAY_BE_UNFIT.search(body):
+        return
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):
+        return
+    waiting = [values]
+    while waiting:  # every name and every text, however deep
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += [*value, *value.values()]
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, str) and (unfit := _UNFIT.search(value)):
+            raise BadParameter(name="body", value=repr(unfit.group())[1:-1], allowed="UTF-8")
+
+
+async def _read_json(scope: Scope, receive: Receive) -> list[Message]:
+    """Return the messages of a body that may be JSON, which the guard keeps short; none of any other."""
+    kind = dict(scope["headers"]).get(b"content-type", b"").lower()
+    is_file = takes_file(scope) and b"json" not in kind
+    if scope["method"] in SAFE_METHODS or is_file or kind.startswith(b"multipart/"):
+        return []
+    messages = [await receive()]
+    while messages[-1].get("more_body", False):
+        messages.append(await receive())
+    return messages

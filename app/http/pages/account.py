@@ -1,0 +1,241 @@
+"""Pages of accounts: one's own (password, second factor, sessions, tokens), and those of everybody.
+
+The page of who manages people lets them in, gives roles and ends accounts; it shows no health data.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import cast
+
+from fastapi import APIRouter, Response
+
+from app.accounts.accounts import DAYS, LONGEST_S, MOST_DAYS, Person, hash_secret, make_token
+from app.accounts.logins import FORGOTTEN_S, INVITED_S
+from app.accounts.subjects import ROLES, Permission, Role, Subject, collect_permissions
+from app.errors import (
+    AppError,
+    BadParameter,
+    LoginRefused,
+    NotPermitted,
+    SecondFactorLost,
+    TooManyTries,
+    WeakPassword,
+)
+from app.http.api.trust import UsedPerson, find_names
+from app.http.middleware.callers import SESSION_COOKIE, find_caller, find_origin, find_settings, set_cookie
+from app.http.pages.login import check_next, render_enrolment, render_with_problem
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, take_secret
+from app.report.words.wording import Language, load_wording
+
+router = APIRouter(include_in_schema=False)
+TERMS_DAYS = (30, DAYS, 180, MOST_DAYS)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkView:
+    """The link by which a password was set: its facts, and whether its person knows (``is_told``)."""
+
+    facts: Mapping[str, str]
+    is_told: bool
+
+
+@router.get("/account")
+def show_account(page: UsedPage, person: UsedPerson, next: str = "/account") -> Response:  # noqa: A002
+    """Show one's own account; ``next``: where to go on to once something was read."""
+    return _render_account(page, person, wanted=check_next(next))
+
+
+@router.post("/account/told")
+def note_told(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
+    """Note that a person knows by which link the password was set, and lead on."""
+    page.logins.credentials.note_told(person.id)
+    return page.go(check_next(first(form, "next")))
+
+
+@router.post("/account/password")
+def change_password(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
+    """Set another password; every other session ends."""
+    proof, password = take_secret(form, "proof"), take_secret(form, "password")
+    try:
+        cookie = page.logins.change_password(person, proof, password, find_caller(page.request))
+    except (LoginRefused, SecondFactorLost, TooManyTries, WeakPassword) as refusal:
+        return _render_account(page, person, refusal)
+    response = _render_account(page, replace(person, session=hash_secret(cookie)), done="password")
+    set_cookie(page.request, response, SESSION_COOKIE, cookie, int(LONGEST_S))
+    return response
+
+
+@router.post("/account/second-factor")
+def set_up_second_factor(page: UsedPage, person: UsedPerson) -> Response:
+    """Begin to set up an authenticator; the one before holds until a code of the new one was given."""
+    return render_enrolment(page, page.logins.begin_enrolment(person.id), "/account")
+
+
+@router.post("/account/second-factor/drop")
+def drop_second_factor(page: UsedPage, person: UsedPerson) -> Response:
+    """Turn the second factor off, where it is not required."""
+    if find_settings(page.request).second_factor == "required":
+        raise NotPermitted(permission="own")
+    page.logins.drop_second_factor(person.id)
+    return page.go("/account")
+
+
+@router.post("/account/sessions/end")
+def end_sessions(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
+    """End one session, or every one but this."""
+    accounts, session = page.logins.accounts, first(form, "session")
+    if session:
+        accounts.end_session_of(person.id, session)
+    else:
+        accounts.end_sessions(person.id, person.session)
+    return page.go("/account")
+
+
+@router.post("/account/tokens")
+def add_token(page: UsedPage, form: UsedForm, person: UsedPerson) -> Response:
+    """Make a token, and show it once."""
+    chosen = cast("list[Permission]", form.get("permission", []))
+    name, days = first(form, "name"), first(form, "days")
+    try:
+        _, bearer = make_token(
+            page.logins.accounts, person, name, chosen, int(days) if days.isdecimal() else 0
+        )
+    except (BadParameter, NotPermitted) as refusal:
+        return _render_account(page, person, refusal)
+    return _render_account(page, person, bearer=bearer)
+
+
+@router.post("/account/tokens/{token_id}/revoke")
+def revoke_token(token_id: str, page: UsedPage, person: UsedPerson) -> Response:
+    """Revoke a token."""
+    page.logins.accounts.end_token(person.id, token_id)
+    return page.go("/account")
+
+
+def _render_account(
+    page: Page,
+    subject: Subject,
+    refusal: AppError | None = None,
+    *,
+    done: str = "",
+    bearer: str = "",
+    wanted: str = "/account",
+) -> Response:
+    """``done``: what was changed; ``bearer``: a token to be shown once; ``wanted``: where to go on to."""
+    accounts, credentials = page.logins.accounts, page.logins.credentials
+    person, use = accounts.get_person(subject.id), credentials.find_link_use(subject.id)
+    set_by = None
+    if use is not None:
+        name = find_names(page.request, [use.made_by], page.language)[use.made_by]
+        facts = {"name": name, "when": f"{use.used_at[:16].replace('T', ' ')} UTC", "address": use.address}
+        set_by = LinkView(facts, use.is_told)
+    return render_with_problem(
+        page,
+        "access/account.html",
+        refusal,
+        person=person,
+        roles=_list_roles(person.roles, page.language),
+        set_by=set_by,
+        codes_left=credentials.count_recovery_codes(person.id),
+        is_required=find_settings(page.request).second_factor == "required",
+        sessions=[
+            (_format_moment(held.began_s), _format_moment(held.used_s), held.id, held.id == subject.session)
+            for held in accounts.find_sessions(person.id)
+        ],
+        tokens=[(token, _format_moment(token.expires_s)) for token in accounts.find_tokens(person.id)],
+        permissions=[name for name in sorted(collect_permissions(person.roles)) if name != "own"],
+        done=done,
+        bearer=bearer,
+        next=wanted,
+        terms=TERMS_DAYS,
+        usual_days=DAYS,
+    )
+
+
+def _list_roles(roles: frozenset[Role], language: Language) -> str:
+    names = load_wording(language, "access")["role"]
+    return ", ".join(str(names[role]) for role in names if role in roles)
+
+
+def _format_moment(moment_s: float) -> str:
+    return datetime.fromtimestamp(moment_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+@router.get("/people")
+def show_people(page: UsedPage, subject: UsedPerson) -> Response:
+    """List the people."""
+    return _render_people(page, subject)
+
+
+@router.post("/people")
+def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
+    """Add a person, and show the address that works once by which a password is chosen."""
+    try:
+        roles = _read_roles(form)
+        person = page.logins.accounts.add_person(first(form, "login"), first(form, "name"), roles)
+    except BadParameter as refusal:
+        return _render_people(page, subject, refusal)
+    return _render_link(page, subject, person, INVITED_S)
+
+
+@router.post("/people/{person_id}/roles")
+def set_roles(person_id: str, page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
+    """Give a person other roles; nobody changes his own."""
+    person = _get_other(page, subject, person_id)
+    if person.issuer is not None:
+        raise NotPermitted(permission="provided")  # the provider says them at each login
+    page.logins.accounts.set_roles(person.id, _read_roles(form))
+    return page.go("/people")
+
+
+@router.post("/people/{person_id}/link")
+def make_link(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
+    """Show an address that works once for a person who forgot the password."""
+    person = _get_other(page, subject, person_id)
+    if person.issuer is not None or person.ended_at is not None:
+        raise NotPermitted(permission="provided")
+    return _render_link(page, subject, person, FORGOTTEN_S)
+
+
+@router.post("/people/{person_id}/end")
+def end(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
+    """Let a person log in no more; what is open ends, too."""
+    page.logins.accounts.end_person(_get_other(page, subject, person_id).id)
+    return page.go("/people")
+
+
+@router.post("/people/{person_id}/resume")
+def resume(person_id: str, page: UsedPage, subject: UsedPerson) -> Response:
+    """Let a person log in again."""
+    page.logins.accounts.resume_person(_get_other(page, subject, person_id).id)
+    return page.go("/people")
+
+
+def _get_other(page: Page, subject: Subject, person_id: str) -> Person:
+    """Return a person who is not the one who asks."""
+    person = page.logins.accounts.get_person(person_id)
+    if person.id == subject.id:
+        raise NotPermitted(permission="themselves")
+    return person
+
+
+def _read_roles(form: Form) -> frozenset[Role]:
+    chosen = form.get("role", [])
+    if not chosen or not set(chosen) <= set(ROLES):
+        raise BadParameter(name="role", value=", ".join(chosen)[:60], allowed=", ".join(ROLES))
+    return frozenset(cast("list[Role]", chosen))
+
+
+def _render_link(page: Page, subject: Subject, person: Person, term_s: float) -> Response:
+    ticket = page.logins.make_link(person.id, term_s)
+    link = f"{find_origin(page.request)}{page.base}/login/link/{ticket}"
+    return _render_people(page, subject, link=link, link_of=person.name, link_hours=str(int(term_s // 3600)))
+
+
+def _render_people(page: Page, subject: Subject, refusal: AppError | None = None, **link: str) -> Response:
+    """``link``: to be handed on, whose it is (``link_of``), and how long it works (``link_hours``)."""
+    people = page.logins.accounts.find_people()
+    rows = [(person, _list_roles(person.roles, page.language), person.id == subject.id) for person in people]
+    shown = {"link": "", "link_of": "", "link_hours": ""} | link
+    return render_with_problem(page, "access/people.html", refusal, rows=rows, roles=tuple(ROLES), **shown)

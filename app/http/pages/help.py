@@ -1,0 +1,297 @@
+"""Help: poses, exports, codes of refusals and warnings, an example, a sample shift, the API's document.
+
+The example is the report of a whole simulated shift. ``python -m benchmarks.example``
+makes its results, which are shipped; a test holds them against the engine.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cache
+from math import sin
+from pathlib import Path
+from typing import Any, cast
+
+from fastapi import APIRouter, FastAPI, Request, Response
+from fastapi.responses import JSONResponse
+from markupsafe import Markup, escape
+
+from app.errors import NotHere, find_outcome_of_code, list_refusals
+from app.http.api.library.files import respond_with_file
+from app.http.pages.recording.page_one import PageOne
+from app.http.pages.rendering import UsedPage, lay_way_of_query
+from app.http.pages.views import build_answer
+from app.intake import Intake
+from app.report.charts.day import Day, DayLabels, Mark, MinuteBand, build_day_labels, draw_day
+from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness, draw_tile
+from app.report.charts.svg import NARROW, WIDE
+from app.report.export.results import decode_results
+from app.report.figures import load_results
+from app.report.model import Report, format_brief
+from app.report.render.html import find_template_folder, render_html
+from app.report.single.report import build_report
+from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
+from app.report.words.numbers import Clock, format_duration, format_number, format_percent, percent_sign
+from app.report.words.wording import Language, Words, fill, find_other_language, load_wording
+from app.request import ReportRequest
+from fusion.devices import KNOWN_DEVICES
+from fusion.recording import QualityFlag
+
+SAMPLE_HOURS = "1"
+SAMPLE_SUBJECT = "DEMO"
+_CODE = str(Path(__file__).resolve().parents[3])
+POSES = ("n-pose", "side-lean", "two-point")
+
+HAPPENED: Mapping[str, str] = {
+    "file": (
+        "TYPE EXT EMPTY BLANK NO-SAMPLES NO-GYRO NO-GRAVITY EPOCH GT3X-OLD GT3X-PART COLS "
+        "SENSORS SEGMENT PROFILE ROW DECIMAL UNIT ANGLE TIME RATE EXCEL-CUT CORRUPT ZIP-CRC "
+        "ZIP-TRUNC ZIP-UNSAFE XML READER UNREADABLE"
+    ),
+    "recording": "SHORT LONG DEAD MIXED SCALE SWAPPED JOIN UNUSABLE",
+    "said": "CALIBRATION AXIS DIARY PARTICIPANTS TASKS LIST SETTINGS PARAMETER",
+    "upload": "UPLOAD BIG CUT-UPLOAD DIGEST SLOW TOO-MANY BUSY DISK",
+    "stopped": (
+        "STOPPED INTERRUPTED TIMEOUT MEMORY CRASHED INTERNAL RESULT-DAMAGED STORE-DAMAGED NOT-FOUND PURGED"
+    ),
+    "two": "PAIR COMPARE DAYS COMPARISON OVERLAP ALIGN REFERENCE STUDY",
+}
+"""What a person sees happen, and the codes behind it without their "E-"; the others are for operators."""
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/help")
+def show_help(page: UsedPage) -> Response:
+    """List what help there is."""
+    titles = {code: describe_problem(code, {}, page.language).title for code in _find_codes()}
+    happened = [
+        (key, [(code, titles.pop(code)) for code in map("E-{}".format, names.split())])
+        for key, names in HAPPENED.items()
+    ]
+    warnings = [(code, describe_flag(QualityFlag(code), page.language).title) for code in find_flag_codes()]
+    happened += [("caveat", warnings), ("operation", list(titles.items()))]
+    return page.render("help/help.html", happened=happened)
+
+
+@router.get("/help/poses")
+def show_poses(page: UsedPage) -> Response:
+    """Explain the calibration poses, on one page to print."""
+    return page.render("help/poses.html", poses=POSES)
+
+
+@router.get("/help/reading")
+def show_reading(page: UsedPage) -> Response:
+    """Explain page 1 of a report by its own drawings, with method, limits and glossary."""
+    return page.render("help/reading.html", pictures=draw_example(page.language))
+
+
+@router.get("/help/export")
+def show_export(page: UsedPage) -> Response:
+    """Say which file to take from the device's own software."""
+    return page.render(
+        "help/export.html", known=[one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
+    )
+
+
+@router.get("/problems/{code}")
+def show_problem_page(code: str, page: UsedPage) -> Response:
+    """Explain the code of a refusal or of a warning."""
+    if code in find_flag_codes():
+        caveat = describe_flag(QualityFlag(code), page.language)
+        return page.render("help/problem.html", code=code, problem=caveat, fix="")
+    if code not in _find_codes():
+        raise NotHere
+    problem, retryable = describe_problem(code, {}, page.language), find_outcome_of_code(code).retryable
+    return page.render("help/problem.html", code=code, problem=problem, fix=problem.fix, retryable=retryable)
+
+
+def _find_codes() -> list[str]:
+    """Return every code once; a class without one of its own shares its parent's."""
+    return sorted({refusal.code for refusal in list_refusals()})
+
+
+@router.post("/sample")
+def take_sample(page: UsedPage) -> Response:
+    """Simulate an hour of work as a GT9X Link records it, and analyse it like any other recording."""
+    services = page.services
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = ["simulate", folder, "--device", "gt9x", "--hours", SAMPLE_HOURS, "--seed", "1"]
+        command = [sys.executable, "-P", "-m", "app", *arguments]
+        path = os.pathsep.join(filter(None, [_CODE, os.environ.get("PYTHONPATH")]))
+        environment = os.environ | {"PYTHONPATH": path}
+        subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own
+        (log,) = Path(folder).glob("*.gt3x")
+        asked = ReportRequest(
+            log.name,
+            SAMPLE_SUBJECT,
+            "right",
+            languages=(page.language, find_other_language(page.language)),
+            paper=services.settings.paper,
+            pose_held="start",
+        )
+        job = Intake(services.store, services.storage, services.settings).add(log, asked, "web")
+    return page.go(f"/analyses/{job.id}")
+
+
+def find_example() -> Path:
+    """Find the results of the example."""
+    return find_template_folder().parent / "example" / "results.json"
+
+
+@cache
+def _build_example(language: Language) -> Report:
+    kept = decode_results(find_example().read_bytes())
+    return build_report(kept.findings, kept.subject, language)
+
+
+@router.get("/example")
+def show_example(page: UsedPage) -> Response:
+    """Show page 1 of the example as a recording's page shows it."""
+    report, results = _build_example(page.language), load_results(find_example().read_bytes())
+    answer = build_answer(results, format_brief(report).decode(), page.language)
+    return page.render("help/example.html", page_one=PageOne(report), answer=answer)
+
+
+@router.get("/example/report.html")
+def show_example_report(page: UsedPage) -> Response:
+    """Return the report of the example."""
+    return lay_way_of_query(page, render_html(_build_example(page.language)).decode(), "/example")
+
+
+@router.get("/example/report.pdf")
+def get_example_pdf(page: UsedPage) -> Response:
+    """Return the report of the example as a PDF, on the paper of this installation."""
+    from app.report.render.pdf import render_pdf  # noqa: PLC0415  heavy, and only this needs it
+
+    attached = {"results.json": find_example().read_bytes()}
+    body = render_pdf(_build_example(page.language), attached, page.services.settings.paper)
+    return respond_with_file(body, "application/pdf", "acromion-example.pdf")
+
+
+# The pictures of "How to read this": the drawings of page 1, of an invented day.
+
+SHARE, SHARE_RANGE, SHARE_POSE, PUBLISHED = 12.0, (9.0, 16.0), (16.0, 22.0), 10.0
+END = 40.0
+SHARE_DAYS = (8.0, 16.0)
+"""The value ± 1.96 × 2.0 points (docs/profile.md), to the percent."""
+MINUTES, BREAK, HOLE, WORST = 240, (110, 130), (185, 195), (150, 165)
+LONGEST_S = 24.0
+
+
+def draw_example(language: Language) -> Mapping[str, str]:
+    """Draw a tile's scale, the day (wide and narrow) and the doubts; the values are invented."""
+    words, told = load_wording(language), load_wording(language, "help")["reading"]["picture"]
+    scale = TileScale(
+        key="example",
+        words=(told["tile_title"], told["tile"]),
+        end=END,
+        end_label=_tell((END,), language),
+        measured=SHARE,
+        interval=SHARE_RANGE,
+        pose=SHARE_POSE,
+        published=(PUBLISHED,),
+        published_label=_tell((PUBLISHED,), language),
+    )
+    entry = words["profile"]["sure"]
+    most = fill(entry["up_to"], {"high": _tell(SHARE_POSE[1:], language)})
+    sureness = Sureness(
+        words=(told["sure_title"], told["sure"]),
+        measured=SHARE,
+        end=END,
+        end_label=_tell((END,), language),
+        doubts=(
+            Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
+            Doubt(entry["pose"], most, (SHARE, SHARE_POSE[1]), is_pose=True),
+            Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
+        ),
+    )
+    day = _build_day(words, told, language)
+    drawn = {"day": draw_day(*day, WIDE), "day_narrow": draw_day(*day, NARROW)}
+    return {"tile": draw_tile(scale), **drawn, "sure": draw_sureness(sureness)}
+
+
+def _build_day(words: Words, told: Words, language: Language) -> tuple[Day, DayLabels]:
+    def band(minute: int) -> MinuteBand:
+        middle = 24 + 9 * sin(minute / 9) + 5 * sin(minute / 2.3)
+        above = 62.0 if WORST[0] <= minute < WORST[1] else 18 + 14 * sin(minute / 5) ** 2
+        return MinuteBand(60.0 * minute, 60.0 * (minute + 1), middle / 3, middle, middle + above)
+
+    edges = (0, *BREAK, *HOLE, MINUTES)
+    runs = tuple(tuple(map(band, range(a, b))) for a, b in zip(edges[::2], edges[1::2], strict=True))
+    day = Day(
+        duration_s=60.0 * MINUTES,
+        clock=Clock(datetime.fromisoformat("2026-03-02T08:00:00"), language),
+        runs=runs,
+        marks=(
+            Mark(60.0 * BREAK[0], 60.0 * BREAK[1], "left out", told["break"]),
+            Mark(60.0 * HOLE[0], 60.0 * HOLE[1], "missing", words["day"]["missing"]),
+        ),
+        worst=(60.0 * WORST[0], 60.0 * WORST[1]),
+        longest_start_s=60.0 * 157,
+    )
+    labels = build_day_labels(told["day_title"], told["day"], words)
+    worst = fill(words["day"]["worst"], {"percent": format_percent(2 * SHARE, language)})
+    longest = fill(words["day"]["longest"], {"duration": format_duration(LONGEST_S, language)})
+    return day, replace(labels, worst=worst, longest=longest)
+
+
+def _tell(shares: Sequence[float], language: Language) -> str:
+    """Write whole percents, one or a range of two."""
+    return "–".join(format_number(share, 0, language) for share in shares) + percent_sign(language)
+
+
+# The OpenAPI document as a page of our own: nothing is loaded from elsewhere.
+
+_QUOTED = re.compile(r"``(.+?)``")
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation: its name, its description in paragraphs, its parameters, request and responses."""
+
+    id: str
+    title: str
+    paragraphs: tuple[Markup, ...]
+    parameters: tuple[tuple[str, str, Markup], ...]
+    bodies: str
+    answers: str
+
+
+@router.get("/api/v1/openapi.json")
+def give_openapi(request: Request) -> JSONResponse:
+    """Return the OpenAPI document."""
+    return JSONResponse(cast("FastAPI", request.app).openapi())
+
+
+@router.get("/api/v1/docs")
+def show_docs(page: UsedPage) -> Response:
+    """Show every operation of the API."""
+    document: dict[str, Any] = cast("FastAPI", page.request.app).openapi()
+    operations = [
+        Operation(
+            told["operationId"],
+            f"{method.upper()} {path}",
+            tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+            tuple(
+                (p["name"], p["in"], _mark_code(p.get("description", "")))
+                for p in told.get("parameters", ())
+                if p["in"] != "path"
+            ),
+            ", ".join(told.get("requestBody", {}).get("content", {})),
+            ", ".join(told["responses"]),
+        )
+        for path, methods in document["paths"].items()
+        for method, told in methods.items()
+    ]
+    return page.render("help/api_docs.html", operations=operations)
+
+
+def _mark_code(text: str) -> Markup:
+    """Set what stands between double backticks as code."""
+    return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before

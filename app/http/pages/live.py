@@ -1,0 +1,19 @@
+"""The page of live sessions; docs/live.md says what it shows and what it does not."""
+
+from importlib.util import find_spec
+
+from fastapi import APIRouter, Response
+
+from app.http.pages.rendering import UsedPage
+from app.live.ports import find_serial_ports
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/live")
+def show_live(page: UsedPage) -> Response:
+    """Show the page; it says so where the server lacks the library for WebSockets."""
+    words = page.words("live")
+    texts = words["script"] | {"refused": words["refused"], "cue": words["cue"]}
+    can_connect = find_spec("websockets") is not None
+    return page.render("live.html", texts=texts, ports=find_serial_ports(), can_connect=can_connect)

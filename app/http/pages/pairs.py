@@ -1,0 +1,369 @@
+"""Pages of several finished analyses: both arms of one shift, one day beside an earlier one, many days.
+
+Many days are those of one person, of both arms or of a group, before and after a change.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import date
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+from markupsafe import Markup
+from pydantic import BaseModel, Field
+
+from app.errors import CannotProfile, RecordedProblem
+from app.http.api.library.files import respond_with_file
+from app.http.api.pairs import MOST_DAYS, build_pair_download_name, find_jobs
+from app.http.pages.recording.page_one import Laid, build_curves
+from app.http.pages.rendering import Page, UsedPage, lay_way_of_query
+from app.library.job import Job
+from app.library.kept_pairs import AnyJobs, AskedJobs, PairReport
+from app.library.listing import Entry, Library, LibraryFilter
+from app.report.pairs import format_rows, load_pair_words
+from app.report.words.messages import describe_problem
+from app.report.words.numbers import format_percent
+from app.report.words.wording import fill, load_wording
+from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
+from app.services import Services, UsedServices
+from fusion.comparison.change import FigureChange
+
+DAY = 10  # characters of an ISO date
+MOST_TRUNKS = 50
+SETTINGS = frozenset({"method", "pose", "metric filter"})
+
+router = APIRouter(include_in_schema=False)
+
+# Which analyses fit together: the other arm of the same day, other days of the same person.
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A link to a page of two."""
+
+    address: str
+    words: str
+
+
+def find_offers(page: Page, job: Job, start: str) -> tuple[Offer, ...]:
+    """Offer a pair if arm and day fit, else a comparison, the earlier first."""
+    words, offers = page.words("pair_pages"), []
+    for other in Library(page.services.store.reader).find_others(job):
+        other_start = _read_start(other)
+        facts = {"name": other.job.file_name, "when": _format_start(other_start)}
+        kind, first, second = "compare", *((job, other.job) if start <= other_start else (other.job, job))
+        sides = {job.request.side, other.job.request.side}
+        if sides == {"left", "right"} and start[:DAY] == other_start[:DAY]:
+            kind = "pair"
+            first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
+        address = f"/beside/{kind}?first={first.id}&second={second.id}"
+        offers.append(Offer(address, fill(words[f"with_{kind}"], facts)))
+    return tuple(offers)
+
+
+def _read_start(entry: Entry) -> str:
+    return (entry.headline.start if entry.headline else None) or ""
+
+
+def _format_start(start: str) -> str:
+    return start[:16].replace("T", " ")
+
+
+class PairQuery(BaseModel):
+    """Offsets as people type them, the analysis of the trunk, and whether all are of one person."""
+
+    offset_s: Annotated[str, Field(max_length=20)] = ""
+    trunk: Annotated[str, Field(max_length=40)] = ""
+    trunk_offset_s: Annotated[str, Field(max_length=20)] = ""
+    same_subject: bool = False
+
+
+def find_asked(
+    kind: PairKind, first: str, second: str, services: UsedServices, query: Annotated[PairQuery, Query()]
+) -> AskedJobs[PairRequest]:
+    """Find the analyses that an address names; a comparison has neither trunk nor offset."""
+    trunk = ""
+    offsets_s: tuple[float | None, float | None] = (None, None)
+    if kind == "pair":
+        trunk, trunk_offset_s = query.trunk, parse_offset(query.trunk_offset_s) if query.trunk else None
+        offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
+    request = PairRequest(kind, *offsets_s, same_subject=query.same_subject)
+    return find_jobs(services, (first, second, *filter(None, [trunk])), request)
+
+
+AskedPair = Annotated[AskedJobs[PairRequest], Depends(find_asked)]
+
+
+@router.get("/beside/{kind}")
+def show_pair(asked: AskedPair, page: UsedPage) -> Response:
+    """Show two analyses side by side; for a pair, with the offset of the clocks to correct.
+
+    Where a subject code is missing, only the question whether all are of one person is shown.
+    """
+    request, words = asked.request, page.words("pair_pages")
+    offset, trunk_offset = (
+        "" if offset_s is None else f"{offset_s:g}" for offset_s in (request.offset_s, request.trunk_offset_s)
+    )
+    first, second, *trunk = asked.jobs
+    shown: dict[str, Any] = {"kind": request.kind, "first": first, "second": second}
+    shown |= {"trunk": next(iter(trunk), None), "offset": offset, "trunk_offset": trunk_offset}
+    shown |= {"same_subject": request.same_subject, "days": ("", ""), "figures": None, "trunk_limit": ""}
+    shown |= dict.fromkeys(("trunks", "sentences", "differences", "changes", "curves"), ())
+    try:
+        report = _make(page.services, asked)
+    except RecordedProblem as problem:
+        if problem.facts.get("why") != "person":
+            raise
+        return page.render("pairs/beside.html", **shown)
+    figures = report.read_figures()
+    before, after = (
+        _format_start(str(figures.get(side, {}).get("start") or "")) for side in ("before", "after")
+    )
+    shown |= {
+        "days": (before, after),
+        "trunks": _offer_trunks(page.services, asked, figures),
+        "figures": figures,
+        "sentences": report.read_sentences(page.language),
+        "differences": [
+            words["difference"][one] for one in figures.get("differences", ()) if one in SETTINGS
+        ],
+        "trunk_limit": load_pair_words(page.language)["pair"]["trunk"]["limit"],
+        "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), page.language),
+        "curves": build_curves(page, _lay_curves(page, asked, figures, (before, after))),
+    }
+    return page.render("pairs/beside.html", **shown)
+
+
+def _lay_curves(
+    page: Page, asked: AskedJobs[PairRequest], figures: Mapping[str, Any], days: tuple[str, str]
+) -> tuple[Laid, ...]:
+    """Lay a pair, and its trunk, on one clock; two visits by the time of the day."""
+    words = page.words("pair_pages")
+    if asked.request.kind != "pair":
+        before, after = (
+            f"{words[name]} · {day}" if day else words[name]
+            for name, day in zip(("before", "after"), days, strict=True)
+        )
+        return ((asked.jobs[0], before, None), (asked.jobs[1], after, None))
+    names = (words["left"], words["right"], words["trunk"])
+    clocks = ({"offset_s": 0.0}, figures["clock"], figures["trunk_clock"])
+    return tuple(
+        (job, name, clock["offset_s"]) for job, name, clock in zip(asked.jobs, names, clocks, strict=False)
+    )
+
+
+@router.get("/beside/{kind}/report.{form}", response_class=Response)
+def get_report(form: Literal["html", "pdf"], asked: AskedPair, page: UsedPage) -> Response:
+    """Return the report of two, to read or to file."""
+    return _respond_with_report(page, asked, _make(page.services, asked), form)
+
+
+def _respond_with_report(page: Page, asked: AnyJobs, report: PairReport, form: str) -> Response:
+    body, kind = report.read(report.find("report", form, page.language)), asked.request.kind
+    if form == "html":
+        return lay_way_of_query(page, body.decode(), "/days" if kind == "profile" else f"/beside/{kind}")
+    return respond_with_file(body, "application/pdf", build_pair_download_name(asked, f"{page.language}.pdf"))
+
+
+@router.post("/beside/compare/align")
+def analyse_alike(first: str, second: str, page: UsedPage) -> Response:
+    """Analyse the earlier recording by the settings of the later, so that only the work differs."""
+    store = page.services.store
+    before, after = store.get(first), store.get(second)
+    again = store.add_correction(before, align_request(before.request, after.request))
+    return page.go(f"/analyses/{again.id}?before={before.id}")
+
+
+def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
+    """Ask of the earlier recording what was asked of the later; windows that no longer fit are dropped."""
+    asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
+    is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
+    return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
+
+
+def parse_offset(text: str) -> float | None:
+    """Read seconds as people write them; None, where it is no number, leaves the offset to the clocks."""
+    try:
+        offset_s = float(text.strip().replace(",", "."))
+    except ValueError:
+        return None
+    return offset_s if abs(offset_s) <= LONGEST_OFFSET_S else None
+
+
+def _make(services: Services, asked: AskedJobs[PairRequest]) -> PairReport:
+    """Make the report of two; where methods differ, too, for the page says so and offers to analyse alike."""
+    try:
+        return services.pairs.make(asked)
+    except RecordedProblem as problem:
+        if problem.facts.get("why") != "methods":
+            raise
+    return services.pairs.make(replace(asked, request=replace(asked.request, mixed_methods=True)))
+
+
+def _offer_trunks(
+    services: Services, asked: AskedJobs[PairRequest], figures: Mapping[str, Any]
+) -> tuple[Job, ...]:
+    """Offer the recordings that may be of the trunk: same person, same day, neither arm stated.
+
+    The chosen one is always among them.
+    """
+    if asked.request.kind != "pair":
+        return ()
+    start = figures["left"].get("start") or ""
+    found = [
+        other.job
+        for other in Library(services.store.reader).find_others(asked.jobs[0], MOST_TRUNKS)
+        if other.job.request.side is None
+        and other.job.recording_id != asked.jobs[1].recording_id
+        and _read_start(other)[:DAY] == start[:DAY]
+    ]
+    known = {job.id for job in found}
+    return (*(trunk for trunk in asked.jobs[2:] if trunk.id not in known), *found)
+
+
+# Several days.
+
+MOST_OFFERED = 60
+"""Recordings of one person in the form."""
+
+
+class DaysQuery(BaseModel):
+    """The analyses of the days, those after a change apart, and what a person says of them.
+
+    ``study`` stands for every report of a study; those from the day ``since`` on are after the change.
+    """
+
+    analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    study: Annotated[str, Field(max_length=40)] = ""
+    since: date | Literal[""] = ""
+    same_subject: bool = False
+    mixed_methods: bool = False
+
+
+def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> AskedJobs[ProfileRequest]:
+    """Find the analyses that an address names; one that stands on both sides is after the change."""
+    if query.study:
+        first, after = _find_study(services, query)
+    else:
+        ids = dict.fromkeys(query.after)
+        first = [services.store.get(one) for one in dict.fromkeys(query.analysis) if one not in ids]
+        after = [services.store.get(one) for one in ids]
+    jobs = (*first, *after)
+    if not jobs:
+        raise CannotProfile(why="one")
+    request = ProfileRequest(
+        len(first) if after and first else None,
+        paper=jobs[0].request.paper,
+        same_subject=query.same_subject,
+        mixed_methods=query.mixed_methods,
+        has_drawings=True,
+    )
+    return AskedJobs(jobs, request)
+
+
+def _find_study(services: Services, query: DaysQuery) -> tuple[list[Job], list[Job]]:
+    """Find the reports of a study, and those after a change: what has no clock is on neither side."""
+    wanted = LibraryFilter(batch=services.batches.get(query.study).id)
+    placed = [
+        (entry.job, entry.headline.start or "")
+        for entry in Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
+        if entry.headline and entry.job.request.reference is None
+    ]
+    if not query.since:
+        return [job for job, _ in placed], []
+    since = query.since.isoformat()
+    before = [job for job, start in placed if start and start < since]
+    return before, [job for job, start in placed if start >= since]
+
+
+AskedDays = Annotated[AskedJobs[ProfileRequest], Depends(find_days)]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A recording in the form: its analysis, its name, and whether it is a day, a day after, or neither."""
+
+    id: str
+    name: str
+    when: str
+    side: str
+    above_60: str
+    is_chosen: bool
+    is_after: bool
+
+
+@router.get("/days")
+def show_days(asked: AskedDays, page: UsedPage) -> Response:
+    """Show several days laid over one another, with a form of the person's recordings to choose from."""
+    try:
+        made = page.services.pairs.make(asked)
+    except RecordedProblem as refused:
+        if refused.code != CannotProfile.code:
+            raise
+        problem = describe_problem(refused.code, refused.facts, page.language)
+        shown: dict[str, Any] = {"problem": problem, "sentences": (), "drawings": (), "figures": {}}
+    else:
+        drawings = [
+            {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
+            for chart in made.read_drawings(page.language)
+        ]
+        sentences, figures = made.read_sentences(page.language), made.read_figures()
+        shown = {"problem": None, "sentences": sentences, "drawings": drawings, "figures": figures}
+    choices, query = _list_choices(page, asked), page.request.url.query
+    return page.render("pairs/days.html", query=query, asked=asked.request, choices=choices, **shown)
+
+
+@router.get("/days/report.{form}", response_class=Response)
+def get_days_report(form: Literal["html", "pdf"], asked: AskedDays, page: UsedPage) -> Response:
+    """Get the report of several days, to read or to file."""
+    return _respond_with_report(page, asked, page.services.pairs.make(asked), form)
+
+
+@router.get("/days/{name}.csv", response_class=Response)
+def get_days_table(name: Literal["profile", "overlay"], asked: AskedDays, services: UsedServices) -> Response:
+    """Get a row for each day, or for each quarter hour of the clock."""
+    body = services.pairs.make(asked).read(f"{name}.csv")
+    return respond_with_file(body, "text/csv", build_pair_download_name(asked, f"{name}.csv"))
+
+
+def find_days_address(services: Services, job: Job) -> str:
+    """Return the address of the days of a person: all recordings with a report; empty where there is one.
+
+    What states no arm, as a sensor on the trunk, is left out beside what does.
+    """
+    others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
+    ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
+    return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
+
+
+def _list_choices(page: Page, asked: AskedJobs[ProfileRequest]) -> tuple[Choice, ...]:
+    """List the chosen recordings and the others of the same people.
+
+    What has no subject code stands by itself.
+    """
+    library, sides = Library(page.services.store.reader), load_wording(page.language)["side"]
+    found: dict[str, Entry] = {}
+    for job in {job.request.subject: job for job in asked.jobs}.values():
+        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
+        found |= {entry.job.recording_id: entry for entry in every}
+    for job in asked.jobs:
+        known = found.get(job.recording_id)
+        found[job.recording_id] = Entry(job, known.headline if known else None)
+    chosen, count = [job.id for job in asked.jobs], asked.request.before_count
+    after = set(chosen[count:]) if count is not None else set()
+    listed = []
+    for entry in found.values():
+        job, above_60 = entry.job, entry.headline.above_60_percent if entry.headline else None
+        listed.append(
+            Choice(
+                job.id,
+                job.file_name,
+                _format_start(_read_start(entry)),
+                sides[job.request.side or "unknown"],
+                format_percent(above_60, page.language),
+                job.id in chosen and job.id not in after,
+                job.id in after,
+            )
+        )
+    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))

@@ -1,0 +1,504 @@
+"""Pages of the recordings and of one analysis: its state or answer, versions, changes and damage."""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import date, datetime
+from typing import Annotated, Any
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import HTMLResponse
+from pydantic import BaseModel
+
+from app.errors import BadParameter, NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
+from app.http.api.trust import find_names, find_person_name
+from app.http.middleware.access import UsedSubject, find_subject, may
+from app.http.middleware.callers import find_origin
+from app.http.middleware.problems import Refusal
+from app.http.pages.pairs import find_days_address, find_offers
+from app.http.pages.recording.columns import find_offer
+from app.http.pages.recording.day import DayClock, build_day, build_hours, find_day, list_axes
+from app.http.pages.recording.page_one import read_page_one
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, lay_way
+from app.http.pages.trust import build_release
+from app.http.pages.views import (
+    Fact,
+    build_answer,
+    build_entry,
+    build_figures,
+    build_library,
+    build_row,
+    build_settings,
+    describe_old,
+    find_neighbours,
+    find_took,
+    format_size,
+    format_time,
+    format_times,
+    format_windows,
+    read_filter,
+)
+from app.library.job import Job, JobState
+from app.library.jobs import JobFilter
+from app.library.listing import Entry
+from app.library.results import can_regenerate
+from app.library.results import retry as retry_job
+from app.report.figures import load_results
+from app.report.words.messages import Fact as ProblemFact
+from app.report.words.messages import Problem, describe_problem
+from app.report.words.numbers import format_date, format_percent
+from app.report.words.subject import clean_paragraphs, clean_text
+from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
+from app.request import LONGEST_CONCLUSION, LONGEST_SUBJECT, Conclusion, ConclusionDraft, ReportRequest
+from app.services import Services, choose_language, find_services
+from app.store.folder import StoredRecording, seems_whole
+from fusion.errors import SeveralSensors
+from fusion.pose.rules import WINDOW_FAULTS
+from fusion.recording import MICROSECONDS
+
+# The versions of a recording's report, the changes in each, and a later attempt that failed.
+
+
+SHOWN = 200
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Every analysis of one recording, the newest first."""
+
+    jobs: tuple[Job, ...]
+
+    @classmethod
+    def of(cls, services: Services, job: Job) -> "History":
+        """Read it, without comparisons with a reference, which are no reports."""
+        found = services.store.find_page(JobFilter(recording_id=job.recording_id), SHOWN)
+        return cls(tuple(other for other in found if other.request.reference is None))
+
+    @property
+    def reports(self) -> tuple[Job, ...]:
+        """Those that have a report, but for damaged ones that were analysed again."""
+        return tuple(job for job in self.jobs if job.state is JobState.SUCCEEDED and job.replaced_by is None)
+
+    def find_failed(self, shown: Job) -> Job | None:
+        """Find the newest analysis that counts, if it failed after the one shown: the person wanted it."""
+        newest = next((job for job in self.jobs if job.replaced_by is None), None)
+        is_later = newest is not None and newest.created_at > shown.created_at
+        return newest if newest is not None and is_later and newest.state is JobState.FAILED else None
+
+
+@dataclass(frozen=True, slots=True)
+class VersionRow:
+    """One version; ``changed``: how it differs from the one before; ``reason``: as the person typed it."""
+
+    id: str
+    name: str
+    when: str
+    changed: str
+    reason: str
+    is_this: bool
+    who: str
+
+
+def build_versions(
+    page: Page, history: History, shown: Job, clock: DayClock | None
+) -> tuple[VersionRow, ...]:
+    """Build the rows of the versions, the newest first; none if only ``shown`` exists.
+
+    A version that was computed more than once has one row: the analysis that is shown, or else the newest.
+    Changes are listed with the times that a person gave.
+    """
+    language, number = page.language, page.words()["row"]["version"]
+    changed = page.words("report")["changed"]
+    names = find_names(page.request, (job.asked_by for job in history.jobs), language)
+    found: dict[int, Job] = {}
+    for job in (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports:
+        found.setdefault(job.request.version, job)
+    rows = []
+    for version, job in sorted(found.items(), reverse=True):
+        request = job.request
+        times = {
+            "calibration_windows_s": format_windows(request.calibration_windows_s, clock, language),
+            "slip_times_s": format_times(request.slip_times_s, clock, language),
+            "no_slip_times_s": format_times(request.no_slip_times_s, clock, language),
+        }
+        told = ((str(changed.get(name, name)), times.get(name, "")) for name in request.changes)
+        rows.append(
+            VersionRow(
+                job.id,
+                fill(number, {"n": str(version)}),
+                format_time(job.created_at),
+                ", ".join(f"{name} ({time})" if time else name for name, time in told),
+                request.reason,
+                job.id == shown.id,
+                names.get(job.asked_by, ""),
+            )
+        )
+    return () if all(row.is_this for row in rows) else tuple(rows)
+
+
+# Damaged or missing files: the problem, and what a person can do about it.
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A damaged analysis; ``again``: the analysis that replaces it, "" if there is none.
+
+    ``source``: the recording is also damaged, so that analysing again cannot help.
+    """
+
+    id: str
+    name: str
+    words: Problem
+    code: str
+    again: str
+    source: Problem | None
+
+
+def build_damage(page: Page, facts: Mapping[str, ProblemFact]) -> Damage | None:
+    """Show the facts of a ResultDamaged; None if the analysis no longer exists."""
+    store, code = page.services.store, ResultDamaged.code
+    try:
+        job = store.get(str(facts.get("analysis", "")))
+    except NotHere:
+        return None
+    words = describe_problem(code, {"name": facts["name"]}, page.language)
+    is_source_whole = job.replaced_by is not None or can_regenerate(store, page.services.storage, job)
+    source = None if is_source_whole else describe_problem(StoreDamaged.code, {}, page.language)
+    return Damage(job.id, job.file_name, words, code, job.replaced_by or "", source)
+
+
+def describe_source(page: Page, job: Job) -> Problem | None:
+    """Describe a damaged or missing recording of an analysis; None if it seems whole."""
+    stored = StoredRecording(job.recording_id, job.sha256, job.size_bytes)
+    is_whole = seems_whole(page.services.storage, stored)
+    return None if is_whole else describe_problem(StoreDamaged.code, {}, page.language)
+
+
+# The answer of a finished analysis, and what a correction has changed.
+
+ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
+
+Row = tuple[str, str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """Figures and settings before and after a correction; no figures until both are there."""
+
+    id: str
+    versions: tuple[int, int]
+    reason: str
+    figures: tuple[Row, ...]
+    settings: tuple[Row, ...]
+
+
+def read_answer(page: Page, job: Job, asked: ReportRequest) -> dict[str, Any]:
+    """Read answer, hours and day of a finished analysis, and where it leads; the form shows ``asked``.
+
+    Nothing of any other. If a file is damaged, what is read before it is shown, and the damage is named.
+    """
+    services, language = page.services, page.language
+    shown: dict[str, Any] = dict.fromkeys(("answer", "day", "page_one", "damage"))
+    shown |= {"hours": (), "offers": (), "days": ""}
+    try:
+        results = find_results(services, job)
+        if results is None:
+            return shown
+        name = f"answer.{find_nearest(language, job.request.languages)}.txt"
+        shown["answer"] = build_answer(results, services.results.read(job, name).decode(), language)
+        shown["hours"] = build_hours(results, language)
+        shown["offers"] = find_offers(page, job, results.get("recording", {}).get("start") or "")
+        shown["days"] = find_days_address(services, job)
+        day = None
+        with suppress(NoSuchFile):
+            day = find_day(services, job)
+        shown["day"] = build_day(day, asked, language) if day else None
+        shown["page_one"] = read_page_one(services, job, day, language)
+    except ResultDamaged as damaged:
+        shown["damage"] = build_damage(page, damaged.facts)
+    return shown
+
+
+def build_changes(page: Page, history: History, job: Job, before_id: str) -> Changes | None:
+    """Compare an analysis with the one that it corrects, or else with the version before it."""
+    services, language = page.services, page.language
+    earlier = (other for other in history.reports if other.request.version < job.request.version)
+    version_before = max(earlier, key=lambda it: (it.request.version, it.created_at), default=None)
+    before = next((other for other in history.jobs if other.id == before_id), version_before)
+    if before is None or job.state is JobState.FAILED or job.request.changes == ("conclusion",):
+        return None
+    clock = find_clock(services, history)
+    try:
+        first, second = (find_results(services, each) for each in (before, job))
+    except ResultDamaged:  # the page of the damaged one says so
+        return None
+    figures: tuple[Row, ...] = ()
+    if first is not None and second is not None:
+        figures = _pair(build_figures(first, language), build_figures(second, language))
+        figures += tuple(pair_tasks(first, second, language))
+    settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
+    versions = (before.request.version, job.request.version)
+    differ = tuple(row for row in settings if row[1] != row[2])
+    return Changes(before.id, versions, job.request.reason, figures, differ)
+
+
+def find_clock(services: Services, history: History) -> DayClock | None:
+    """Return the clock of the recording by its newest report that can be read."""
+    for report in history.reports:
+        with suppress(ResultDamaged):
+            results = find_results(services, report)
+            if results is None:
+                return None
+            start = results.get("recording", {}).get("start")
+            duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
+            return DayClock(datetime.fromisoformat(start) if start else None, duration_us)
+    return None
+
+
+def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
+    """Read ``results.json`` of a finished analysis. Raises ResultDamaged."""
+    if job.state is not JobState.SUCCEEDED or job.token is None:
+        return None
+    return load_results(services.results.read(job, "results.json"))
+
+
+def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
+    return tuple(
+        (new.label, old.value, new.value)
+        for old, new in zip(before, after, strict=True)
+        if new.key not in ALWAYS_DIFFER
+    )
+
+
+def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
+    """Set the time above 60 deg of each task that either report has side by side; "–" where it is not one."""
+    words = load_wording(language, "page")["figure_of_task"]
+    earlier, later = (
+        {
+            part["label"]: format_percent(part.get("time_above_60_percent"), language)
+            for part in results["exposure"].get("by_task", ())
+            if part["kind"] == "task" and part["label"]
+        }
+        for results in (before, after)
+    )
+    for label in dict.fromkeys((*later, *earlier)):
+        yield fill(words, {"task": label}), earlier.get(label, "–"), later.get(label, "–")
+
+
+# A clinician's conclusion makes the next version of the report; after a correction it is shown as a draft,
+# until a person confirms or dismisses it.
+
+
+def build_conclusion(page: Page, job: Job, own_name: str, *, is_current: bool) -> dict[str, Any] | None:
+    """Return the conclusion of a finished analysis or, if it is the current report, the draft of one.
+
+    None for any other. ``draft``: where the draft comes from, in words; "" if ``said`` is in the report.
+    ``own_name``: of the person logged in, "" where a name is typed. ``is_open``: the figures are this
+    engine's; those of an earlier one may move, and are analysed first.
+    """
+    if job.state is not JobState.SUCCEEDED or job.replaced_by is not None:
+        return None
+    draft = job.request.draft if is_current else None
+    said = draft.conclusion if draft else job.request.conclusion
+    return {
+        "said": said,
+        "draft": describe_draft(draft, page.language) if draft else "",
+        "when": format_date(date.fromisoformat(said.date), page.language) if said else "",
+        "today": date.today().isoformat(),  # noqa: DTZ011
+        "most": LONGEST_CONCLUSION,
+        "is_open": any(one.id == job.id for one in page.services.store.find_same(job.sha256, job.request)),
+        "own_name": own_name,
+    }
+
+
+def describe_draft(draft: ConclusionDraft, language: Language) -> str:
+    """Write for which version a draft was written, and what has changed since."""
+    words, names = load_wording(language, "page")["conclude"]["draft"], load_wording(language)["changed"]
+    kind = "other" if set(draft.changes) - {"subject"} else "subject" if draft.changes else "same"
+    changed = ", ".join(str(names.get(name, name)) for name in draft.changes)
+    return fill(words[kind], {"n": str(draft.version), "changed": changed})
+
+
+def read_conclusion(form: Form) -> Conclusion:
+    """Read what was typed. Raises BadParameter."""
+    text, name, typed_date = (first(form, field) for field in ("text", "name", "date"))
+    if not clean_paragraphs(text) or len(text) > LONGEST_CONCLUSION:
+        raise BadParameter(name="text", value=text[:60], allowed=f"1 … {LONGEST_CONCLUSION}")
+    if not clean_text(name) or len(name) > LONGEST_SUBJECT:
+        raise BadParameter(name="name", value=name[:60], allowed=f"1 … {LONGEST_SUBJECT}")
+    try:
+        day = date.fromisoformat(typed_date)
+    except ValueError:
+        raise BadParameter(name="date", value=typed_date[:60], allowed="2026-11-23") from None
+    return Conclusion("\n".join(clean_paragraphs(text)), clean_text(name), day.isoformat())
+
+
+class Seen(BaseModel):
+    """Where a person came from: the analysis that was corrected, or the attempt whose settings are shown."""
+
+    before: str = ""
+    attempt: str = ""
+
+
+router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
+
+
+@router.get("/")
+def home(page: UsedPage) -> Response:
+    """Show the place to drop files, and the recordings."""
+    services, limit_bytes = page.services, page.services.settings.max_upload_bytes
+    return page.render(
+        "library/home.html",
+        **build_library(page, read_filter(page.request)),
+        max_bytes=limit_bytes,
+        max_size=format_size(limit_bytes, page.language),
+        devices=load_device_names(page.language),
+        has_columns=bool(services.mappings.find_all()),
+        has_batches=bool(services.batches.find_newest(1)),
+        address=find_origin(page.request) + page.base,
+        quarantined=str(len(services.quarantined) or ""),
+    )
+
+
+@router.get("/rows")
+def rows(page: UsedPage, only: str = "") -> Response:
+    """Return the list alone, for a page that is open already; ``only`` one analysis if named."""
+    if not only:
+        return page.render("library/rows.html", **build_library(page, read_filter(page.request)))
+    entry = Entry(page.services.store.get(only), None)
+    entries = [build_entry(entry, page.language, find_took(page.services, [entry]))]
+    return page.render("library/rows.html", entries=entries, is_empty=False, count="", query="")
+
+
+@router.get("/analyses/{analysis_id}")
+def analysis(analysis_id: str, page: UsedPage, seen: Annotated[Seen, Query()]) -> Response:
+    """Show one analysis: its state or its answer, files, day, versions; or the way out of the trash."""
+    services, language, store = page.services, page.language, page.services.store
+    trashed = store.find_trashed(analysis_id)
+    if trashed is not None:
+        return _show_trashed(page, trashed)
+    job = store.get(analysis_id)
+    if job.request.reference is not None:
+        return page.go(f"/validations/{job.id}")
+    if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and analysed again
+        return page.go(f"/analyses/{job.replaced_by}")
+    history = History.of(services, job)
+    attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
+    asked = attempt.request if attempt else job.request
+    clock, failed = find_clock(services, history), history.find_failed(job)
+    report = next(iter(history.reports), None)
+    is_current = report is not None and report.id == job.id
+    entry = build_entry(Entry(job, None), language, find_took(services, [Entry(job, None)]))
+    subject = find_subject(page.request)
+    own_name = find_person_name(page.request, subject.id)
+    return page.render(
+        "recording/analysis.html",
+        row=entry.row,
+        entry=entry,
+        settings=build_settings(job, clock, language),
+        job_request=asked,
+        reason=asked.reason if attempt else "",
+        attempt_id=attempt.id if attempt else "",
+        why_unusable={why: page.words("report")["fact"]["why"][why] for why in WINDOW_FAULTS},
+        axes=list_axes(),
+        is_of_sensors=job.problem_code == SeveralSensors.code,
+        offer=find_offer(page, job, str(job.problem_facts.get("header", ""))),
+        changes=build_changes(page, history, job, seen.before),
+        conclusion=build_conclusion(page, job, own_name, is_current=is_current),
+        release=build_release(page, subject, job.id),
+        versions=build_versions(page, history, job, clock),
+        recording_id=job.recording_id,
+        source=describe_source(page, job),
+        failed=build_row(failed, language) if failed else None,
+        report=None if is_current else report,
+        old=describe_old(job, history.reports, page),
+        **find_neighbours(page, job),
+        **read_answer(page, job, asked),
+    )
+
+
+def _show_trashed(page: Page, recording_id: str) -> HTMLResponse:
+    recording = page.services.recordings.get(recording_id, trashed=True)
+    return page.render("library/in_trash.html", status=NotHere.outcome.status, recording=recording)
+
+
+@router.get("/analyses/{analysis_id}/report.html")
+def show_report(analysis_id: str, page: UsedPage) -> Response:
+    """Show the report of a recording, or of a comparison with a reference."""
+    services = page.services
+    job = services.store.get(analysis_id)
+    stem, place = ("report", "analyses") if job.request.reference is None else ("validation", "validations")
+    made = find_nearest(page.language, job.request.languages)
+    report = services.results.read(job, f"{stem}.{made}.html").decode()
+    pdf = f"{page.base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
+    reports = services.store.find_reports(job.recording_id) if stem == "report" else ()
+    old = describe_old(job, reports, page)
+    return lay_way(page, report, f"{page.base}/{place}/{job.id}", pdf, old)
+
+
+@router.post("/analyses/{analysis_id}/cancel")
+def cancel(analysis_id: str, page: UsedPage) -> Response:
+    """Stop an analysis (a plain form, so that it needs no script)."""
+    page.services.store.cancel(analysis_id)
+    return page.go("/")
+
+
+@router.post("/analyses/{analysis_id}/retry")
+def retry(analysis_id: str, page: UsedPage) -> Response:
+    """Start the same analysis once more."""
+    store = page.services.store
+    again = retry_job(store, page.services.storage, analysis_id, "web")
+    if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
+        again = store.add_correction(again, again.request)
+    return page.go(f"/analyses/{again.id}")
+
+
+@router.post("/analyses/{analysis_id}/withdraw")
+def withdraw(analysis_id: str, page: UsedPage) -> Response:
+    """Keep the report as it is: the later attempt that failed no longer counts."""
+    return page.go(f"/analyses/{page.services.store.withdraw(analysis_id).id}")
+
+
+@router.post("/analyses/{analysis_id}/conclude")
+def conclude(analysis_id: str, page: UsedPage, subject: UsedSubject, form: UsedForm) -> Response:
+    """Make the next version of the report, with the conclusion; its figures are the same.
+
+    The name is that of the person logged in; at the machine it is typed.
+    """
+    own_name, store = find_person_name(page.request, subject.id), page.services.store
+    concluded = read_conclusion({**form, **({"name": [own_name]} if own_name else {})})
+    again = store.conclude(store.get(analysis_id), concluded)
+    return page.go(f"/analyses/{again.id}")
+
+
+@router.post("/analyses/{analysis_id}/dismiss")
+def dismiss(analysis_id: str, page: UsedPage) -> Response:
+    """Dismiss the draft of a conclusion, or make the next version without the conclusion of the report."""
+    store = page.services.store
+    job = store.get(analysis_id)
+    if job.request.conclusion is not None:
+        job = store.conclude(job, None)
+    else:
+        store.dismiss_draft(job.id)
+    return page.go(f"/analyses/{job.id}")
+
+
+def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
+    """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
+    page = Page(request, find_services(request), choose_language(request))
+    may_read = may(request, "read")
+    if may_read and error.code == NotHere.code:  # what an address names may be in the trash
+        for analysis_id in re.findall(r"\ban_[0-9a-f]{16}\b", str(request.url)):
+            recording_id = page.services.store.find_trashed(analysis_id)
+            if recording_id is not None:
+                return _show_trashed(page, recording_id)
+    is_damaged = may_read and error.code == ResultDamaged.code
+    return page.render(
+        "error.html",
+        status=find_outcome_of_code(error.code).status,
+        problem=describe_problem(error.code, error.facts, page.language),
+        code=error.code,
+        damage=build_damage(page, error.facts) if is_damaged else None,
+    )

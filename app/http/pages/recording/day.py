@@ -1,0 +1,618 @@
+"""The day of one analysis on its page: its curve, its diary, its corrections and the questions about it.
+
+The clock of the day comes first, then the form of corrections, the routes, and what the page shows.
+"""
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime, timedelta
+from itertools import zip_longest
+from typing import Annotated, Any, TypeVar, get_args
+
+import numpy as np
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+
+from app.errors import BadParameter, NoSuchFile
+from app.http.api.library.files import MEDIA_TYPES, respond_with_file
+from app.http.pages.rendering import Form, Page, UsedForm, UsedPage, first, read_body
+from app.library.job import Job, JobState
+from app.report.words.numbers import Clock, format_angle, format_duration, format_number, format_percent
+from app.report.words.subject import MAX_TEXT
+from app.report.words.wording import Language, Words, fill, load_wording
+from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
+from app.services import Services
+from app.store.day_file import DAY_NAME, DayFile, open_day
+from fusion.conventions import (
+    ARM_AXES,
+    AXIS_HINT,
+    MAIN_THRESHOLD_DEG,
+    ArmAxis,
+    Pose,
+    PoseHeld,
+    Side,
+    parse_arm_axis,
+)
+from fusion.diary import KINDS, DiaryEntry, read_diary, read_moment
+from fusion.errors import UnusableCalibration, UnusableDiary
+from fusion.exposure.periods import place_diary, place_moment
+from fusion.pose.rules import RULES, object_to_window, score_still_period
+from fusion.recording import MICROSECONDS
+
+# Moments of a recording as people type and read them: on the device's clock, or in seconds without one.
+
+
+DAY_S = 86400.0
+SHOWN_US = 10_000
+"""Moments are shown to the hundredth of a second, so that they may be read this much aside."""
+
+
+@dataclass(frozen=True, slots=True)
+class DayClock:
+    """When a recording began, and how long it is."""
+
+    start: datetime | None
+    duration_us: int
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> "DayClock":
+        """Take it from the facts of a day file."""
+        start = datetime.fromisoformat(facts["start"]) if facts["start"] else None
+        return cls(start, int(facts["duration_us"]))
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first sample to the end."""
+        return self.duration_us / MICROSECONDS
+
+    @property
+    def needs_date(self) -> bool:
+        """Whether an hour alone may mean two days."""
+        return self.duration_s >= DAY_S
+
+    def format(self, elapsed_s: float) -> str:
+        """Write a moment so that :meth:`read` gives it back, to the hundredth of a second."""
+        if self.start is None:
+            return f"{elapsed_s:.2f}".rstrip("0").rstrip(".")
+        moment = self.start + timedelta(seconds=round(elapsed_s, 2))
+        hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
+        return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
+
+    def format_bounds(self) -> str:
+        """Write from when to when a moment may be."""
+        return f"{self.format(0.0)} … {self.format(self.duration_s)}"
+
+    def read(self, text: str, name: str) -> float:
+        """Read a moment that a person typed, in seconds from the first sample. Raises BadParameter."""
+        clock, seconds = ("", text) if self.start is None else (text, "")
+        try:
+            moment = read_moment(0, clock, seconds)
+            placed_us = place_moment(text if moment is None else moment, 0, self.start, self.duration_us)
+            if not -SHOWN_US <= placed_us <= self.duration_us + SHOWN_US:
+                raise ValueError
+        except (UnusableDiary, ValueError):
+            raise BadParameter(name=name, value=text[:60], allowed=self.format_bounds()) from None
+        return min(max(placed_us, 0), self.duration_us) / MICROSECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodRow:
+    """A period of the diary as the form shows it: its clock times can be typed again."""
+
+    kind: str
+    label: str
+    start: str
+    end: str
+
+
+def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[PeriodRow]:
+    """Return the rows of a diary as the form shows them. Raises UnusableDiary."""
+    return [
+        PeriodRow(
+            period.kind,
+            period.label,
+            clock.format(period.start_us / MICROSECONDS),
+            clock.format(period.end_us / MICROSECONDS),
+        )
+        for period in place_diary(entries, clock.start, clock.duration_us).periods
+    ]
+
+
+# Corrections on the page of an analysis: arm, pose, window, periods of the day.
+
+NO_POSE = "axis"
+"""What the form says in place of a pose where none was held."""
+Window = tuple[float, float]
+COLUMNS = ("start", "end", "kind", "label")
+SECONDS = ("start_s", "end_s", "kind", "label")
+"""The columns of the diary of a recording without a clock; the fields of the form are always COLUMNS."""
+BOM = "\ufeff"
+
+T = TypeVar("T", bound=str)
+
+
+def correct_request(
+    before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...] = ()
+) -> ReportRequest:
+    """Return the request of the next analysis; ``used_s``: the windows that the one before used.
+
+    Raises BadParameter, UnusableDiary or UnusableCalibration.
+    """
+    known = _read_pose(before, form, clock, used_s)
+    hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
+    if hint:
+        raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
+    try:
+        subject = check_subject(first(form, "subject"))
+    except ValueError:
+        typed = first(form, "subject")[:60]
+        raise BadParameter(name="subject", value=typed, allowed=SUBJECT_HINT) from None
+    diary = read_rows(form, clock)
+    place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
+    sides: tuple[Side, ...] = get_args(Side)
+    held: tuple[PoseHeld, ...] = get_args(PoseHeld)
+    return replace(
+        known,
+        subject=subject,
+        side=_choose(sides, first(form, "side"), "side") if first(form, "side") else None,
+        pose_held=_choose(held, first(form, "held"), "held") if first(form, "held") else None,
+        slip_times_s=_read_times(first(form, "slips"), "slip_at", clock),
+        no_slip_times_s=_read_times(first(form, "no_slips"), "no_slip_at", clock),
+        diary=diary,
+        reason=first(form, "reason").strip()[:MAX_TEXT],
+    )
+
+
+def read_rows(form: Form, clock: DayClock) -> tuple[DiaryEntry, ...]:
+    """Return the periods of the form; rows without a time are left aside.
+
+    Raises UnusableDiary, with the row as ``line``, counted from 1 with the heading.
+    """
+    rows = [
+        row for row in zip_longest(*(form.get(name, []) for name in COLUMNS), fillvalue="") if row[0].strip()
+    ]
+    return read_diary(write_csv(rows, clock)) if rows else ()
+
+
+def write_csv(rows: Sequence[tuple[str, ...]], clock: DayClock, *, bom: str = "") -> bytes:
+    """Write rows of start, end, kind, label as a diary that we read again."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, delimiter=";")
+    writer.writerows([COLUMNS if clock.start else SECONDS, *rows])
+    return (bom + text.getvalue()).encode()
+
+
+def _read_pose(
+    before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...]
+) -> ReportRequest:
+    """Read how the sensor is tied to the arm: by an axis that was strapped along it, or by a pose."""
+    if first(form, "pose") == NO_POSE:
+        return replace(before, calibration_windows_s=(), arm_axis=_choose_axis(first(form, "axis")))
+    poses: tuple[Pose, ...] = get_args(Pose)
+    pose = _choose(poses, first(form, "pose"), "pose")
+    windows_s = _read_windows(form, "window", clock)
+    if pose == "two-point":
+        windows_s = [*windows_s[:1], *_read_windows(form, "level", clock)]
+    elif windows_s[:1] == [None] and any(windows_s) and used_s:
+        windows_s[0] = used_s[0]  # held again, besides the one that the software found
+    given_s = tuple(window_s for window_s in windows_s if window_s is not None)
+    return replace(before, pose=pose, calibration_windows_s=given_s, arm_axis=None)
+
+
+def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
+    """Read the windows that were typed; None for an empty one, which leaves the choice to the software."""
+    windows_s: list[Window | None] = []
+    for pair in zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue=""):
+        typed = [moment.strip() for moment in pair]
+        if not any(typed):
+            windows_s.append(None)
+            continue
+        if not all(typed):
+            window = " – ".join(moment or "?" for moment in typed)
+            raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
+        start_s, end_s = (clock.read(moment, "calibration") for moment in typed)
+        if end_s <= start_s:
+            raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
+        windows_s.append((start_s, end_s))
+    return windows_s
+
+
+def _read_times(text: str, name: str, clock: DayClock) -> tuple[float, ...]:
+    """Read moments at which the sensor slipped, or did not, with ";" between them."""
+    return tuple(clock.read(moment.strip(), name) for moment in text.split(";") if moment.strip())
+
+
+def _choose_axis(text: str) -> ArmAxis:
+    try:
+        return parse_arm_axis(text)
+    except ValueError:
+        raise BadParameter(name="axis", value=text[:60], allowed=AXIS_HINT) from None
+
+
+def _choose(allowed: tuple[T, ...], text: str, name: str) -> T:
+    for choice in allowed:
+        if choice == text:
+            return choice
+    raise BadParameter(name=name, value=text[:60], allowed=", ".join(allowed))
+
+
+MOST_POINTS = 4000
+MOST_SPANS = 200
+LATEST_S = 1e8
+
+router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
+Second = Annotated[float, Query(ge=0, le=LATEST_S)]
+
+
+class Piece(BaseModel):
+    """A stretch of a curve, and into how many pieces it is cut."""
+
+    from_s: Annotated[float, Field(ge=0, le=LATEST_S)]
+    to_s: Annotated[float, Field(ge=0, le=LATEST_S)]
+    points: Annotated[int, Field(ge=1, le=MOST_POINTS)] = 1200
+
+
+@router.get("/curve")
+def curve(analysis_id: str, page: UsedPage, piece: Annotated[Piece, Query()]) -> Response:
+    """Return the lowest and highest angle in each of about ``points`` pieces of a stretch."""
+    return cut_curve(_find_day_of(page, analysis_id)[1], piece)
+
+
+def cut_curve(day: DayFile, piece: Piece) -> Response:
+    """Answer with a stretch of a curve."""
+    stretches = [asdict(stretch) for stretch in day.cut(piece.from_s, piece.to_s, piece.points)]
+    return JSONResponse({"stretches": stretches})
+
+
+@router.get("/stillness")
+def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) -> dict[str, Any]:
+    """Say how still the arm was in a window, and why the window would be refused.
+
+    ``score``: 0 to 1, as the calibration scores it, null in a hole; ``why``: a term of E-CALIBRATION or "".
+    """
+    quiet = _find_day_of(page, analysis_id)[1].measure_quiet(start_s, end_s)
+    if quiet is None:
+        return {"score": None, "why": "short" if end_s - start_s < RULES.shortest_window_s else "hole"}
+    gravity_g, sd_g = quiet
+    score = score_still_period(end_s - start_s, sd_g, np.asarray(gravity_g))
+    return {"score": round(score, 3), "why": object_to_window(end_s - start_s, sd_g, np.asarray(gravity_g))}
+
+
+@router.get("/share")
+def share(
+    analysis_id: str,
+    page: UsedPage,
+    span: Annotated[list[str], Query(min_length=1, max_length=MOST_SPANS)],
+) -> dict[str, Any]:
+    """Return the time above 60 deg in stretches, each ``start,end`` in s, as of a task of the diary."""
+    _, day = _find_day_of(page, analysis_id)
+    valid_s = above_s = 0.0
+    for text in span:
+        try:
+            start_s, end_s = (float(part) for part in text.split(","))
+        except ValueError:
+            start_s = end_s = 0.0
+        if not 0.0 <= start_s < end_s <= LATEST_S:
+            raise BadParameter(name="span", value=text[:60], allowed="start,end (s)")
+        valid, above = day.measure_above(start_s, end_s, MAIN_THRESHOLD_DEG)
+        valid_s, above_s = valid_s + valid, above_s + above
+    percent = 100.0 * above_s / valid_s if valid_s else None
+    told = (format_duration(above_s, page.language), format_percent(percent, page.language))
+    return {"percent": percent, "words": "{} ({})".format(*told) if valid_s else told[1]}
+
+
+@router.post("/again")
+def analyse_again(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Analyse the recording once more, as corrected on the page; the earlier analysis stays as it is."""
+    job, day = _find_day_of(page, analysis_id)
+    used_s = tuple((start_s, end_s) for start_s, end_s, *_ in day.facts["calibration"])
+    return _add_again(job, correct_request(job.request, form, DayClock.of(day.facts), used_s), page)
+
+
+@router.post("/pose")
+def name_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Analyse the recording once more, with one of the proposed stretches as the pose.
+
+    A stretch after the sensor moved is a pose beside those before it; ``start`` states that the pose was held
+    at the start of wear.
+    """
+    job, day = _find_day_of(page, analysis_id)
+    facts, request = day.facts, job.request
+    before_s = request.calibration_windows_s or tuple((a, b) for a, b, *_ in facts["calibration"])
+    choices_s: dict[str, tuple[Window, ...]] = {START: ()}
+    choices_s |= {name_choice(a, b): ((a, b),) for a, b in facts["asked"]}
+    choices_s |= {
+        name_choice(a, b): (*before_s, (a, b)) for *_, stills in facts.get("unread", ()) for a, b in stills
+    }
+    choice = first(form, "choice")
+    if choice not in choices_s:
+        raise BadParameter(name="choice", value=choice[:60], allowed=", ".join(choices_s))
+    held: PoseHeld | None = "start" if choice == START else request.pose_held
+    windows_s = choices_s[choice]
+    named = replace(request, calibration_windows_s=windows_s, pose_held=held, arm_axis=None, reason="")
+    return _add_again(job, named, page)
+
+
+@router.post("/moved")
+def answer_move(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Analyse the recording once more, with the answer to whether the sensor moved on the arm."""
+    job, day = _find_day_of(page, analysis_id)
+    middles_s = dict[str, float]()
+    for place, (_, start_s, end_s, _) in enumerate(day.facts.get("moves", ())):
+        middles_s |= dict.fromkeys((f"{place}-{YES}", f"{place}-{NO}"), float(round((start_s + end_s) / 2.0)))
+    answer = first(form, "answer")
+    if answer not in middles_s:
+        raise BadParameter(name="answer", value=answer[:60], allowed=", ".join(middles_s))
+    before, middle_s = job.request, middles_s[answer]
+    slips_s, no_slips_s = before.slip_times_s, before.no_slip_times_s
+    if answer.endswith(YES):
+        slips_s = tuple(sorted((*slips_s, middle_s)))
+    else:
+        no_slips_s = tuple(sorted((*no_slips_s, middle_s)))
+    answered = replace(before, slip_times_s=slips_s, no_slip_times_s=no_slips_s, reason="")
+    return _add_again(job, answered, page)
+
+
+@router.post("/other-pose")
+def try_other_pose(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Analyse once more what no pose could be found for, by an axis, or else without the windows given."""
+    job = page.services.store.get(analysis_id)
+    axis = _choose_axis(first(form, "axis")) if first(form, "axis") else None
+    pose = "n-pose" if job.request.pose == "two-point" else job.request.pose
+    other = replace(job.request, pose=pose, calibration_windows_s=(), arm_axis=axis, reason="")
+    return _add_again(job, other, page)
+
+
+def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
+    """Write what is asked of these names (subject, side) on the recording, for its next analysis to know."""
+    row = services.recordings.get(job.recording_id)
+    about = replace(row.about, **{name: getattr(asked, name) for name in names})
+    if about != row.about:
+        services.recordings.describe(row, about)
+
+
+def _add_again(job: Job, corrected: ReportRequest, page: Page) -> Response:
+    again = page.services.store.correct(job, corrected)
+    said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    say_whose(page.services, job, corrected, said)
+    return page.go(f"/analyses/{again.id}?before={job.id}")
+
+
+@router.post("/diary")
+def import_diary(
+    analysis_id: str, page: UsedPage, body: Annotated[bytes, Depends(read_body)]
+) -> list[PeriodRow]:
+    """Read a diary as CSV and return its rows as the form shows them; nothing is changed."""
+    job = page.services.store.get(analysis_id)
+    return place_rows(read_diary(body), DayClock.of(find_day(page.services, job).facts))
+
+
+@router.post("/diary.csv")
+def export_diary(analysis_id: str, page: UsedPage, form: UsedForm) -> Response:
+    """Return the rows of the form as a diary, for another recording or another program."""
+    clock = DayClock.of(_find_day_of(page, analysis_id)[1].facts)
+    rows = place_rows(read_rows(form, clock), clock)
+    body = write_csv([(row.start, row.end, row.kind, row.label) for row in rows], clock, bom=BOM)
+    return respond_with_file(body, MEDIA_TYPES["csv"], "diary.csv")
+
+
+def _find_day_of(page: Page, analysis_id: str) -> tuple[Job, DayFile]:
+    job = page.services.store.get(analysis_id)
+    return job, find_day(page.services, job)
+
+
+def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
+    """Open the day of a finished analysis, or one of the two curves of a comparison.
+
+    Raises NoSuchFile or ResultDamaged.
+    """
+    if job.state is not JobState.SUCCEEDED:
+        raise NoSuchFile(name=name)
+    with services.results.borrow(job, name) as path:
+        return open_day(path)
+
+
+# What the page shows of a day: its form, the questions about it, and its hours.
+
+STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
+"""What a still stretch is proposed as; days of earlier versions proposed poses alone."""
+MOST_PROPOSED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRow:
+    """A calibration window as the form shows it: the window asked for, and the one the software used."""
+
+    start: str = ""
+    end: str = ""
+    used_start: str = ""
+    used_end: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A stretch that a person may accept."""
+
+    kind: str
+    start: str
+    end: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An answer: ``value`` as it is sent, ``label`` as it reads.
+
+    Of a stretch also ``start`` and ``end``, and its ``name`` on the curve.
+    """
+
+    value: str
+    label: str
+    name: str = ""
+    start: str = ""
+    end: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What only a person knows.
+
+    ``action`` and ``field`` send the answer; ``start`` to ``end`` is the time that it is about.
+    """
+
+    key: str
+    action: str
+    field: str
+    heading: str
+    lead: str
+    choices: tuple[Choice, ...]
+    start: str = ""
+    end: str = ""
+
+
+def build_day(day: DayFile, request: ReportRequest, language: Language) -> dict[str, Any]:
+    """Build everything that the timeline's part of the page needs of a day and of its request."""
+    clock, words = DayClock.of(day.facts), load_wording(language, "day")
+    names = words["kind_name"]
+    count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
+    return {
+        "start": str(day.facts["start"] or ""),
+        "duration_s": clock.duration_s,
+        "needs_date": clock.needs_date,
+        "rows": place_rows(request.select_diary(), clock),
+        "windows": tuple(_build_window(place, day, request, clock) for place in range(count)),
+        "level": _build_window(1, day, request, clock) if request.pose == "two-point" else WindowRow(),
+        "held": request.pose_held or "",
+        "slips": "; ".join(map(clock.format, request.slip_times_s)),
+        "no_slips": "; ".join(map(clock.format, request.no_slip_times_s)),
+        "axis": _build_axis(day.facts, request, words, language),
+        "questions": tuple(_list_questions(day.facts, request, words, Clock(clock.start, language))),
+        "proposals": tuple(_list_proposals(day.facts, clock, words, language)),
+        "kinds": tuple((kind, str(names[kind])) for kind in KINDS),
+        "has_samples": bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
+    }
+
+
+def _build_axis(
+    facts: Mapping[str, Any], request: ReportRequest, words: Words, language: Language
+) -> dict[str, Any]:
+    """Return which axis was ``asked`` ("" for none), what the form offers, and which was ``nearest``.
+
+    ``drawing`` names the drawing of the sensor, ``where`` says how its axes lie.
+    """
+    entry, device = words["along"], facts["device"]
+    drawing = device if device in entry["where"] else "other"
+    nearest, apart_deg = (None if request.arm_axis else facts.get("nearest_axis")) or ("", 0.0)
+    told = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
+    return {
+        "asked": request.arm_axis or "",
+        "choices": list_axes(),
+        "drawing": drawing,
+        "where": str(entry["where"][drawing]),
+        "nearest": fill(entry["nearest"], told) if nearest else "",
+    }
+
+
+def list_axes() -> tuple[tuple[str, str], ...]:
+    """Return each axis that may lie along the arm, and how people read it."""
+    return tuple((axis, format_axis(axis)) for axis in ARM_AXES)
+
+
+def format_axis(axis: str) -> str:
+    """Write a sensor's axis as people read it: "y", "−y"."""
+    return axis.removeprefix("+").replace("-", "\u2212")
+
+
+# The questions of the page: when the pose was held, whether the sensor moved, which pose came after that.
+
+START = "start"
+"""In place of a stretch: the pose was held at the start of wear."""
+YES, NO = "yes", "no"
+"""Whether the sensor moved on the arm."""
+
+
+def name_choice(start_s: float, end_s: float) -> str:
+    """Name a stretch in a form."""
+    return f"{start_s:.2f}-{end_s:.2f}"
+
+
+def _list_questions(
+    facts: Mapping[str, Any], request: ReportRequest, words: Words, told: Clock
+) -> Iterator[Question]:
+    """Yield what is open; a pose after a move is asked for once the one before it is confirmed.
+
+    Of the stretches in which the pose may have been held, the first is the one in use.
+    """
+    clock, asked, unread = DayClock.of(facts), facts.get("asked"), facts.get("unread", ())
+
+    def offer(key: str, start_s: float, end_s: float) -> Choice:
+        time = told.format(start_s, with_seconds=True)
+        length = format_duration(end_s - start_s, told.language)
+        label = fill(words[key], {"time": time, "length": length})
+        shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
+        return Choice(name_choice(start_s, end_s), label, f"{time}?", *shown)
+
+    if asked:
+        leads = [str(words["which_not_held"])] if facts.get("not_held") else []
+        if facts.get("needs_pose"):
+            apart = format_angle(facts.get("spread_deg", 0.0), told.language)
+            leads.append(fill(words["which_apart"], {"apart": apart}))
+        leads = leads or [str(words["which_lead"])]
+        leads += [fill(words["which_next"], {"time": told.format(start_s)}) for start_s, *_ in unread]
+        choices = [offer("choice_used", *asked[0]), *(offer("choice", *other) for other in asked[1:])]
+        if request.pose_held != "start" and not facts.get("not_held"):
+            choices.insert(1, Choice(START, words["held_start"]))
+        yield Question("which-pose", "pose", "choice", words["which"], " ".join(leads), tuple(choices))
+    for number, (kind, start_s, end_s, apart_deg) in enumerate(facts.get("moves", ())):
+        span = {**told.format_span(start_s, end_s), "apart": format_angle(apart_deg, told.language)}
+        heading, lead = (fill(words[key], span) for key in (kind, f"{kind}_lead"))
+        yes, no = ("slipped", "no_slip") if kind == "slip" else ("moved", "same_place")
+        answers = (Choice(f"{number}-{YES}", words[yes]), Choice(f"{number}-{NO}", words[no]))
+        shown = (clock.format(round(at_s)) for at_s in (start_s, end_s))
+        yield Question(f"move-{number}", "moved", "answer", heading, lead, answers, *shown)
+    for number, (start_s, _, stills) in enumerate(() if asked else unread):
+        time = {"time": told.format(start_s)}
+        heading, lead = (fill(words[key], time) for key in ("which_after", "which_after_lead"))
+        offers = tuple(offer("choice", *still) for still in stills)
+        yield Question(f"pose-after-{number}", "pose", "choice", heading, lead, offers)
+
+
+def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> WindowRow:
+    chosen, used = request.calibration_windows_s, day.facts["calibration"]
+    start, end = map(clock.format, chosen[place]) if place < len(chosen) else ("", "")
+    used_start, used_end = map(clock.format, used[place][:2]) if place < len(used) else ("", "")
+    return WindowRow(start, end, used_start, used_end)
+
+
+def _list_proposals(
+    facts: Mapping[str, Any], clock: DayClock, words: Words, language: Language
+) -> Iterator[Proposal]:
+    still = [
+        (start_s, end_s, STILL_KINDS["".join(kind)], format_number(score, 2, language))
+        for start_s, end_s, score, *kind in facts["still"]
+    ]
+    still = [*still[:MOST_PROPOSED], *(row for row in still[MOST_PROPOSED:] if row[2] == "repeat")]
+    not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
+    for start_s, end_s, kind, score in (*still, *not_worn):
+        shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
+        yield Proposal(kind, clock.format(start_s), clock.format(end_s), fill(words[kind], shown))
+
+
+def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
+    """Return the hours as rows of a table: hour, analysed, median, P90, time above 60 deg.
+
+    An hour of which nothing was analysed has no figures: the last, when a day ends just behind the full hour.
+    """
+    return [
+        (
+            str(hour["label"]).replace("T", " "),
+            format_duration(hour["analysed_s"], language),
+            format_angle(hour.get("elevation_p50_deg"), language),
+            format_angle(hour.get("elevation_p90_deg"), language),
+            format_percent(hour.get("time_above_60_percent"), language),
+        )
+        for hour in results["exposure"].get("by_hour", ())
+    ]

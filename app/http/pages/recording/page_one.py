@@ -1,0 +1,163 @@
+"""Page 1 of the report on the page of its recording, the moments to look at on the curve, several curves."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime, time
+
+from app.errors import NoSuchFile
+from app.http.pages.recording.day import DayClock, find_day
+from app.http.pages.rendering import Page
+from app.library.job import Job
+from app.report.charts.day import WORST_WINDOW_S, build_timeline
+from app.report.export.results import decode_results
+from app.report.findings import Findings
+from app.report.model import Report
+from app.report.single.report import build_report
+from app.report.words.numbers import Clock, format_angle, format_duration, format_percent
+from app.report.words.wording import Language, fill, load_wording
+from app.services import Services
+from app.store.day_file import DayFile
+from fusion.conventions import MAIN_THRESHOLD_DEG
+
+HIGHEST = 10
+LEAST_S = 0.5
+"""As of every episode (fusion.exposure.stays): shorter ones are none, shorter gaps do not end one."""
+AROUND_S = 5.0
+"""Shown before and after an episode."""
+
+
+Minutes = tuple[tuple[tuple[float, ...], ...], ...]
+"""Unbroken runs of minutes: start and end, s; P10, median and P90, deg."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A stretch to look at: its description, its mark on the curve, and the part that the curve shows."""
+
+    words: str
+    mark: str
+    at: str
+    start: str
+    end: str
+
+
+@dataclass(frozen=True, slots=True)
+class PageOne:
+    """Page 1 of the report, and where to look: two stretches, then the highest episodes.
+
+    ``minutes`` are those of the report's day, for the curve.
+    """
+
+    report: Report
+    looks: Sequence[Look] = ()
+    highest: Sequence[Look] = ()
+    minutes: Minutes = ()
+
+
+def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
+    """Build page 1 of a finished analysis; None if its results cannot be read. Raises ResultDamaged.
+
+    Without a day there is nothing to look at.
+    """
+    try:
+        kept = decode_results(services.results.read(job, "results.json"))
+    except (NoSuchFile, ValueError):
+        return None
+    report = build_report(kept.findings, replace(kept.subject, reason=job.request.reason), language)
+    if day is None:
+        return PageOne(report)
+    looks, highest = _list_looks(kept.findings, day, language)
+    return PageOne(report, looks, highest, list_minutes(kept.findings, language))
+
+
+def list_minutes(findings: Findings, language: Language) -> Minutes:
+    """List the minutes of the report's day."""
+    clock = Clock(findings.recording.start, language)
+    runs = build_timeline(findings, clock, load_wording(language)).runs
+    return tuple(
+        tuple(
+            (b.start_s, b.end_s, *(round(angle, 2) for angle in (b.low_deg, b.middle_deg, b.high_deg)))
+            for b in run
+        )
+        for run in runs
+    )
+
+
+def _list_looks(findings: Findings, day: DayFile, language: Language) -> tuple[list[Look], list[Look]]:
+    """List the 15 minutes with the most time above 60 deg and the longest stay; then the highest episodes."""
+    clock, told = DayClock.of(day.facts), Clock(findings.recording.start, language)
+    words = load_wording(language, "page")["page_one"]
+
+    def look(sentence: str, start_s: float, end_s: float, around_s: float, mark: str = "") -> Look:
+        shown = max(start_s - around_s, 0.0), min(end_s + around_s, clock.duration_s)
+        return Look(sentence, mark, clock.format((start_s + end_s) / 2), *map(clock.format, shown))
+
+    looks = []
+    window = next((w for w in findings.exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
+    if window is not None and window.start_s is not None and window.percent_above_60:
+        start_s, end_s = window.start_s, window.start_s + window.length_s
+        share = format_percent(window.percent_above_60, language)
+        facts = {"start": told.format(start_s), "end": told.format(end_s), "percent": share}
+        looks.append(look(fill(words["window"], facts), start_s, end_s, 60.0))
+    stays = next((e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG), None)
+    if stays is not None and stays.longest_s and stays.longest_start_s is not None:
+        start_s, end_s = stays.longest_start_s, stays.longest_start_s + stays.longest_s
+        facts = {"time": told.format(start_s), "duration": format_duration(stays.longest_s, language)}
+        looks.append(look(fill(words["longest"], facts), start_s, end_s, 2 * AROUND_S))
+    highest = []
+    for number, episode in enumerate(day.find_highest(float(MAIN_THRESHOLD_DEG), LEAST_S, HIGHEST), 1):
+        facts = {
+            "time": told.format(episode.start_s),
+            "angle": format_angle(episode.highest_deg, language),
+            "duration": format_duration(episode.end_s - episode.start_s, language),
+        }
+        sentence = fill(words["episode"], facts)
+        highest.append(look(sentence, episode.start_s, episode.end_s, AROUND_S, str(number)))
+    return looks, highest
+
+
+# Curves of several recordings above one another, moved together: both arms, two visits.
+
+
+@dataclass(frozen=True, slots=True)
+class CurveView:
+    """One curve: its name, where its samples are, and by how many seconds it begins after the first.
+
+    ``beside``: where the samples of another curve in the same drawing are; empty for none.
+    """
+
+    name: str
+    address: str
+    clock: DayClock
+    shift_s: float
+    minutes: Minutes = ()
+    beside: str = ""
+
+
+Laid = tuple[Job, str, float | None]
+"""An analysis, its name, and when it began, s; None: by its clock's time of the day."""
+
+
+def build_curves(page: Page, laid: Sequence[Laid]) -> tuple[CurveView, ...]:
+    """Build a curve for each analysis; none if one of them has no curve."""
+    try:
+        clocks = [DayClock.of(find_day(page.services, job).facts) for job, _, _ in laid]
+    except NoSuchFile:
+        return ()
+    starts_s = []
+    for clock, (_, _, begins_s) in zip(clocks, laid, strict=True):
+        start_s = begins_s or 0.0
+        if begins_s is None and clock.start is not None:
+            midnight = datetime.combine(clock.start, time(), clock.start.tzinfo)
+            start_s = (clock.start - midnight).total_seconds()
+        starts_s.append(start_s)
+    curves = []
+    for (job, name, _), clock, start_s in zip(laid, clocks, starts_s, strict=True):
+        minutes: Minutes = ()
+        with suppress(NoSuchFile, ValueError):  # results that cannot be read
+            results = decode_results(page.services.results.read(job, "results.json"))
+            minutes = list_minutes(results.findings, "en")
+        address = f"{page.base}/analyses/{job.id}/curve"
+        curves.append(CurveView(name, address, clock, start_s - min(starts_s), minutes))
+    return tuple(curves)

@@ -1,0 +1,317 @@
+"""Pages: who asks for one, what its form says, how it or a report is rendered, with scripts and styles."""
+
+import gzip
+import hashlib
+import re
+from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.metadata import version
+from importlib.util import find_spec
+from os import PathLike, stat_result
+from pathlib import Path
+from typing import Annotated, Any, cast
+from urllib.parse import parse_qsl, urlencode
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.staticfiles import StaticFiles
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.types import Scope
+
+from app.accounts.logins import Logins
+from app.accounts.subjects import Permission, Subject
+from app.errors import BadParameter, NotHere
+from app.http.middleware.callers import find_logins
+from app.http.middleware.guard import REPORT_POLICY
+from app.http.middleware.problems import drop_secrets
+from app.report.render.html import trust_drawing
+from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
+from app.report.words.wording import Language, Part, Words, fill, is_french, load_wording
+from app.services import LANGUAGE_COOKIE, SUBJECT, Services, choose_language, find_services, prefer_language
+
+# Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
+# them for good. plotly's script comes from the installed package: no page loads anything from another host.
+
+
+FOLDER = Path(__file__).resolve().parent / "static"
+FOR_EVER = "public, max-age=31536000, immutable"
+
+router = APIRouter(include_in_schema=False)
+
+
+class Assets(StaticFiles):
+    """The static files, which never change under their address."""
+
+    def file_response(
+        self, full_path: str | PathLike[str], stat_result: stat_result, scope: Scope, status_code: int = 200
+    ) -> Response:
+        """Let the browser keep the file."""
+        response = super().file_response(full_path, stat_result, scope, status_code)
+        response.headers["Cache-Control"] = FOR_EVER
+        return response
+
+
+@cache
+def find_assets() -> str:
+    """Return the address of the static files, without the proxy's part: ``/static/<fingerprint>``."""
+    digest = hashlib.sha256()
+    for path in sorted(FOLDER.rglob("*")):
+        if path.is_file():
+            digest.update(path.relative_to(FOLDER).as_posix().encode() + path.read_bytes())
+    return f"/static/{digest.hexdigest()[:12]}"
+
+
+@cache
+def find_plotly() -> str:
+    """Return the address of plotly's script, without the proxy's part."""
+    return f"/vendor/plotly-{version('plotly')}.min.js"
+
+
+@cache
+def find_style_ids() -> tuple[str, ...]:
+    """Return the ids of the styles that plotly's script puts into a page unless an element of that name is
+    there: map controls, which we never draw, and which our policy would refuse.
+    """
+    return tuple(re.findall(r'getElementById\("([0-9a-f]{32,})"\)', _read_script().decode()))
+
+
+@router.get("/vendor/{name}")
+def plotly(name: str, request: Request) -> Response:
+    """Return plotly's script from the installed package."""
+    if f"/vendor/{name}" != find_plotly():
+        raise NotHere
+    headers = {"Cache-Control": FOR_EVER, "Vary": "Accept-Encoding"}
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        headers["Content-Encoding"] = "gzip"
+        return Response(_read_packed(), media_type="text/javascript", headers=headers)
+    return Response(gzip.decompress(_read_packed()), media_type="text/javascript", headers=headers)
+
+
+@cache
+def _read_packed() -> bytes:
+    """Compress the script once: a third of the bytes to send and to hold."""
+    return gzip.compress(_read_script(), 6, mtime=0)
+
+
+def _read_script() -> bytes:
+    package = find_spec("plotly")
+    if package is None or package.origin is None:
+        raise NotHere
+    return (Path(package.origin).parent / "package_data" / "plotly.min.js").read_bytes()
+
+
+YEAR_S = 365 * 24 * 3600
+
+_PACKAGED = Path(__file__).resolve().parents[2] / "templates" / "web"
+_CHECKOUT = Path(__file__).resolve().parents[3] / "templates" / "web"
+
+pages = Environment(
+    loader=FileSystemLoader(_PACKAGED if _PACKAGED.is_dir() else _CHECKOUT),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+pages.filters["drawing"] = trust_drawing
+pages.globals |= {
+    "fill": fill,
+    "find_style_ids": find_style_ids,
+    "percent": format_percent,
+    "angle": format_angle,
+    "duration": format_duration,
+    "number": format_number,
+}
+
+
+class _Wording:
+    """The words of one language, by part, for templates: ``wording.day.heading``."""
+
+    def __init__(self, language: Language) -> None:
+        self._language = language
+
+    def __getattr__(self, part: str) -> Words:
+        return load_wording(self._language, cast("Part", part))
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A request for a page: its language, and the stores that answer it."""
+
+    request: Request
+    services: Services
+    language: Language
+
+    @property
+    def base(self) -> str:
+        """The path under which a proxy serves us, "" at the root; every address of ours begins with it."""
+        return find_base(self.request)
+
+    @property
+    def subject(self) -> Subject | None:
+        """Who asks; None for a browser that nobody is known behind."""
+        return cast("Subject | None", self.request.scope.get(SUBJECT))
+
+    @property
+    def logins(self) -> Logins:
+        """What logs people in."""
+        return find_logins(self.request)
+
+    def words(self, part: Part = "page") -> Words:
+        """Return one part of the words."""
+        return load_wording(self.language, part)
+
+    def go(self, place: str) -> Response:
+        """Lead the browser on to a page of ours."""
+        return RedirectResponse(self.base + place, status_code=303)
+
+    def render(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
+        """Render a template with its values, and remember a choice of language."""
+        body = pages.get_template(template).render(
+            values,
+            words=self.words(),
+            wording=_Wording(self.language),
+            language=self.language,
+            base=self.base,
+            static=self.base + find_assets(),
+            plotly=self.base + find_plotly(),
+            language_link=self.turn_language(),
+            subject=self.subject,
+            links=self._list_links(),
+        )
+        response = HTMLResponse(body, status, headers={"Content-Language": self.language})
+        if self.request.query_params.get("lang") == self.language:
+            path = self.base or "/"
+            response.set_cookie(
+                LANGUAGE_COOKIE, self.language, max_age=YEAR_S, httponly=True, samesite="lax", path=path
+            )
+        return response
+
+    def turn_language(self) -> str:
+        """Return the same page in the other language; French is that of the place that the browser names."""
+        shown = parse_qsl(drop_secrets(self.request.url.query), keep_blank_values=True)
+        kept = [(name, value) for name, value in shown if name != "lang"]
+        other = "en" if is_french(self.language) else prefer_language(self.request, ("fr", "fr-CA"))
+        return "?" + urlencode([*kept, ("lang", other)])
+
+    def _list_links(self) -> tuple[tuple[str, str], ...]:
+        """List the pages of trust that somebody may open: address and title."""
+        words = self.words("trail")
+        known: tuple[tuple[Permission, str, str], ...] = (
+            ("aggregate", "/aggregate", words["group"]["title"]),
+            ("read", "/retention", words["terms"]["title"]),
+            ("trail", "/trail", words["title"]),
+        )
+        return tuple(
+            (place, title) for needed, place, title in known if self.subject and self.subject.may(needed)
+        )
+
+
+def find_base(request: Request) -> str:
+    """Return the path under which a proxy serves us, "" at the root."""
+    return str(request.scope.get("root_path", "")).rstrip("/")
+
+
+async def open_page(request: Request) -> Page:
+    """Return what a route of a page works with."""
+    return Page(request, find_services(request), choose_language(request))
+
+
+UsedPage = Annotated[Page, Depends(open_page)]
+
+
+# A report as a page: above it the way back, the PDF and the other language; copies of the file hold none.
+
+WAY_STYLE = (
+    ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
+    ".way a{display:inline-block;min-height:24px}"
+    ".old{max-width:60rem;margin:0 auto;padding:.7rem 1rem;background:#fdf0d5;color:#6b4500}"
+    "@media print{.way,.old a{display:none}}"
+)
+WAY_HASH = b64encode(hashlib.sha256(WAY_STYLE.encode()).digest()).decode()
+"""A report's own policy lets in styles by their hash alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class OldVersion:
+    """The notice that a report is not the current one, with a link to the current one."""
+
+    told: str
+    link: str
+    address: str
+
+
+def lay_way_of_query(page: Page, report: str, place: str) -> HTMLResponse:
+    """Lay the way back above a report whose page and PDF are asked for by the same query."""
+    query = f"?{page.request.url.query}" if page.request.url.query else ""
+    return lay_way(page, report, f"{page.base}{place}{query}", f"{page.base}{place}/report.pdf{query}")
+
+
+def lay_way(page: Page, report: str, back: str, pdf: str, old: OldVersion | None = None) -> HTMLResponse:
+    """Lay the way back above a report, and the banner of an old version; its file is left as it is.
+
+    ``back`` and ``pdf``: where its page and its PDF in this language are. Printing leaves the links out.
+    """
+    words, labels = page.words(), page.words()["report_way"]
+    links = (
+        (back, labels["back"], ""),
+        (pdf, labels["pdf"], " download"),
+        (page.turn_language(), words["other_language"], f' lang="{words["other_language_code"]}"'),
+    )
+    told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
+    bar = f'<nav class="way" aria-label="{escape(labels["label"])}">{told}</nav>'
+    if old is not None:
+        link = f'<a href="{escape(old.address)}">{escape(old.link)}</a>'
+        bar += f'<p class="old">{escape(old.told)} {link}</p>'
+    head, end, body = report.partition("</head>")
+    head = head.replace("style-src ", f"style-src 'sha256-{WAY_HASH}' ", 1) + f"<style>{WAY_STYLE}</style>"
+    whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
+    # its PDF may be downloaded, all else is as strict as for the file
+    policy = f"{REPORT_POLICY} allow-downloads"
+    return HTMLResponse(whole, headers={"Content-Security-Policy": policy, "Cache-Control": "no-store"})
+
+
+# Forms of short text fields, as browsers send them (urlencoded).
+
+MOST_BYTES = 4 << 20
+MOST_FIELDS = 50_000
+
+Form = Mapping[str, list[str]]
+
+
+async def read_form(request: Request) -> Form:
+    """Read ``application/x-www-form-urlencoded``; each name with its values in order. Raises BadParameter."""
+    body = await read_body(request)
+    try:
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
+    except ValueError:
+        raise BadParameter(name="form", value="", allowed=f"≤ {MOST_FIELDS}") from None
+    form: dict[str, list[str]] = {}
+    for name, value in pairs:
+        form.setdefault(name, []).append(value)
+    return form
+
+
+UsedForm = Annotated[Form, Depends(read_form)]
+
+
+async def read_body(request: Request) -> bytes:
+    """Read a body of at most 4 MiB. Raises BadParameter."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MOST_BYTES:
+            raise BadParameter(name="form", value="", allowed=f"≤ {MOST_BYTES}")
+    return bytes(body)
+
+
+def first(form: Form, name: str) -> str:
+    """Return the first value of a name; "" if there is none."""
+    return form.get(name, [""])[0].strip()
+
+
+def take_secret(form: Form, name: str) -> str:
+    """Return the first value of a name as it was typed, with every space."""
+    return form.get(name, [""])[0]

@@ -1,0 +1,109 @@
+"""Pages of trust: the audit log, terms, group figures; forms that release a report or hold a recording."""
+
+from dataclasses import dataclass
+from typing import Annotated
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import HTMLResponse
+
+from app.accounts.subjects import Subject
+from app.errors import BadParameter
+from app.http.api.trust import MOST_LINES, AuditQuery, build_question, find_names
+from app.http.middleware.access import UsedSubject
+from app.http.pages.rendering import Page, UsedForm, UsedPage, first
+from app.http.pages.views import format_moment
+from app.library.audit_log import ACTS, find_lines
+from app.library.governance import KINDS
+from app.library.recordings import HOLD_REASONS
+
+STUDIES = 200
+ASKED = ("subject", "recording", "who", "act", "from", "to")
+
+router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
+
+
+@router.get("/trail")
+def show_audit_log(page: UsedPage, query: Annotated[AuditQuery, Query()]) -> Response:
+    """Show who did what: the lines that a question lets through."""
+    question = build_question(page.services, query)
+    lines = list(find_lines(page.services.store.reader, question, before=query.before, most=MOST_LINES))
+    asked = {name: page.request.query_params.get(name, "") for name in ASKED}
+    return page.render(
+        "trust/audit_log.html",
+        lines=lines,
+        names=find_names(page.request, (line.who for line in lines), page.language),
+        asked=asked,
+        acts=sorted(ACTS),
+        query=urlencode({name: value for name, value in asked.items() if value}),
+        following=lines[-1].seq if len(lines) == MOST_LINES else None,
+    )
+
+
+@router.get("/retention")
+def show_terms(page: UsedPage) -> Response:
+    """Show how long each kind is kept, with a form to change it."""
+    return page.render("trust/retention.html", terms=page.services.retention.find_all())
+
+
+@router.post("/retention")
+def change_terms(page: UsedPage, form: UsedForm) -> Response:
+    """Change the terms that the form names; an empty one keeps its kind for good."""
+    known = page.services.retention.find_all()
+    for kind, typed in {kind: first(form, kind) for kind in KINDS if kind in form}.items():
+        if typed and (not typed.isdecimal() or len(typed) > 6):
+            raise BadParameter(name="days", value=typed[:20], allowed="1, 2, 3 …")
+        days = int(typed) if typed else None
+        if days != known[kind]:
+            page.services.retention.put(kind, days)
+    return page.go("/retention")
+
+
+@router.post("/recordings/{recording_id}/hold")
+def hold(recording_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
+    """Put a recording on hold, or end its hold."""
+    typed, recordings = first(form, "reason"), page.services.recordings
+    reason = next((one for one in HOLD_REASONS if one == typed), None)
+    if not typed:
+        recordings.let_go(recording_id)
+    elif reason is None:
+        raise BadParameter(name="reason", value=typed[:20], allowed=", ".join(HOLD_REASONS))
+    else:
+        recordings.hold(recording_id, reason, subject.id)
+    return page.go(f"/recordings/{recording_id}/purge")
+
+
+@router.post("/analyses/{analysis_id}/release")
+def release(analysis_id: str, page: UsedPage, form: UsedForm, subject: UsedSubject) -> Response:
+    """Release a report under one's name, or take that back."""
+    job, releases = page.services.store.get(analysis_id), page.services.releases
+    change = releases.take_back if first(form, "back") else releases.release
+    change(job, subject.id)
+    return page.go(f"/analyses/{analysis_id}")
+
+
+@router.get("/aggregate")
+def show_groups(page: UsedPage) -> Response:
+    """Show the published group figures of every study: of five people or more, never of one."""
+    groups = [
+        (group, [(block, format_moment(block.published_at)) for block in group.blocks])
+        for group in page.services.aggregates.find_studies(STUDIES)
+    ]
+    return page.render("trust/aggregate.html", groups=groups)
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseCard:
+    """Who released the report that is shown, and when, "" if nobody has; whether the reader may."""
+
+    name: str
+    when: str
+    may: bool
+
+
+def build_release(page: Page, subject: Subject, analysis_id: str) -> ReleaseCard:
+    """Return the release of a finished analysis."""
+    found, who, when = page.services.releases.find(analysis_id), "", ""
+    if found is not None:
+        who, when = find_names(page.request, [found.who], page.language)[found.who], format_moment(found.at)
+    return ReleaseCard(who, when, subject.may("release"))

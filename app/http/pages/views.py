@@ -1,0 +1,518 @@
+"""Views of a job and of the library: words and formatted numbers, so that the templates only place them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from math import ceil
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import urlencode
+
+from fastapi import Request
+
+from app.http.pages.recording.day import DayClock, format_axis, place_rows
+from app.http.pages.rendering import OldVersion, Page
+from app.library.job import Job, JobState
+from app.library.listing import (
+    FALLING,
+    GROUPS,
+    ORDERS,
+    Entry,
+    Group,
+    HeadlineFigures,
+    Library,
+    LibraryFilter,
+    Order,
+    Took,
+)
+from app.report.words.columns import format_columns
+from app.report.words.messages import Problem, describe_problem
+from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
+from app.report.words.wording import Language, Words, fill, load_wording
+from app.services import Services
+from fusion import errors
+from fusion.conventions import METHOD_VERSION
+
+_CURED_BY_COLUMNS = (
+    *(errors.MixedColumns, errors.ExchangedSensors, errors.UnknownColumns, errors.SeveralSensors),
+    *(errors.UnknownRate, errors.UnknownUnit, errors.WrongScale, errors.UnusableTime),
+    *(errors.UnknownFormat, errors.UnusableProfile),
+)
+ASK_COLUMNS = frozenset(refusal.code for refusal in _CURED_BY_COLUMNS)
+"""Refusals that a person may cure by saying what the columns are."""
+
+MOST_APART = 2.0
+"""Times the size of a file: by larger or smaller ones no time left is judged."""
+MOST_PERIODS = 12
+
+
+def describe_old(job: Job, reports: Sequence[Job], page: Page) -> OldVersion | None:
+    """Return the notice above an old version; None for any other analysis.
+
+    ``reports``: those of the recording, the newest first.
+    """
+    current = next(iter(reports), job)
+    if job.state is not JobState.SUCCEEDED or job.request.version == current.request.version:
+        return None
+    words = page.words()["version"]
+    count = max(report.request.version for report in (job, *reports))
+    told = fill(words["old"], {"n": str(job.request.version), "count": str(count)})
+    link = fill(words["current"], {"n": str(current.request.version)})
+    return OldVersion(told, link, f"{page.base}/analyses/{current.id}")
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A label and its value; ``key`` names the definition."""
+
+    label: str
+    value: str
+    key: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemBox:
+    """A refusal in words, with its code and the text that "copy details" copies."""
+
+    words: Problem
+    code: str
+    copy_text: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobRow:
+    """One recording in the list.
+
+    ``version`` changes whenever anything shown changes; ``report`` is the address of the report without its
+    ending; ``key`` stays the same for all analyses of a recording. ``asks_columns``: a person may cure the
+    refusal by naming the columns. ``compared``: both files, of a comparison with a reference. ``file_meta``:
+    ``meta`` without subject and arm.
+    """
+
+    id: str
+    key: str
+    name: str
+    meta: tuple[str, ...]
+    file_meta: tuple[str, ...]
+    state: str
+    state_word: str
+    stage_word: str
+    percent: int
+    duration: str
+    is_over: bool
+    problem: ProblemBox | None
+    announcement: str
+    version: str
+    report: str
+    side: str
+    asks_columns: bool
+    compared: str
+
+
+def build_row(job: Job, language: Language, took: Sequence[Took] = ()) -> JobRow:
+    """Build the row of a job in the list; its time left is estimated from ``took``, earlier analyses."""
+    words, request, now = load_wording(language, "page"), job.request, datetime.now(UTC)
+    told, state_word, percent = words["row"], str(words["state"][job.state.value]), round(100 * job.progress)
+    times = []
+    if job.started_at is not None and job.state not in (JobState.QUEUED, JobState.CANCELLED):
+        seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
+        shown = format_duration(seconds if job.ended_at else float(int(seconds)), language)
+        times.append(fill(told["took" if job.ended_at else "running_for"], {"duration": shown}))
+    if left_s := estimate_left_s(job, took, now):
+        times.append(fill(told["time_left"], {"duration": format_duration(left_s, language)}))
+    duration = ", ".join(times)
+    # a first report needs no number, and a failed analysis has none
+    has_version = request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
+    version = fill(told["version"], {"n": str(request.version)}) if has_version else ""
+    subject = fill(told["subject"], {"subject": request.subject}) if request.subject else ""
+    has_arm = job.state is JobState.SUCCEEDED and request.reference is None
+    side = str(told[request.side]) if request.side else str(told["no_side"]) if has_arm else ""
+    of_file = (format_size(job.size_bytes, language), format_time(job.created_at))
+    place = f"analyses/{job.id}/report" if request.reference is None else f"validations/{job.id}/validation"
+    # a person may also name the columns anew
+    is_table = request.profile != "" and "header" in job.problem_facts
+    return JobRow(
+        id=job.id,
+        key=f"of-{job.recording_id}",
+        name=job.file_name,
+        meta=tuple(filter(None, (version, subject, side, *of_file))),
+        file_meta=tuple(filter(None, (version, *of_file))),
+        state=job.state.value,
+        state_word=state_word,
+        stage_word=str(words["stage"][job.stage or "starting"]),
+        percent=percent,
+        duration=duration,
+        is_over=job.is_over,
+        problem=build_problem(job, language),
+        announcement=fill(told["announce"], {"name": job.file_name, "state": state_word}),
+        version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
+        report=f"/api/v1/{place}",
+        side=request.side or "",
+        asks_columns=request.reference is None and (job.problem_code in ASK_COLUMNS or is_table),
+        compared=format_compared(job, words),
+    )
+
+
+def estimate_left_s(job: Job, took: Sequence[Took], now: datetime) -> float | None:
+    """Estimate how long a running analysis still takes, s, by files of its kind and about its size.
+
+    None where no such file was analysed before, or when it takes longer than those.
+    """
+    if job.state is not JobState.RUNNING or job.started_at is None or job.request.reference is not None:
+        return None
+    scaled = [
+        each.took_s * job.size_bytes / each.size_bytes
+        for each in took
+        if Path(each.file_name).suffix.lower() == Path(job.file_name).suffix.lower()
+        and 1 / MOST_APART <= job.size_bytes / max(each.size_bytes, 1) <= MOST_APART
+    ]
+    if not scaled:
+        return None
+    left_s = median(scaled) - (now - job.started_at).total_seconds()
+    return float(ceil(left_s)) if left_s > 0 else None
+
+
+def format_compared(job: Job, words: Words) -> str:
+    """Name both files of a comparison with a reference; empty for a report."""
+    reference = job.request.reference
+    facts = {"name": job.file_name, "reference": reference.file_name if reference else ""}
+    return fill(words["row"]["compared"], facts) if reference else ""
+
+
+def build_problem(job: Job, language: Language) -> ProblemBox | None:
+    """Build the problem of a failed job; None for any other."""
+    if job.problem_code is None:
+        return None
+    words = describe_problem(job.problem_code, job.problem_facts, language)
+    lines = (job.problem_code, words.title, words.detail, words.fix, words.where or "", job.id)
+    return ProblemBox(words, job.problem_code, "\n".join(filter(None, lines)))
+
+
+def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
+    """Choose the main figures of ``results.json``, written as the report writes them."""
+    words = load_wording(language, "page")
+    exposure, time = results["exposure"], results["time"]
+    above = {row["threshold_deg"]: row["percent"] for row in exposure["time_above"]}
+    rises = {row["threshold_deg"]: row for row in exposure["entries"]}
+    recorded = {"recorded": format_duration(time["recorded_s"], language)}
+    percentiles = exposure["percentiles_deg"]
+    values = {
+        "above_30": format_percent(above[30], language),
+        "above_60": format_percent(above[60], language),
+        "above_90": format_percent(above[90], language),
+        "entries": format_number(rises[60]["count"], 0, language),
+        "entries_per_h": format_number(rises[60].get("per_hour"), 0, language),
+        "median": format_angle(percentiles["50"], language),
+        "p90": format_angle(percentiles["90"], language),
+        "analysed": format_duration(time["analysed_s"], language),
+    }
+    return tuple(Fact(fill(words["figure"][name], recorded), value, name) for name, value in values.items())
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor").
+
+    ``brief`` is the answer in five lines, to paste into a record; ``sentences`` are its first three, and
+    ``reason`` is the fourth: the quality and why.
+    """
+
+    figures: tuple[Fact, ...]
+    verdict: str
+    reason: str
+    sentences: tuple[str, ...]
+    brief: str
+
+
+def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
+    """Build the main figures, the answer in words and the verdict on the data."""
+    lines, verdict = tuple(brief.splitlines()), str(results["quality"]["verdict"])
+    return Answer(build_figures(results, language), verdict, "".join(lines[3:4]), lines[:3], brief)
+
+
+def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
+    """List what was asked and of which file; moments by the clock of the recording, where it is known."""
+    words = load_wording(language, "page")["analysis"]
+    request = job.request
+    sides = load_wording(language, "page")["drop"]
+    unstated = words["windows_held" if request.pose_held == "start" else "windows_proposed"]
+    values = {
+        "side": sides[f"side_{request.side}"] if request.side else words["none"],
+        "subject": request.subject or words["none"],
+        "method": words["method_name"][request.method],
+        "pose": words["pose_name"][request.pose],
+        "windows": format_windows(request.calibration_windows_s, clock, language) or str(unstated),
+        "slips": format_times(request.slip_times_s, clock, language) or words["no_slip"],
+        "no_slips": format_times(request.no_slip_times_s, clock, language),
+        "columns": format_columns(request.profile, language) if request.profile else "",
+        "periods": _format_periods(job, clock, language) or words["none"],
+        "added": format_time(job.created_at),
+        "size": format_size(job.size_bytes, language),
+        "sha256": job.sha256,
+        "id": job.id,
+    }
+    if request.arm_axis is not None:
+        values["pose"] = fill(words["no_pose"], {"axis": format_axis(request.arm_axis)})
+        values["windows"] = words["none_given"]
+    return tuple(Fact(str(words[name]), str(value), name) for name, value in values.items())
+
+
+def format_size(size_bytes: int, language: Language) -> str:
+    """Write a size as people read it: "12.3 MB", "12,3 Mo"."""
+    units = load_wording(language, "page")["decimal_units"]
+    power = min(3, max(0, (len(str(size_bytes)) - 1) // 3))
+    decimals = 1 if power >= 2 else 0
+    return f"{format_number(size_bytes / 1000**power, decimals, language)}\u00a0{units[power]}"
+
+
+def format_time(moment: datetime) -> str:
+    """Write a time that cannot be misread, on this computer's clock."""
+    return moment.astimezone().strftime("%Y-%m-%d %H:%M")
+
+
+def format_moment(text: str) -> str:
+    """Write a time that a row holds."""
+    return format_time(datetime.fromisoformat(text))
+
+
+def format_windows(windows: Sequence[tuple[float, float]], clock: DayClock | None, language: Language) -> str:
+    """Write stretches on the clock of the recording, or else in seconds; empty for none."""
+    if clock is not None and clock.start is not None:
+        return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
+    words = load_wording(language, "page")["analysis"]["window"]
+    shown = ([format_number(moment_s, 1, language) for moment_s in window] for window in windows)
+    return "; ".join(fill(words, {"start": start, "end": end}) for start, end in shown)
+
+
+def format_times(times_s: Sequence[float], clock: DayClock | None, language: Language) -> str:
+    """Write moments on the clock of the recording, or else in seconds; empty for none."""
+    if clock is not None and clock.start is not None:
+        return "; ".join(map(clock.format, times_s))
+    return "; ".join(f"{format_number(time_s, 1, language)}\u202fs" for time_s in times_s)
+
+
+def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str:
+    """Name each period with its times; only how many there are where the clock is not known."""
+    diary, kinds = job.request.select_diary(), load_wording(language, "day")["kind_name"]
+    try:
+        rows = place_rows(diary, clock) if clock else []
+    except errors.UnusableDiary:
+        rows = []
+    shown = [f"{row.label or kinds[row.kind]} {row.start} – {row.end}" for row in rows[:MOST_PERIODS]]
+    if len(diary) > len(shown):
+        shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
+    return "; ".join(shown)
+
+
+# The library: rows, groups with their counts, pages.
+
+PER_PAGE = 50
+SORTED: tuple[Order, ...] = ("subject", "date", "side", "hours", "quality", "above_60")
+SPARK_PX = 20.0
+SPARK_TOP_DEG = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class ShownEntry:
+    """A row of the list: subject, time and arm, then the main figures of its report.
+
+    ``when`` is the beginning of the recording or, if it is unknown (``is_added``), when it was added.
+    ``figures`` is None without a report. ``attempt``: a newer analysis that runs or has failed; the report
+    of the row stays as it was. ``tags``: each with the address of all recordings that have it.
+    """
+
+    row: JobRow
+    recording_id: str
+    name: str
+    when: str
+    is_added: bool
+    arm: str
+    figures: Mapping[str, Any] | None
+    tags: tuple[tuple[str, str], ...]
+    attempt: JobRow | None
+
+    @property
+    def active(self) -> JobRow | None:
+        """The analysis of the row that is under way."""
+        return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column by which the list is sorted; ``turned``: "ascending", "descending" or ""."""
+
+    order: str
+    name: str
+    address: str
+    turned: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chip:
+    """A group that can be chosen, with the number of its recordings."""
+
+    name: str
+    count: int
+    address: str
+    is_chosen: bool
+
+
+def read_filter(request: Request) -> LibraryFilter:
+    """Read the filter of an address."""
+    return parse_filter(request.query_params)
+
+
+def parse_filter(asked: Mapping[str, str]) -> LibraryFilter:
+    """Read a filter; a value that cannot be is ignored."""
+    group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
+    order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
+    first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
+    text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
+    is_reversed = asked.get("reversed", "") == "1"
+    tag = asked.get("tag", "")[:100]
+    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed, tag)
+
+
+def write_filter(wanted: LibraryFilter, **changes: str) -> str:
+    """Write a filter as the query of an address."""
+    parameters = {
+        "text": wanted.text,
+        "first_day": wanted.first_day,
+        "last_day": wanted.last_day,
+        "group": "" if wanted.group == "all" else wanted.group,
+        "order": "" if wanted.order == "newest" else wanted.order,
+        "batch": wanted.batch,
+        "tag": wanted.tag,
+        "reversed": "1" if wanted.is_reversed else "",
+    }
+    return urlencode({name: value for name, value in (parameters | changes).items() if value})
+
+
+def build_library(page: Page, wanted: LibraryFilter) -> dict[str, Any]:
+    """Build what the list of the first page, or of a batch, needs: its rows, and the links around them.
+
+    ``number``: of the chosen group; ``source_query``: by which the page asks for its rows again.
+    """
+    words, services = page.words(), page.services
+    library = Library(services.store.reader)
+    counts = library.count(wanted)
+    pages = max(1, -(-counts[wanted.group] // PER_PAGE))
+    asked = page.request.query_params.get("page", "")
+    number = min(int(asked) if asked.isdecimal() and 0 < int(asked) < 1_000_000 else 1, pages)
+    facts = {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
+    done = fill(words["list"]["summary"], facts)
+    entries = library.find_page(wanted, PER_PAGE, (number - 1) * PER_PAGE)
+    took = find_took(services, entries)
+    return dict(  # noqa: C408  as keywords of a template
+        entries=[build_entry(entry, page.language, took) for entry in entries],
+        headings=[_build_heading(order, str(words["column"][order]), wanted) for order in SORTED],
+        wanted=wanted,
+        tags=library.find_tags(),
+        views=() if wanted.batch else services.views.find_all(),
+        number=counts[wanted.group],
+        older=counts["older"],
+        query=write_filter(wanted),
+        chips=[
+            Chip(
+                str(words["group"][group]),
+                counts[group],
+                write_filter(wanted, group="" if group == "all" else group),
+                group == wanted.group,
+            )
+            for group in GROUPS
+            if counts[group] or group in ("all", wanted.group)
+        ],
+        count=f"{done}. {words['row']['close_hint']}" if counts["active"] else done,
+        is_empty=not counts["all"] and wanted == LibraryFilter(),
+        page=number,
+        pages=pages,
+        earlier_page=write_filter(wanted, page=str(number - 1)) if number > 1 else "",
+        later_page=write_filter(wanted, page=str(number + 1)) if number < pages else "",
+        source_query=write_filter(wanted, page=str(number) if number > 1 else ""),
+    )
+
+
+def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
+    """Return the durations of earlier analyses if one of these runs."""
+    jobs = (job for entry in entries for job in (entry.job, entry.attempt) if job)
+    is_running = any(job.state is JobState.RUNNING for job in jobs)
+    return Library(services.store.reader).find_took() if is_running else ()
+
+
+def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> ShownEntry:
+    """Show a recording with its report or, without one, its newest analysis."""
+    job, words, attempt = entry.job, load_wording(language, "page"), entry.attempt
+    if attempt is not None and attempt.state is JobState.CANCELLED:
+        attempt = None
+    start = (entry.headline.start if entry.headline else None) or ""
+    return ShownEntry(
+        row=build_row(job, language, took),
+        recording_id=job.recording_id,
+        name=job.request.subject or job.file_name,
+        when=start[:16].replace("T", " ") or format_time(job.created_at),
+        is_added=not start,
+        arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
+        figures=_build_figures(entry.headline, words, language) if entry.headline else None,
+        tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
+        attempt=build_row(attempt, language, took) if attempt else None,
+    )
+
+
+def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> dict[str, Any]:
+    """Show the main figures of a report; ``spark`` draws the day, "" where it is not known."""
+    spark, lowest, highest = draw_spark(headline.day)
+    return {
+        "hours": format_duration(headline.recorded_s, language),
+        "verdict": headline.verdict,
+        "quality": str(words["verdict_short"].get(headline.verdict, "")),
+        "is_older": 0 < headline.method_version < int(METHOD_VERSION),
+        "is_pose_open": headline.calibration_state == "assumed",
+        "above": format_percent(headline.above_60_percent, language),
+        "spark": spark,
+        "spark_words": fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
+    }
+
+
+def draw_spark(day: str) -> tuple[str, str, str]:
+    """Draw a day of :func:`app.library.listing.summarise_day` as an SVG path, 100 by 20, 0 to 120 deg.
+
+    Gives the path with its lowest and highest angle; "" for each where no angle is known.
+    """
+    angles = [float(text) if text else None for text in day.split(",")]
+    known = [angle for angle in angles if angle is not None]
+    if not known:
+        return "", "", ""
+    step, parts, is_open = 100 / len(angles), [], False
+    for place, angle in enumerate(angles):
+        if angle is not None:
+            height = SPARK_PX * (1 - min(angle, SPARK_TOP_DEG) / SPARK_TOP_DEG)
+            parts.append(f"V{height:.1f}" if is_open else f"M{step * place:.1f} {height:.1f}")
+        is_open = angle is not None
+        if is_open:
+            parts.append(f"H{step * (place + 1):.1f}")
+    return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
+
+
+def find_neighbours(page: Page, job: Job) -> dict[str, Any]:
+    """Find what was shown before and after an analysis in the list that it was opened from."""
+    wanted = read_filter(page.request)
+    before, after = Library(page.services.store.reader).find_neighbours(job, wanted)
+    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
+    return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
+
+
+def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
+    """Build the head of a column; a second click turns the order round."""
+    is_chosen = wanted.order == order
+    is_falling = (order in FALLING) != (is_chosen and wanted.is_reversed)
+    again = "1" if is_chosen and not wanted.is_reversed else ""
+    turned = ("descending" if is_falling else "ascending") if is_chosen else ""
+    return Heading(order, name, write_filter(wanted, order=order, reversed=again), turned)
+
+
+def _read_day(text: str) -> str:
+    try:
+        return date.fromisoformat(text).isoformat()
+    except ValueError:
+        return ""

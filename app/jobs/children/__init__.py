@@ -1,1 +1,0 @@
-"""Child processes: one for each attempt, forked from a server that has loaded the science."""

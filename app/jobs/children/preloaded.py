@@ -1,5 +1,0 @@
-"""Imported only by the fork server: it loads the science for all children."""
-
-from app.jobs.children.fork_server import load
-
-load()

@@ -1,0 +1,195 @@
+"""The queue: changes of a job's state, new jobs, and which job is next.
+
+A job asked for on the page has priority. Everything else waits in flows: each batch is one, the single
+requests of each subject (a token, or the machine) are another. The jobs of a flow are numbered; the lowest
+number is next, so that the flows take turns. A new flow begins at the lowest waiting number, neither before
+nor behind the others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
+"""
+
+import secrets
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from sqlalchemy import ColumnElement, Connection, Float, exists, func, insert, select, update
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.functions import FunctionElement
+
+from app.library.audit_log import Act, find_actor, record
+from app.library.database.tables import analyses, batch_items, recordings
+from app.library.job import TRANSITIONS, JobState, find_sources
+from app.library.queries import format_now, select_running_s
+from app.library.side_files import increment_revision, increment_revision_of
+from app.library.versions import identify_work, number_versions
+from app.library.webhooks import announce_end
+from app.request import ReportRequest
+
+WayIn = Literal["web", "api"]
+PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
+_ENDS: Mapping[JobState, Act] = {
+    JobState.SUCCEEDED: "analysis.succeeded",
+    JobState.FAILED: "analysis.failed",
+    JobState.CANCELLED: "analysis.cancelled",
+}
+
+
+class DatabaseClock(FunctionElement[float]):
+    """The time by the clock of the database, in seconds: no clocks of two computers are compared."""
+
+    type = Float()
+    inherit_cache = True
+
+
+@compiles(DatabaseClock, "sqlite")
+def _tell_time_in_sqlite(*_: object, **__: object) -> str:
+    return "((julianday('now') - 2440587.5) * 86400.0)"
+
+
+@compiles(DatabaseClock, "postgresql")
+def _tell_time_in_postgresql(*_: object, **__: object) -> str:
+    return "CAST(extract(epoch FROM clock_timestamp()) AS double precision)"
+
+
+def start_job(connection: Connection, analysis_id: str, lease_s: float) -> None:
+    """Assign a queued job to a worker, with a new token for the attempt and a lease."""
+    started: dict[str, object] = {
+        "token": secrets.token_hex(8),
+        "stage": None,
+        "progress": 0.0,
+        "problem_code": None,
+        "problem_facts": None,
+        "awaits": None,
+        "attempts": analyses.c.attempts + 1,
+        "lease_until_s": DatabaseClock() + lease_s,
+        "is_lease_missed": 0,
+        "started_at": func.coalesce(analyses.c.started_at, format_now()),
+    }
+    change_state(connection, analysis_id, JobState.RUNNING, started)
+
+
+def change_state(
+    connection: Connection,
+    analysis_id: str,
+    to: JobState,
+    values: Mapping[str, object],
+    token: str | None = None,
+) -> bool:
+    """Change the state by one guarded update; False where the transitions or the token do not allow it.
+
+    Of two callers who change the same job at once, one wins.
+    """
+    change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(find_sources(to)))
+    if token is not None:
+        change = change.where(analyses.c.token == token)
+    is_end = not TRANSITIONS[to]
+    clock = {"ended_s": select_running_s()} if is_end else {}
+    is_changed = connection.execute(change.values({"state": to, **clock, **values})).rowcount == 1
+    if is_changed and is_end:
+        recording_id = increment_revision_of(connection, analysis_id)
+        record(connection, _ENDS[to], recording_id, analysis_id)
+        announce_end(connection, analysis_id, to)
+    return is_changed
+
+
+def cancel_job(connection: Connection, analysis_id: str) -> None:
+    """Cancel a job unless it is over; a problem that delayed it is not why it ended."""
+    ended = {"ended_at": format_now(), "problem_code": None, "problem_facts": None}
+    change_state(connection, analysis_id, JobState.CANCELLED, ended)
+
+
+def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
+    """Replace a job by the one that repeats it, in every batch that asked for it."""
+    connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
+    mine = batch_items.c.analysis_id == analysis_id
+    connection.execute(update(batch_items).where(mine).values(analysis_id=again))
+    recording_id = increment_revision_of(connection, analysis_id)
+    record(connection, "analysis.replaced", recording_id, analysis_id, other={"again": again})
+
+
+def enqueue(
+    connection: Connection,
+    recording: tuple[str, str],
+    request: ReportRequest,
+    way_in: WayIn,
+    batch_id: str | None = None,
+) -> str:
+    """Write the row of a new job of ``recording`` (its id and SHA-256); gives the job's id."""
+    (analysis_id,) = enqueue_all(connection, [(*recording, request)], way_in, batch_id)
+    return analysis_id
+
+
+def enqueue_all(
+    connection: Connection,
+    items: Sequence[tuple[str, str, ReportRequest]],
+    way_in: WayIn,
+    batch_id: str | None = None,
+) -> list[str]:
+    """Write the rows of several new jobs (recording, its SHA-256, request); gives their ids in order."""
+    requests = number_versions(connection, items)
+    first = 0 if way_in == "web" else _find_turn(connection, batch_id)
+    rows: list[dict[str, Any]] = [
+        {
+            "id": f"an_{secrets.token_hex(8)}",
+            "recording_id": recording_id,
+            "request": request.to_json(),
+            "key": identify_work(sha256, request),
+            "way_in": way_in,
+            "state": JobState.QUEUED,
+            "progress": 0.0,
+            "attempts": 0,
+            "created_at": format_now(),
+            "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
+            "turn": first + place,
+            "batch_id": batch_id,
+            "asked_by": find_actor(),
+        }
+        for place, ((recording_id, sha256, _), request) in enumerate(zip(items, requests, strict=True))
+    ]
+    if rows:
+        connection.execute(insert(analyses), rows)
+        increment_revision(connection, *(recording_id for recording_id, _, _ in items))
+    batch = {"batch": batch_id} if batch_id else {}
+    for row in rows:
+        record(connection, "analysis.asked", row["recording_id"], row["id"], other=batch)
+    return [str(row["id"]) for row in rows]
+
+
+def find_next(connection: Connection) -> str | None:
+    """Find the waiting job whose turn it is, and lock it for this transaction; None when none may begin.
+
+    The analyses of one recording run one after another: each report states which one it replaces.
+    """
+    query = (
+        select(analyses.c.id, analyses.c.recording_id)
+        .join(recordings, analyses.c.recording_id == recordings.c.id)
+        .where(analyses.c.state == JobState.QUEUED, ~_is_running(analyses.c.recording_id))
+        .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
+        .limit(1)
+        .with_for_update(key_share=True, skip_locked=True)
+    )
+    row = connection.execute(query).one_or_none()
+    # A peer may have started another analysis of this recording between our query and our lock.
+    if row is None or connection.execute(select(_is_running(row.recording_id))).scalar():
+        return None
+    return str(row.id)
+
+
+def _is_running(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
+    """Build the condition that an analysis of a recording runs."""
+    other = analyses.alias()
+    return exists().where(other.c.recording_id == recording_id, other.c.state == JobState.RUNNING)
+
+
+def _find_turn(connection: Connection, batch_id: str | None) -> int:
+    """Find the number after the last of the flow, or the lowest that waits where the flow is new.
+
+    Each batch is a flow; of what is asked for singly each subject's is one.
+    """
+    waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SCRIPT_PRIORITY)
+    flow = analyses.c.batch_id.is_not_distinct_from(batch_id)
+    if batch_id is None:
+        flow &= analyses.c.asked_by == find_actor()
+    own = select(func.max(analyses.c.turn)).where(flow, *waits)
+    last = connection.execute(own).scalar()
+    if last is not None:
+        return int(last) + 1
+    return int(connection.execute(select(func.min(analyses.c.turn)).where(*waits)).scalar() or 0)

@@ -1,0 +1,260 @@
+"""Connect to the database, SQLite or PostgreSQL; refuse it if its tables are of another revision.
+
+A new database gets its tables here. The server alone migrates (:mod:`app.library.migrations`).
+"""
+
+import importlib
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspect, select, text
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+
+from app.errors import AppError, DatabaseAway, DatabaseDamaged, DatabaseLocked, DiskFull, WrongSchema
+from app.library.audit_log import keep_audit_log
+from app.library.database.tables import REVISION, analyses, metadata, schema_revision
+from app.settings import Settings
+from app.store.folder import check_folder, translate_folder_errors
+from app.store.permissions import create_file, make_folder
+
+READ_ONLY = {"acromion_read_only": True}
+_TABLES_LOCK = 0x6163726F  # an arbitrary number: whoever holds this advisory lock prepares the tables
+_REQUEST_LOCK = 0x61637271  # whoever holds this one looks for a requested analysis and adds it
+_CONNECT_TIMEOUT_S = 10
+BUSY_TIMEOUT_S = 30
+_WRITE_LOCK_BYTE = 120  # of SQLite's file "-shm" (sqlite.org/walformat.html, "WAL locks")
+# Words of SQLite's messages, and of PostgreSQL's for a full disk.
+FULL_DISK = ("disk is full", "No space left")
+DAMAGED = ("malformed", "not a database")
+LOCKED = "database is locked"
+UNWRITABLE = ("unable to open", "readonly database")
+
+
+def open_database(url: str) -> Engine:
+    """Connect, and create the tables of a database that has none. Raises WrongSchema."""
+    engine = connect(url)
+    try:
+        with engine.begin() as connection:
+            lock_tables(connection)
+            found = read_revision(connection)
+            if found is None and not inspect(connection).has_table(analyses.name):
+                create_tables(connection)
+            elif found != REVISION:
+                raise WrongSchema(found=found or "-", needed=REVISION)
+    except BaseException:
+        engine.dispose()
+        raise
+    return engine
+
+
+def bring_up_to_date(settings: Settings) -> None:
+    """Migrate the tables if they are of an earlier revision of ours.
+
+    Only for the server and the recovery, before they open the database. Raises WrongSchema.
+    """
+    engine = connect(settings.database_url)
+    try:
+        with engine.begin() as connection:
+            lock_tables(connection)
+            found = read_revision(connection)
+            if found not in (None, REVISION):
+                importlib.import_module("app.library.migrations").upgrade(connection, found)
+    finally:
+        engine.dispose()
+
+
+def connect(url: str) -> Engine:
+    """Return an engine whose commits outlast a power cut and take their lines of the audit log with them.
+
+    Its errors hold no subject code.
+    """
+    if make_url(url).get_backend_name() == "sqlite":
+        engine = _connect_sqlite(create_engine(url, hide_parameters=True))
+    else:
+        timeout = {"connect_timeout": _CONNECT_TIMEOUT_S}
+        engine = create_engine(
+            url, pool_size=20, pool_pre_ping=True, connect_args=timeout, hide_parameters=True
+        )
+    keep_audit_log(engine)
+    return engine
+
+
+def check_writable(url: str, timeout_s: int) -> None:
+    """Check that rows could be written now; writes none, and waits at most ``timeout_s`` for a lock.
+
+    Raises DatabaseAway, DatabaseLocked, DatabaseDamaged, DiskFull.
+    """
+    if make_url(url).get_backend_name() == "sqlite":
+        engine = _connect_sqlite(create_engine(url, poolclass=NullPool))
+        event.listen(engine, "connect", partial(_set_busy_timeout, timeout_s))
+    else:
+        chosen = make_url(url).query.get("options", "")
+        timeouts = {"connect_timeout": timeout_s, "options": f"{chosen} -c lock_timeout={timeout_s}s"}
+        engine = create_engine(url, poolclass=NullPool, connect_args=timeouts)
+    with translate_database_errors(url), engine.begin() as connection:  # SQLite's write lock is taken here
+        if connection.dialect.name == "postgresql":
+            connection.execute(text("LOCK TABLE analyses IN ROW EXCLUSIVE MODE"))
+
+
+def check_whole(url: str) -> None:
+    """Check the whole file of a SQLite database; it is not changed. Raises DatabaseDamaged."""
+    file = find_database_file(url)
+    if file is None or not Path(file).exists():
+        return
+    engine = connect(url).execution_options(**READ_ONLY)
+    try:
+        with translate_database_errors(url), engine.connect() as connection:
+            found = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
+    finally:
+        engine.dispose()
+    if found != "ok":
+        raise DatabaseDamaged(file=file, why=found.splitlines()[-1][:200])
+
+
+@contextmanager
+def translate_start_errors(settings: Settings) -> Iterator[None]:
+    """Turn an error while data folder or database are opened into a refusal with a code."""
+    with translate_folder_errors(settings.data_dir), translate_database_errors(settings.database_url):
+        yield
+
+
+@contextmanager
+def translate_database_errors(url: str) -> Iterator[None]:
+    """Turn an error of the database into a refusal with a code; bugs pass unchanged."""
+    try:
+        yield
+    except DBAPIError as error:
+        refusal = classify_error(error, url)
+        if refusal is None:
+            raise
+        raise refusal from error
+
+
+def classify_error(error: DBAPIError, url: str) -> AppError | None:
+    """Classify an error: full disk, damaged, locked or absent database; None for a bug."""
+    words = " ".join(str(error.orig).split())
+    if any(sign in words for sign in FULL_DISK):
+        return DiskFull()
+    if not isinstance(error.orig, sqlite3.Error):
+        is_about_connection = isinstance(error, OperationalError | InterfaceError)
+        return DatabaseAway(why=words[:300]) if is_about_connection or error.connection_invalidated else None
+    file = str(find_database_file(url))
+    if any(sign in words for sign in DAMAGED):
+        return DatabaseDamaged(file=file, why=words)
+    if LOCKED in words:
+        pid = _find_lock_holder(Path(f"{file}-shm"))
+        return DatabaseLocked(file=file, pid=str(pid)) if pid else DatabaseLocked(file=file)
+    if any(sign in words for sign in UNWRITABLE):
+        return _explain_unwritable(Path(file)) or DatabaseAway(why=words)
+    return DatabaseAway(why=words) if "disk I/O error" in words else None
+
+
+def find_database_file(url: str) -> str | None:
+    """Find the file that holds the rows; None where they are on a server."""
+    parts = make_url(url)
+    return str(parts.database) if parts.get_backend_name() == "sqlite" else None
+
+
+def lock_tables(connection: Connection, lock: int = _TABLES_LOCK) -> None:
+    """Let one transaction at a time create tables, or look for a repeated request and add it.
+
+    ``lock`` names other work. SQLite's transaction has locked the database already.
+    """
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})
+
+
+@contextmanager
+def one_request_at_a_time(engine: Engine) -> Iterator[None]:
+    """Let one server of a PostgreSQL database at a time look for an analysis and add it.
+
+    SQLite has one server, which takes turns by itself.
+    """
+    if engine.dialect.name != "postgresql":
+        yield
+        return
+    with engine.begin() as connection:
+        lock_tables(connection, _REQUEST_LOCK)
+        yield
+
+
+def read_revision(connection: Connection) -> str | None:
+    """Read the revision of the tables; None when none was ever recorded."""
+    if not inspect(connection).has_table(schema_revision.name):
+        return None
+    return connection.execute(select(schema_revision.c.version_num)).scalar()
+
+
+def create_tables(connection: Connection) -> None:
+    """Create every table, and record the revision."""
+    metadata.create_all(connection)
+    schema_revision.create(connection, checkfirst=True)
+    connection.execute(schema_revision.delete())
+    connection.execute(schema_revision.insert().values(version_num=REVISION))
+
+
+def _explain_unwritable(file: Path) -> AppError | None:
+    try:
+        check_folder(file.parent)
+        with translate_folder_errors(file.parent), file.open("r+b"):
+            return None
+    except AppError as refusal:
+        return refusal
+
+
+def _find_lock_holder(file: Path) -> int | None:
+    """Find the process that holds the write lock (Linux).
+
+    The system's list is read: to open and close the file would release locks of our own.
+    """
+    try:
+        inode = file.stat().st_ino
+        rows = [line.split() for line in Path("/proc/locks").read_text().splitlines() if "->" not in line]
+    except OSError:
+        return None
+    ours = [row for row in rows if row[5].endswith(f":{inode}") and row[6] == str(_WRITE_LOCK_BYTE)]
+    return int(ours[0][4]) if ours and int(ours[0][4]) > 0 else None
+
+
+def _connect_sqlite(engine: Engine) -> Engine:
+    """Prepare each connection; a new database gets a file of our mode, and SQLite gives its log the same."""
+    file = Path(str(engine.url.database))
+    make_folder(file.parent)
+    with suppress(OSError):  # it exists already, or SQLite reports why it cannot
+        create_file(file).close()
+    event.listen(engine, "connect", _prepare_sqlite)
+    event.listen(engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _set_busy_timeout(timeout_s: int, connection: Any, _record: Any) -> None:
+    connection.execute(f"PRAGMA busy_timeout={1000 * timeout_s}").close()
+
+
+def _prepare_sqlite(connection: Any, _record: Any) -> None:
+    """Make commits durable through a power cut, and wait for other writers instead of failing.
+
+    The time-out is set first: turning on WAL takes a lock that a peer that starts now may hold.
+    """
+    connection.isolation_level = None  # _begin_sqlite begins the transactions
+    connection.create_function("lower", 1, _lower, deterministic=True)  # SQLite's own knows ASCII only
+    cursor = connection.cursor()
+    settings = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
+    for pragma in (f"busy_timeout={1000 * BUSY_TIMEOUT_S}", *settings):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _lower(text: str | None) -> str | None:
+    return None if text is None else text.lower()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    """Take the write lock at once, so that no transaction fails half-way."""
+    only_reads = connection.get_execution_options().get("acromion_read_only")
+    connection.exec_driver_sql("BEGIN" if only_reads else "BEGIN IMMEDIATE")

@@ -1,0 +1,526 @@
+"""The rows of jobs: the single source of truth for what was asked, what runs and how it ended."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+from sqlalchemy import (
+    Connection,
+    Engine,
+    Executable,
+    and_,
+    case,
+    func,
+    insert,
+    or_,
+    select,
+    tuple_,
+    update,
+)
+from sqlalchemy.exc import OperationalError
+
+from app.errors import Interrupted, NotHere, StaleVersion, StoreMismatch
+from app.library.audit_log import Act, record
+from app.library.batches import follow_recording, join_study
+from app.library.claims import (
+    DatabaseClock,
+    WayIn,
+    cancel_job,
+    change_state,
+    enqueue,
+    enqueue_all,
+    find_next,
+    replace_job,
+    start_job,
+)
+from app.library.database.connect import READ_ONLY, lock_tables, open_database
+from app.library.database.tables import analyses, answers, facts, recordings, result_files
+from app.library.job import Job, JobState
+from app.library.listing import HeadlineFigures, adopt_description
+from app.library.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
+from app.library.recordings import Description, Place, check_not_purged, insert_recording, select_page
+from app.library.side_files import increment_revision
+from app.library.versions import (
+    COUNTED,
+    build_item,
+    drop_drafts,
+    identify_work,
+    renumber,
+    select_same,
+    settle_conclusion,
+)
+from app.request import Conclusion, ReportRequest
+from app.settings import Settings
+from app.store.folder import ResultFile, StoredRecording
+from fusion.errors import Fact
+
+_BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
+MOST_SAME = 20
+AWAITED = "header"
+"""The fact of a refusal that names the header whose columns an analysis awaits."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobFilter:
+    """Which jobs are listed; "" asks for any."""
+
+    state: JobState | Literal[""] = ""
+    batch_id: str = ""
+    recording_id: str = ""
+
+
+class JobStore(RowStore):
+    """Rows of recordings and analyses in one database.
+
+    Every change of state is one guarded UPDATE that names the states it may start from and, for a running
+    job, the attempt's token. So two workers, or a worker and a person, may act at once: one of them wins.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        engine = open_database(settings.database_url)
+        super().__init__(engine, engine.execution_options(**READ_ONLY))
+        self._lease_s, self._most_interruptions = settings.lease_s, settings.max_interruptions
+
+    def close(self) -> None:
+        """Close every connection to the database."""
+        self._engine.dispose()
+
+    @property
+    def engine(self) -> Engine:
+        """The engine that writes, for the other stores of the same database."""
+        return self._engine
+
+    @property
+    def reader(self) -> Engine:
+        """The engine that only reads."""
+        return self._reader
+
+    def check_belongs(self, store_id: str) -> None:
+        """Check that this database belongs to this folder or bucket; the first one is remembered.
+
+        Raises StoreMismatch.
+        """
+        query = select(facts.c.value).where(facts.c.name == "store")
+        with self._engine.begin() as connection:
+            lock_tables(connection)
+            known = connection.execute(query).scalar()
+            if known is None:
+                connection.execute(insert(facts).values(name="store", value=store_id))
+        if known not in (None, store_id):
+            raise StoreMismatch(found=store_id, needed=str(known))
+
+    def add(
+        self,
+        stored: StoredRecording,
+        request: ReportRequest,
+        way_in: WayIn = "api",
+        external_id: str = "",
+        study: str = "",
+    ) -> Job:
+        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit.
+
+        Raises PurgedSince.
+        """
+        about = Description(request.file_name, request.subject, request.side, external_id)
+        with self._engine.begin() as connection:
+            check_not_purged(connection, stored, about)
+            insert_recording(connection, stored, about)
+            analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
+            if study:
+                join_study(connection, study, analysis_id)
+        return self.get(analysis_id)
+
+    def add_analysis(self, recording: tuple[str, str], request: ReportRequest, way_in: WayIn = "api") -> Job:
+        """Queue an analysis of a recording that is stored (its id and SHA-256)."""
+        with self._engine.begin() as connection:
+            analysis_id = enqueue(connection, recording, request, way_in)
+        return self.get(analysis_id)
+
+    def correct(self, job: Job, asked: ReportRequest) -> Job:
+        """Queue what a person corrected of the current version; the same correction again is made once.
+
+        Raises StaleVersion: ``job`` is not the current version any more.
+        """
+        with self._engine.begin() as connection:
+            newest = _find_newer(connection, job, settle_conclusion(connection, job, asked))
+            if newest is not None:
+                return newest
+            analysis_id = _queue_again(connection, job, asked)
+        return self.get(analysis_id)
+
+    def add_correction(self, job: Job, asked: ReportRequest) -> Job:
+        """Queue another analysis of a recording; every study of the recording goes on with it."""
+        with self._engine.begin() as connection:
+            analysis_id = _queue_again(connection, job, asked)
+        return self.get(analysis_id)
+
+    def conclude(self, job: Job, conclusion: Conclusion | None) -> Job:
+        """Queue the next version of a report, with a conclusion; None takes it away, and leaves no draft.
+
+        The same conclusion again is made once.
+        Raises StaleVersion: ``job`` is not the current version any more.
+        """
+        asked = replace(job.request, conclusion=conclusion, reason="")
+        with self._engine.begin() as connection:
+            newest = _find_newer(connection, job, asked)
+            if newest is not None:
+                return newest
+            analysis_id = enqueue(connection, (job.recording_id, job.sha256), asked, "web")
+            if conclusion is None:
+                drop_drafts(connection, job.recording_id)
+            act: Act = "conclusion.dismissed" if conclusion is None else "report.concluded"
+            record(connection, act, job.recording_id, analysis_id)
+            follow_recording(connection, analysis_id)
+        return self.get(analysis_id)
+
+    def dismiss_draft(self, analysis_id: str) -> None:
+        """Delete the draft of a conclusion, so that no later analysis gets it; without one nothing happens.
+
+        Raises NotHere.
+        """
+        job = self.get(analysis_id)
+        with self._engine.begin() as connection:
+            if drop_drafts(connection, job.recording_id):
+                increment_revision(connection, job.recording_id)
+                record(connection, "conclusion.dismissed", job.recording_id, job.id)
+
+    def join_study(self, name: str, analysis_id: str) -> str:
+        """Add an analysis to the study of this name; gives the study's id."""
+        with self._engine.begin() as connection:
+            return join_study(connection, name, analysis_id)
+
+    def find_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
+        """Return the analyses of the same bytes with the same settings and engine, the oldest first."""
+        query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
+        return tuple(read_job(row) for row in self._read_all(query))
+
+    def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
+        """Queue a failed or cancelled analysis again, once; one that waits, runs or is done stays as it is.
+
+        Raises NotHere.
+        """
+        job = self.get(analysis_id)
+        if job.replaced_by is not None:
+            return self.get(job.replaced_by)
+        return self.repeat(job, way_in) if job.state in (JobState.FAILED, JobState.CANCELLED) else job
+
+    def repeat(self, job: Job, way_in: WayIn) -> Job:
+        """Queue an analysis that is over again, once; the new one replaces it."""
+        mine = analyses.c.id == job.id
+        with self._engine.begin() as connection:
+            repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
+            if connection.execute(repeated).scalar() is None:
+                item = build_item(connection, job, job.request)
+                (again,) = enqueue_all(connection, [item], way_in, job.batch_id)
+                replace_job(connection, job.id, again)
+        return self.get(str(self.get(job.id).replaced_by))
+
+    def repeat_all(self, asked: Sequence[tuple[Job, ReportRequest]]) -> int:
+        """Queue the analyses of recordings again, each by its request, in one commit; gives their number.
+
+        A failed or cancelled analysis is replaced, in its batch too; a report stays until the new one is
+        made, and every study of a recording goes on with it. They take turns with all else that
+        waits: a file that a person drops goes first.
+        """
+        with self._engine.begin() as connection:
+            items = [build_item(connection, job, request) for job, request in asked]
+            for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
+                if job.state in (JobState.FAILED, JobState.CANCELLED):
+                    replace_job(connection, job.id, again)
+                follow_recording(connection, again)
+        return len(asked)
+
+    def withdraw(self, analysis_id: str) -> Job:
+        """Replace a failed analysis by the report before it; gives the analysis of that report.
+
+        Raises NotHere: the analysis has not failed, or there is no earlier report.
+        """
+        job = self.get(analysis_id)
+        reports = self.find_reports(job.recording_id)
+        if job.state is not JobState.FAILED or not reports:
+            raise NotHere
+        mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
+        with self._engine.begin() as connection:
+            connection.execute(update(analyses).where(*mine).values(replaced_by=reports[0].id))
+            increment_revision(connection, job.recording_id)
+            again = {"again": reports[0].id}
+            record(connection, "analysis.replaced", job.recording_id, job.id, other=again)
+        return reports[0]
+
+    def get(self, analysis_id: str) -> Job:
+        """Return one job. Raises NotHere."""
+        row = self._read_one(select_jobs().where(analyses.c.id == analysis_id))
+        if row is None:
+            raise NotHere
+        return read_job(row)
+
+    def find_trashed(self, analysis_id: str) -> str | None:
+        """Return the recording of an analysis that is in the trash with it; None for any other."""
+        query = select(analyses.c.recording_id).join(recordings, analyses.c.recording_id == recordings.c.id)
+        row = self._read_one(query.where(analyses.c.id == analysis_id, recordings.c.state == TRASHED))
+        return None if row is None else str(row.recording_id)
+
+    def find_newest(self, limit: int = 100) -> tuple[Job, ...]:
+        """Return the jobs asked for last, newest first."""
+        return self.find_page(JobFilter(), limit)
+
+    def find_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
+        """Return the newest jobs that the filter lets through, from ``after`` on."""
+        query = select_jobs()
+        for name, value in asdict(wanted).items():
+            if name == "batch_id" and value:
+                query = query.where(analyses.c.id.in_(select_items(value)))
+            elif value:
+                query = query.where(analyses.c[name] == value)
+        page = select_page(query, (analyses.c.created_at, analyses.c.id), limit, after)
+        return tuple(read_job(row) for row in self._read_all(page))
+
+    def find_reports(self, recording_id: str) -> tuple[Job, ...]:
+        """Return the reports of a recording, the newest first, without comparisons and what was replaced."""
+        finished = self.find_page(JobFilter(JobState.SUCCEEDED, recording_id=recording_id))
+        return tuple(job for job in finished if job.replaced_by is None and job.request.reference is None)
+
+    def count_states(self) -> dict[JobState, int]:
+        """Count the jobs of each state."""
+        query = select(analyses.c.state, func.count()).group_by(analyses.c.state)
+        counts = {JobState(state): number for state, number in self._read_all(query)}
+        return {state: counts.get(state, 0) for state in JobState}
+
+    def count_problems(self) -> dict[str, int]:
+        """Count the failed jobs by code."""
+        failed = analyses.c.state == JobState.FAILED
+        query = select(analyses.c.problem_code, func.count()).where(failed).group_by(analyses.c.problem_code)
+        return {str(code): number for code, number in self._read_all(query)}
+
+    def count_waiting(self) -> int:
+        """Count the jobs that wait."""
+        return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
+
+    def claim(self) -> Job | None:
+        """Take the job whose turn it is (:mod:`app.library.claims`), or None when nothing waits."""
+        with self._engine.begin() as connection:
+            analysis_id = find_next(connection)
+            if analysis_id is None:
+                return None
+            renumber(connection, analysis_id)
+            start_job(connection, analysis_id, self._lease_s)
+        return self.get(analysis_id)
+
+    def renew(self, analysis_id: str, token: str, stage: str | None, progress: float) -> bool:
+        """Renew the lease of an attempt and record its progress; False when the job is no longer its own."""
+        lease = {"lease_until_s": DatabaseClock() + self._lease_s, "is_lease_missed": 0}
+        change = (
+            update(analyses)
+            .where(analyses.c.id == analysis_id, analyses.c.token == token)
+            .where(analyses.c.state == JobState.RUNNING)
+            .values(lease | {"stage": stage, "progress": progress})
+        )
+        return self._write(change) == 1
+
+    def return_expired(self) -> tuple[tuple[str, str], ...]:
+        """Put back the jobs whose lease ran out twice in a row; return analysis and token of each attempt.
+
+        The first time the lease is only extended: after a computer slept, the database was away or a clock
+        was changed, a living worker renews it before it runs out again. The end of a worker is no evidence
+        against the file: it counts as an interruption (:meth:`interrupt`).
+        """
+        now_s, missed = DatabaseClock(), analyses.c.is_lease_missed
+        # far in the future: the clock was put back
+        is_out = or_(analyses.c.lease_until_s < now_s, analyses.c.lease_until_s > now_s + self._lease_s + 1.0)
+        out = (analyses.c.state == JobState.RUNNING, is_out)
+        is_last = and_(missed == 1, analyses.c.interruptions >= self._most_interruptions - 1)
+        change = update(analyses).where(*out, ~is_last)
+        change = change.values(
+            state=case((missed == 1, JobState.QUEUED.value), else_=JobState.RUNNING.value),
+            attempts=analyses.c.attempts - missed,
+            interruptions=analyses.c.interruptions + missed,
+            stage=case((missed == 1, None), else_=analyses.c.stage),
+            progress=case((missed == 1, 0.0), else_=analyses.c.progress),
+            lease_until_s=now_s + self._lease_s,
+            is_lease_missed=1 - missed,
+        )
+        attempt = (analyses.c.id, analyses.c.token)
+        with self._engine.begin() as connection:
+            changed = connection.execute(change.returning(*attempt, analyses.c.state)).all()
+            last = connection.execute(select(*attempt).where(*out, is_last)).all()
+        for row in last:
+            self.interrupt(row.id, row.token)
+        back = [row for row in changed if row.state == JobState.QUEUED]
+        return tuple((row.id, row.token) for row in (*back, *last))
+
+    def finish(
+        self,
+        analysis_id: str,
+        token: str,
+        files: Iterable[ResultFile],
+        headline: HeadlineFigures | None = None,
+    ) -> bool:
+        """Publish the attempt's files; they appear together or, when another attempt counts, not at all."""
+        rows = [{"analysis_id": analysis_id, **asdict(file)} for file in files]
+        with self._engine.begin() as connection:
+            ended = {"progress": 1.0, "ended_at": format_now()}
+            if not change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token):
+                return False
+            connection.execute(insert(result_files), rows)
+            adopt_description(connection, analysis_id)
+            if headline is not None:
+                connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))
+        return True
+
+    def is_published(self, analysis_id: str, token: str) -> bool:
+        """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
+        mine = (analyses.c.id == analysis_id, analyses.c.token == token)
+        query = select(analyses.c.id).where(*mine, analyses.c.state == JobState.SUCCEEDED)
+        return self._read_value(query) is not None
+
+    def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
+        """End the job, with the reason."""
+        with self._engine.begin() as connection:
+            ended = _write_end(code, facts)
+            return change_state(connection, analysis_id, JobState.FAILED, ended, token)
+
+    def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
+        """Put the job back in the queue; a ``forgiven`` attempt (an orderly stop) counts as no death."""
+        back = {**_BACK, "attempts": analyses.c.attempts - 1} if forgiven else _BACK
+        with self._engine.begin() as connection:
+            return change_state(connection, analysis_id, JobState.QUEUED, back, token)
+
+    def interrupt(self, analysis_id: str, token: str) -> bool:
+        """Put back a job whose worker or computer has ended, without counting the attempt.
+
+        After ``max_interruptions`` it fails: the analysis itself may be what ends its computer.
+        """
+        mine = select(analyses.c.interruptions).where(analyses.c.id == analysis_id)
+        counted = {"attempts": analyses.c.attempts - 1, "interruptions": analyses.c.interruptions + 1}
+        with self._engine.begin() as connection:
+            times = 1 + int(connection.execute(mine).scalar() or 0)
+            if times < self._most_interruptions:
+                return change_state(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
+            ended = _write_end(Interrupted.code, {"times": times})
+            return change_state(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
+
+    def record_delay(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
+        """Record what delays an attempt, and how often its job was put back for it."""
+        facts = json.dumps({"tries": put_backs} if put_backs else {})
+        mine = (analyses.c.id == analysis_id, analyses.c.token == token)
+        delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
+        self._write(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
+
+    def cancel(self, analysis_id: str) -> Job:
+        """Cancel the job unless it is over; its worker notices that its attempt counts no more.
+
+        Raises NotHere.
+        """
+        with self._engine.begin() as connection:
+            cancel_job(connection, analysis_id)
+        return self.get(analysis_id)
+
+    def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
+        """Return the published file of this name; None if there is none."""
+        return next((file for file in self.find_files(analysis_id) if file.name == name), None)
+
+    def find_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
+        """Return every published file, by name."""
+        columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
+        query = select(*columns).where(result_files.c.analysis_id == analysis_id)
+        return tuple(ResultFile(*row) for row in self._read_all(query.order_by(result_files.c.name)))
+
+    def find_sha256(self, recording_id: str) -> str:
+        """Return the SHA-256 of a recording, or of the reference of one. Raises NotHere."""
+        sha256 = self._read_value(select(recordings.c.sha256).where(recordings.c.id == recording_id))
+        if sha256 is None:
+            raise NotHere(id=recording_id)
+        return str(sha256)
+
+    def run(self, change: Executable) -> None:
+        """Execute a change in a transaction of its own."""
+        self._write(change)
+
+    def may_hold(self, recording_id: str) -> bool:
+        """Tell whether a recording has a row; True when the database does not answer."""
+        try:
+            return self._read_one(select(recordings.c.id).where(recordings.c.id == recording_id)) is not None
+        except OperationalError:
+            return True
+
+    def find_recordings(self) -> frozenset[str]:
+        """Return the id of every acknowledged recording."""
+        return self._read_ids(select(recordings.c.id))
+
+    def find_with_side(self) -> frozenset[str]:
+        """Return the id of every recording whose side file was written."""
+        written = (recordings.c.side_revision > 0, recordings.c.state != PURGING)
+        return self._read_ids(select(recordings.c.id).where(*written))
+
+    def read_revision(self, recording_id: str) -> int:
+        """Return the revision of a recording's rows; 0 if it has none."""
+        query = select(recordings.c.revision).where(recordings.c.id == recording_id)
+        return int(self._read_value(query) or 0)
+
+    def is_kept(self, recording_id: str) -> bool:
+        """Tell whether a recording is neither in the trash nor being purged."""
+        gone = recordings.c.state.in_((TRASHED, PURGING))
+        query = select(recordings.c.id).where(recordings.c.id == recording_id, ~gone)
+        return self._read_one(query) is not None
+
+    def mark_purging(self, recording_id: str) -> None:
+        """Mark that the purge of a recording had begun; the next start continues it."""
+        mine = recordings.c.id == recording_id
+        gone = update(recordings).where(mine).values(state=PURGING, revision=recordings.c.revision + 1)
+        with self._engine.begin() as connection:
+            connection.execute(gone)
+            record(connection, "recording.purging", recording_id)
+
+    def find_recording(self, analysis_id: str) -> str:
+        """Return the recording of an analysis; "" if there is no such analysis."""
+        query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
+        return str(self._read_value(query) or "")
+
+    def find_analyses(self) -> frozenset[str]:
+        """Return the id of every analysis."""
+        return self._read_ids(select(analyses.c.id))
+
+    def find_attempts(self) -> frozenset[tuple[str, str]]:
+        """Return every attempt that runs or counts: (analysis, token)."""
+        kept = (JobState.RUNNING, JobState.SUCCEEDED)
+        query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
+        return frozenset((row.id, row.token) for row in self._read_all(query))
+
+
+def _find_newer(connection: Connection, job: Job, asked: ReportRequest) -> Job | None:
+    """Find a later analysis that makes what is asked for; None if ``job`` is the current version.
+
+    Nobody else corrects the recording until the end of the transaction. Raises StaleVersion.
+    """
+    connection.execute(select(recordings.c.id).where(recordings.c.id == job.recording_id).with_for_update())
+    place = (analyses.c.created_at, analyses.c.id)
+    is_later = tuple_(*place) > tuple_(job.created_at.isoformat(timespec="microseconds"), job.id)
+    counts = (analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None), is_later)
+    query = select_jobs().where(analyses.c.recording_id == job.recording_id, *counts)
+    newest_first = query.order_by(*(column.desc() for column in place))
+    jobs = (read_job(row) for row in connection.execute(newest_first).all())
+    newest = next((one for one in jobs if one.request.reference is None), None)
+    if newest is None:
+        return None
+    key = select(analyses.c.key).where(analyses.c.id == newest.id)
+    if connection.execute(key).scalar() == identify_work(job.sha256, asked):
+        return newest
+    if job.state is not JobState.SUCCEEDED or newest.request.version != job.request.version:
+        raise StaleVersion
+    return None
+
+
+def _queue_again(connection: Connection, job: Job, asked: ReportRequest) -> str:
+    (analysis_id,) = enqueue_all(connection, [build_item(connection, job, asked)], "web")
+    follow_recording(connection, analysis_id)
+    return analysis_id
+
+
+def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
+    return {
+        "problem_code": code,
+        "problem_facts": json.dumps(dict(facts)),
+        "awaits": facts.get(AWAITED),
+        "ended_at": format_now(),
+    }

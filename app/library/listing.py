@@ -1,0 +1,468 @@
+"""The library: every recording with its current report, filtered, counted and paged in SQL.
+
+The current report is that of the newest analysis; where that has none, the newest earlier report remains. A
+batch shows each analysis that it asked for.
+"""
+
+import json
+import math
+import secrets
+import statistics
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    Select,
+    and_,
+    case,
+    delete,
+    func,
+    insert,
+    or_,
+    select,
+    true,
+    update,
+)
+
+from app.library.audit_log import record
+from app.library.database.tables import analyses, answers, recordings, saved_views
+from app.library.job import Job, JobState
+from app.library.queries import (
+    STORED,
+    RowStore,
+    format_diary,
+    format_now,
+    read_diary,
+    read_job,
+    read_tags,
+    select_items,
+    select_jobs,
+    sort_tags,
+)
+from app.report.figures import load_results
+from app.request import ReportRequest, find_code
+from app.store.folder import Storage
+from fusion.conventions import METHOD_VERSION
+
+Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "older", "cancelled"]
+GROUPS: tuple[Group, ...] = get_args(Group)
+Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
+ORDERS: tuple[Order, ...] = get_args(Order)
+
+JUDGED_BY = 40
+"""Earlier analyses by which the time left of one is judged."""
+VIEWS_FILE = "views.json"
+_ACTIVE = (JobState.QUEUED, JobState.RUNNING)
+_DOUBTFUL = ("caution", "poor")
+
+
+# What the rows keep of a finished analysis: headline figures for search and lists (the result files remain
+# the source of every figure), and the description that it was made with.
+
+
+DAY_STEPS = 60
+
+FIELDS = ("subject", "side", "diary")
+"""What a correction on the page may change in the description of a recording."""
+
+
+def adopt_description(connection: Connection, analysis_id: str) -> None:
+    """Copy the corrected subject, side and diary of a successful analysis into its recording.
+
+    Only an analysis that was asked for on the page corrects its recording, and only once it has a report: a
+    correction that fails does not reach later analyses. A present value that no analysis was ever asked with
+    was entered by somebody else in the meantime, and stays.
+    """
+    about = (recordings.c.id, *(recordings.c[name] for name in FIELDS))
+    query = select(analyses.c.request, analyses.c.way_in, *about).join(
+        recordings, analyses.c.recording_id == recordings.c.id
+    )
+    row = connection.execute(query.where(analyses.c.id == analysis_id)).one()
+    asked = ReportRequest.from_json(row.request)
+    if row.way_in != "web" or asked.reference is not None:
+        return
+    present = {"subject": row.subject, "side": row.side, "diary": read_diary(row.diary)}
+    corrected = {name: getattr(asked, name) for name in FIELDS}
+    if present == corrected:
+        return
+    every = connection.execute(select(analyses.c.request).where(analyses.c.recording_id == row.id)).scalars()
+    requests = [ReportRequest.from_json(text) for text in every]
+    known = {name: {getattr(request, name) for request in requests} for name in FIELDS}
+    changed = {name: corrected[name] for name in FIELDS if corrected[name] != present[name] in known[name]}
+    if "diary" in changed:
+        changed["diary"] = format_diary(asked.diary)
+    if changed:
+        grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
+        connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
+        names = dict.fromkeys(changed, "adopted")
+        record(connection, "recording.changed", row.id, analysis_id, other=names)
+
+
+@dataclass(frozen=True, slots=True)
+class HeadlineFigures:
+    """The verdict and first figures of a report; ``start`` is the device's clock at the first sample.
+
+    ``method`` and ``method_version`` made its angles, "" and 0 where they came ready. ``day`` is the day in
+    short (:func:`summarise_day`), "" if it is not known. ``calibration_state``: of
+    :data:`fusion.conventions.CalibrationState`, "" if there is none.
+    """
+
+    verdict: str
+    start: str | None
+    recorded_s: float | None
+    above_60_percent: float | None
+    method: str = ""
+    method_version: int = 0
+    day: str = ""
+    calibration_state: str = ""
+
+
+def read_headline(results: Path) -> HeadlineFigures | None:
+    """Read the headline figures from ``results.json``; None where they are not there."""
+    try:
+        found = load_results(results.read_bytes())
+        above = {row["threshold_deg"]: row["percent"] for row in found["exposure"]["time_above"]}
+        method = found.get("method") or {"name": "", "version": 0}
+        return HeadlineFigures(
+            verdict=found["quality"]["verdict"],
+            start=found.get("recording", {}).get("start"),
+            recorded_s=found["time"]["recorded_s"],
+            above_60_percent=above.get(60),
+            method=method["name"],
+            method_version=int(method["version"]),
+            day=summarise_day(found["exposure"]["minutes"]["p50_deg"]),
+            calibration_state=(found.get("calibration") or {}).get("state") or "",
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def summarise_day(medians_deg: Sequence[float | None]) -> str:
+    """Return the day in at most 60 steps of whole minutes: each the median of its minutes' medians.
+
+    Whole degrees with commas between; nothing stands where no minute of a step was analysed.
+    """
+    width = max(1, math.ceil(len(medians_deg) / DAY_STEPS))
+    steps = (medians_deg[first : first + width] for first in range(0, len(medians_deg), width))
+    known = ([angle for angle in step if angle is not None] for step in steps)
+    return ",".join(f"{statistics.median(step):.0f}" if step else "" for step in known)
+
+
+# The list.
+
+
+@dataclass(frozen=True, slots=True)
+class LibraryFilter:
+    """Which recordings are shown; "" lets any through. ``first_day`` and ``last_day`` are ISO dates.
+
+    ``order`` begins with what is looked for: the newest, the most time above 60 deg, the poorest quality;
+    ``is_reversed`` turns it round.
+
+    With ``batch`` the analyses of that batch are shown instead of the current one of each recording.
+    """
+
+    text: str = ""
+    first_day: str = ""
+    last_day: str = ""
+    group: Group = "all"
+    order: Order = "newest"
+    batch: str = ""
+    is_reversed: bool = False
+    tag: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """The current analysis of a recording, its headline figures once it has them, and a newer ``attempt``
+    without a report.
+    """
+
+    job: Job
+    headline: HeadlineFigures | None
+    attempt: Job | None = None
+    tags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Took:
+    """How long a finished analysis took."""
+
+    file_name: str
+    size_bytes: int
+    took_s: float
+
+
+class Library(RowStore):
+    """The queries of the library; it only reads."""
+
+    def __init__(self, reader: Engine) -> None:
+        super().__init__(reader, reader)
+
+    def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
+        """Return a page of the recordings, the newest first."""
+        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
+        return self._read(query.limit(limit).offset(skip))
+
+    def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
+        """Return some recordings, the newest first; those in the trash are left out."""
+        chosen = recordings.c.id.in_(recording_ids)
+        query = _select(LibraryFilter(batch=batch)).where(chosen)
+        return self._read(query.order_by(*_newest_first()))
+
+    def find_took(self) -> tuple[Took, ...]:
+        """Say how long the last analyses took, by which the time left of others is judged."""
+        query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
+        jobs = [read_job(row) for row in self._read_all(query.limit(JUDGED_BY))]
+        return tuple(
+            Took(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
+            for job in jobs
+            if job.started_at and job.ended_at and job.request.reference is None
+        )
+
+    def find_tags(self) -> tuple[str, ...]:
+        """Return every tag, by the alphabet."""
+        query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
+        return sort_tags(tag for row in self._read_all(query) for tag in read_tags(row.tags))
+
+    def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
+        """Count the recordings of each group, among those that text and days let through."""
+        rows = _select(replace(wanted, group="all")).subquery()
+        groups = [_is_in_group(group, rows.c, rows.c, rows.c.report_id) for group in GROUPS]
+        query = select(*(func.count().filter(group) for group in groups)).select_from(rows)
+        with self._reader.connect() as connection:
+            return dict(zip(GROUPS, connection.execute(query).one(), strict=True))
+
+    def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
+        """Find other recordings of the same subject that have a report, the newest first.
+
+        A comparison with a reference is no report.
+        """
+        if not find_code(job.request.subject):
+            return ()
+        same = recordings.c.subject == job.request.subject
+        other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))
+        query = _select(LibraryFilter()).where(same, *other)
+        return self._read(query.order_by(*_newest_first()).limit(limit))
+
+    def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
+        """Find the analyses shown before and after one, in the order of the list."""
+        if wanted.order != "newest" or wanted.is_reversed:
+            return self._find_in_order(job, wanted)
+        place = (analyses.c.created_at, analyses.c.id)
+        moment, own_id = self._find_place(job, wanted)
+        newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > own_id))
+        older = or_(place[0] < moment, and_(place[0] == moment, place[1] < own_id))
+        before = _select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
+        after = _select(wanted).where(older).order_by(*_newest_first()).limit(1)
+        with self._reader.connect() as connection:
+            first, second = (connection.execute(query).first() for query in (before, after))
+        return _read_shown_id(first), _read_shown_id(second)
+
+    def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
+        rows = self._read_all(_select(wanted).order_by(*_choose_order(wanted)))
+        shown = [_read_shown_id(row) for row in rows]
+        here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
+        if here is None:
+            return None, None
+        return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
+
+    def _find_place(self, job: Job, wanted: LibraryFilter) -> tuple[str, str]:
+        """Find the place of the row that shows a job: that of the newest analysis of its recording."""
+        if wanted.batch:
+            return job.created_at.isoformat(timespec="microseconds"), job.id
+        newest = select(analyses.c.created_at, analyses.c.id).where(
+            analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None)
+        )
+        (row,) = self._read_all(newest.order_by(*_newest_first()).limit(1))
+        return row.created_at, row.id
+
+    def _read(self, query: Select[Any]) -> tuple[Entry, ...]:
+        with self._reader.connect() as connection:
+            rows = connection.execute(query).all()
+            others = [row.report_id for row in rows if row.report_id not in (None, row.id)]
+            found = connection.execute(select_jobs().where(analyses.c.id.in_(others))) if others else ()
+            reports = {row.id: read_job(row) for row in found}
+        return tuple(_read_entry(row, reports.get(row.report_id)) for row in rows)
+
+
+def _read_shown_id(row: Any) -> str | None:
+    return str(row.report_id or row.id) if row else None
+
+
+FALLING: Mapping[Order, ColumnElement[Any]] = {
+    "date": answers.c.start,
+    "hours": answers.c.recorded_s,
+    "above_60": answers.c.above_60_percent,
+}
+"""Orders that begin with the most."""
+_RANKS = {"poor": 0, "caution": 1, "good": 2}
+
+
+_WORD_ORDERS: Mapping[str, tuple[ColumnElement[Any], ...]] = {
+    "name": (func.lower(recordings.c.file_name),),
+    "subject": (func.lower(recordings.c.subject), func.lower(recordings.c.file_name)),
+    "side": (recordings.c.side, func.lower(recordings.c.subject)),
+}
+
+
+def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
+    """Choose the columns to sort by; what has no value of the first one stands last, whichever way."""
+    if wanted.order == "newest":
+        oldest_first = (analyses.c.created_at.asc(), analyses.c.id.asc())
+        return oldest_first if wanted.is_reversed else _newest_first()
+    words = _WORD_ORDERS.get(wanted.order)
+    if words is not None:
+        unnamed = (case((recordings.c.subject == "", 1), else_=0),) if wanted.order == "subject" else ()
+        turned_words = [(word.desc() if wanted.is_reversed else word.asc()).nulls_last() for word in words]
+        return (*unnamed, *turned_words, *_newest_first())
+    is_quality = wanted.order == "quality"
+    column = case(_RANKS, value=answers.c.verdict) if is_quality else FALLING[wanted.order]
+    is_falling = (wanted.order in FALLING) != wanted.is_reversed
+    turned = (column.desc() if is_falling else column.asc()).nulls_last()
+    return turned, *_newest_first()
+
+
+def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
+    return analyses.c.created_at.desc(), analyses.c.id.desc()
+
+
+def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
+    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256, recordings.c.tags)
+    headline = (answers.c[field.name] for field in fields(HeadlineFigures))
+    is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(analyses.alias()),)
+    if wanted.batch:
+        is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
+    report_id = _select_report(is_own=bool(wanted.batch))
+    # coalesce hides the index of the trash, so that SQLite walks the analyses by age
+    state = func.coalesce(recordings.c.state, "") if is_walked else recordings.c.state
+    query = (
+        select(analyses, *about, *headline, report_id.label("report_id"))
+        .join(recordings, analyses.c.recording_id == recordings.c.id)
+        .outerjoin(answers, answers.c.analysis_id == report_id)
+        .where(state == STORED, *is_shown)
+    )
+    return query.where(*_build_conditions(wanted, report_id))
+
+
+def _select_report(*, is_own: bool) -> ColumnElement[Any]:
+    """Select the analysis of the current report: this one, or the newest that succeeded unless ``is_own``."""
+    other = analyses.alias()
+    newest = None if is_own else _select_newest(other, other.c.state == JobState.SUCCEEDED)
+    return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest)
+
+
+def _select_newest(other: Any, *conditions: ColumnElement[bool]) -> Any:
+    """Select the newest analysis of the same recording that was not replaced and meets the conditions."""
+    same = (other.c.recording_id == analyses.c.recording_id, other.c.replaced_by.is_(None), *conditions)
+    newest_first = other.c.created_at.desc(), other.c.id.desc()
+    return select(other.c.id).where(*same).order_by(*newest_first).limit(1).scalar_subquery()
+
+
+def _build_conditions(wanted: LibraryFilter, report_id: ColumnElement[Any]) -> list[ColumnElement[bool]]:
+    conditions = []
+    if wanted.group != "all":
+        conditions.append(_is_in_group(wanted.group, analyses.c, answers.c, report_id))
+    if wanted.text:
+        named = (func.lower(recordings.c[name]) for name in ("subject", "file_name"))
+        conditions.append(or_(*(name.contains(wanted.text.lower(), autoescape=True) for name in named)))
+    if wanted.tag:  # the tags are JSON: a tag in quotes is found whole, and in its own case
+        conditions.append(func.replace(recordings.c.tags, json.dumps(wanted.tag), "") != recordings.c.tags)
+    day = func.coalesce(answers.c.start, analyses.c.created_at)
+    if wanted.first_day:
+        conditions.append(day >= wanted.first_day)
+    if wanted.last_day:
+        conditions.append(day < wanted.last_day + "~")  # a whole day: "T07:00" sorts before "~"
+    return conditions
+
+
+def _is_in_group(group: Group, job: Any, headline: Any, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
+    """Build the condition of a group from the columns of analyses and answers."""
+    failed, has_no_report = job.state == JobState.FAILED, report_id.is_(None)
+    conditions: Mapping[str, ColumnElement[bool]] = {
+        "all": true(),
+        "active": job.state.in_(_ACTIVE),
+        "failed": and_(failed, has_no_report),
+        "cancelled": and_(job.state == JobState.CANCELLED, has_no_report),
+        # made by an older method; what came as ready angles has none
+        "older": headline.method_version.between(1, int(METHOD_VERSION) - 1),
+        "attention": or_(failed, headline.verdict.in_(_DOUBTFUL)),
+    }
+    return conditions.get(group, headline.verdict == group)
+
+
+def _read_entry(row: Any, report: Job | None) -> Entry:
+    headline, tags = None, read_tags(row.tags)
+    if row.verdict:
+        figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
+        made = (row.method or "", row.method_version or 0, row.day or "", row.calibration_state or "")
+        headline = HeadlineFigures(*figures, *made)
+    if report is None:
+        return Entry(read_job(row), headline, tags=tags)
+    return Entry(report, headline, read_job(row), tags)
+
+
+@dataclass(frozen=True, slots=True)
+class SavedView:
+    """A filter and order of the list under a name; ``query`` is that of its address."""
+
+    id: str
+    name: str
+    query: str
+    created_at: str
+
+
+class SavedViews(RowStore):
+    """Rows of saved views. No recording holds them, so a file beside the recordings does, too."""
+
+    def __init__(self, engine: Engine, reader: Engine, storage: Storage) -> None:
+        super().__init__(engine, reader)
+        self._storage = storage
+
+    def find_all(self) -> tuple[SavedView, ...]:
+        """Return every view, by name."""
+        found = [SavedView(*row) for row in self._read_all(select(saved_views))]
+        return tuple(sorted(found, key=lambda view: (view.name, view.id)))
+
+    def add(self, name: str, query: str) -> None:
+        """Save a view; one of the same name is replaced."""
+        view_id = f"view_{secrets.token_hex(8)}"
+        row = {"id": view_id, "name": name, "query": query, "created_at": format_now()}
+        same = [view.id for view in self.find_all() if view.name == name]
+        with self._engine.begin() as connection:
+            connection.execute(delete(saved_views).where(saved_views.c.id.in_(same)))
+            connection.execute(insert(saved_views).values(row))
+            record(connection, "view.saved", other={"view": view_id})
+        self.write_file()
+
+    def drop(self, view_id: str) -> None:
+        """Forget a view; one that is gone already stays gone."""
+        with self._engine.begin() as connection:
+            if connection.execute(delete(saved_views).where(saved_views.c.id == view_id)).rowcount == 1:
+                record(connection, "view.dropped", other={"view": view_id})
+        self.write_file()
+
+    def write_file(self) -> None:
+        """Write the file of all views where it differs from the rows."""
+        content = json.dumps(
+            [asdict(view) for view in self.find_all()], ensure_ascii=False, indent=1
+        ).encode()
+        if (self._storage.read_small(VIEWS_FILE) or b"[]") != content:
+            self._storage.write_small(VIEWS_FILE, content)
+
+    def recover(self) -> int:
+        """Add the views of the file that the database does not have; gives their number."""
+        try:
+            found = [SavedView(**row) for row in json.loads(self._storage.read_small(VIEWS_FILE) or b"[]")]
+        except (ValueError, TypeError):
+            return 0
+        known = {view.id for view in self.find_all()}
+        rows = [asdict(view) for view in found if view.id not in known]
+        if rows:
+            with self._engine.begin() as connection:
+                connection.execute(insert(saved_views), rows)
+        return len(rows)

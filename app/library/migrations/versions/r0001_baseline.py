@@ -1,0 +1,17 @@
+"""The baseline: every table of the code.
+
+Before the first release a change of the tables changes ``REVISION`` of the tables module, and older data
+folders are refused. The first migration after the release writes these tables out first.
+"""
+
+from alembic import op
+
+from app.library.database.tables import metadata
+
+revision = "b1"
+down_revision = None
+
+
+def upgrade() -> None:
+    """Create every table."""
+    metadata.create_all(op.get_bind())

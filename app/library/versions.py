@@ -1,0 +1,185 @@
+"""The version of the report that an analysis makes: other settings, or another engine, make the next one.
+
+The number stands in the request, so that the report can state it. It is assigned when the analysis is queued,
+and again when it begins, by the reports that exist by then: a failed or cancelled analysis has no version.
+
+A conclusion holds for the figures that it was written for. An analysis with the same settings by the same
+engine keeps it (:func:`settle_conclusion`); any other gets it as a draft, and passes it on until a person
+confirms or dismisses it.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from sqlalchemy import Connection, Select, select, update
+
+from app.library.database.tables import analyses, recordings
+from app.library.job import Job, JobState
+from app.library.queries import select_jobs
+from app.request import Conclusion, ConclusionDraft, ReportRequest, compare_settings
+from app.version import identify_engine
+
+KEYS_PER_QUERY = 500
+COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
+
+Item = tuple[str, str, ReportRequest]
+"""A recording, its SHA-256 and the request."""
+
+
+def identify_work(sha256: str, request: ReportRequest) -> str:
+    """Hash input, settings and engine: the same three give the same report, whichever version it is."""
+    plain = replace(request, version=1, changes=(), reason="", draft=None)
+    parts = (sha256, plain.to_json(), identify_engine())
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def select_same(keys: Sequence[str]) -> Select[Any]:
+    """Select the analyses with these keys that are queued, running or done and not replaced, oldest first."""
+    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(COUNTED), analyses.c.replaced_by.is_(None))
+    return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
+
+
+@dataclass(slots=True)
+class _History:
+    """The reports of one recording, added in the order in which they were asked for.
+
+    ``ours``: this engine's by their settings; ``last``: the highest version; ``newest``: asked for last;
+    ``concluded``: the report of each conclusion, and whether it is this engine's.
+    """
+
+    ours: dict[str, ReportRequest] = field(default_factory=dict)
+    last: ReportRequest | None = None
+    newest: ReportRequest | None = None
+    concluded: dict[Conclusion, tuple[ReportRequest, bool]] = field(default_factory=dict)
+
+    def add(self, request: ReportRequest, *, is_ours: bool) -> None:
+        if request.reference is not None:
+            return
+        if is_ours:
+            self.ours.setdefault(_write_settings(request), request)
+        if self.last is None or request.version > self.last.version:
+            self.last = request
+        if request.conclusion is not None:
+            self.concluded[request.conclusion] = request, is_ours
+        self.newest = request
+
+
+def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
+    """Return the requests with the version of their report, what differs from the version before, and a draft
+    of the conclusion that they leave behind.
+    """
+    digests = {recording_id: sha256 for recording_id, sha256, _ in items}
+    histories = _read_histories(connection, digests, COUNTED)
+    numbered = []
+    for recording_id, _, request in items:
+        history = histories[recording_id]
+        asked = request
+        if not request.reference:
+            asked = _number(history, request)
+            asked = replace(asked, draft=_find_draft(history, asked))
+        history.add(asked, is_ours=True)
+        numbered.append(asked)
+    return numbered
+
+
+def renumber(connection: Connection, analysis_id: str) -> None:
+    """Number an analysis that begins by the reports that exist: analyses that were queued may have failed."""
+    query = select(recordings.c.id, recordings.c.sha256, analyses.c.request).join(
+        recordings, analyses.c.recording_id == recordings.c.id
+    )
+    row = connection.execute(query.where(analyses.c.id == analysis_id)).one()
+    asked = ReportRequest.from_json(row.request)
+    histories = _read_histories(connection, {row.id: row.sha256}, (JobState.SUCCEEDED,))
+    numbered = asked if asked.reference else _number(histories[row.id], asked)
+    if numbered.draft is not None:
+        numbered = replace(numbered, draft=_compare_draft(histories[row.id], numbered.draft, numbered))
+    if numbered != asked:
+        change = update(analyses).where(analyses.c.id == analysis_id)
+        connection.execute(change.values(request=numbered.to_json()))
+
+
+def _read_histories(
+    connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
+) -> dict[str, _History]:
+    """Read the reports of some recordings, in the order in which they were asked for."""
+    histories = {recording_id: _History() for recording_id in digests}
+    columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
+    ordered = sorted(digests)
+    for first in range(0, len(ordered), KEYS_PER_QUERY):
+        some = ordered[first : first + KEYS_PER_QUERY]
+        query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
+        for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
+            request = ReportRequest.from_json(row.request)
+            is_ours = row.key == identify_work(digests[row.recording_id], request)
+            histories[row.recording_id].add(request, is_ours=is_ours)
+    return histories
+
+
+def _number(history: _History, request: ReportRequest) -> ReportRequest:
+    if history.last is None:
+        return replace(request, version=1, changes=())
+    old = history.ours.get(_write_settings(request))
+    if old is not None:  # another language or paper at most: the same report
+        reason = request.reason or old.reason
+        return replace(request, version=old.version, changes=old.changes, reason=reason)
+    last = history.last
+    changes = compare_settings(last.describe_settings(), request.describe_settings())
+    return replace(request, version=last.version + 1, changes=changes or ("engine",))
+
+
+def _find_draft(history: _History, request: ReportRequest) -> ConclusionDraft | None:
+    """Find the conclusion, or the draft of one, that the newest report has and this request leaves behind."""
+    newest = history.newest
+    if newest is None or request.conclusion is not None:
+        return None
+    if newest.conclusion is not None:
+        return _compare_draft(history, ConclusionDraft(newest.conclusion, newest.version), request)
+    return _compare_draft(history, newest.draft, request) if newest.draft is not None else None
+
+
+def _compare_draft(history: _History, draft: ConclusionDraft, request: ReportRequest) -> ConclusionDraft:
+    """Compare a request with the report that a draft was written for; that one may have been deleted."""
+    origin, is_ours = history.concluded.get(draft.conclusion, (None, True))
+    if origin is None:
+        names = (*draft.changes, *request.changes)
+        return replace(draft, changes=tuple(dict.fromkeys(name for name in names if name != "conclusion")))
+    changes = compare_settings(origin.describe_settings(), request.describe_settings())
+    changes = tuple(name for name in changes if name != "conclusion")
+    if "diary" not in changes and origin.select_diary() != request.select_diary():
+        changes += ("diary",)  # the subject code also selects its rows
+    return replace(draft, version=origin.version, changes=changes if is_ours else (*changes, "engine"))
+
+
+def settle_conclusion(connection: Connection, job: Job, asked: ReportRequest) -> ReportRequest:
+    """Return the request; the conclusion that it took over from ``job`` stays only with the same figures."""
+    if asked.conclusion is None:
+        return asked
+    key = connection.execute(select(analyses.c.key).where(analyses.c.id == job.id)).scalar()
+    is_ours = key == identify_work(job.sha256, job.request)
+    is_same = is_ours and asked.describe_settings() == job.request.describe_settings()
+    return asked if is_same else replace(asked, conclusion=None)
+
+
+def build_item(connection: Connection, job: Job, asked: ReportRequest) -> Item:
+    """Return what is to be queued for the recording of a job."""
+    return job.recording_id, job.sha256, settle_conclusion(connection, job, asked)
+
+
+def drop_drafts(connection: Connection, recording_id: str) -> bool:
+    """Delete the draft of a conclusion from every analysis of a recording; False if there was none."""
+    mine = select(analyses.c.id, analyses.c.request).where(analyses.c.recording_id == recording_id)
+    asked = {
+        row.id: ReportRequest.from_json(row.request) for row in connection.execute(mine.with_for_update())
+    }
+    drafted = {analysis_id: request for analysis_id, request in asked.items() if request.draft is not None}
+    for analysis_id, request in drafted.items():
+        values = {"request": replace(request, draft=None).to_json()}
+        connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(values))
+    return bool(drafted)
+
+
+def _write_settings(request: ReportRequest) -> str:
+    return json.dumps(request.describe_settings(), sort_keys=True)

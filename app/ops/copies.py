@@ -1,0 +1,158 @@
+"""The daily copies of the rows: a lost database costs at most a day, even without a backup.
+
+    data_dir/copies/rows-<number>.sqlite3     a whole database without sessions; the newest seven are kept
+
+SQLite only: PostgreSQL has its own dump. ``acromion recover`` begins with the newest copy and brings its rows
+up to date from the side files. A purge deletes every copy, and writes a new one without what is purged.
+"""
+
+import logging
+import shutil
+import sqlite3
+import threading
+import time
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+from sqlalchemy import Engine, create_engine, select
+from sqlalchemy.exc import DBAPIError
+
+from app.library.database.connect import find_database_file, read_revision
+from app.library.database.dump import LEFT_OUT
+from app.library.database.tables import REVISION, recordings
+from app.library.queries import PURGING
+from app.library.recordings import delete_recording
+from app.settings import Settings
+from app.store.folder import sync_file, sync_folder, translate_disk_full
+from app.store.permissions import create_file, make_folder
+
+FOLDER = "copies"
+KEPT = 7
+DAY_S = 24 * 3600.0
+logger = logging.getLogger(__name__)
+_turn = threading.Lock()
+"""A purge and the daily copy of one server take turns: no copy from before a purge appears after it."""
+
+
+def find_copies(settings: Settings) -> tuple[Path, ...]:
+    """Return the copies, the oldest first."""
+    return tuple(sorted((settings.data_dir / FOLDER).glob("rows-*.sqlite3")))
+
+
+def keep_daily_copy(settings: Settings, engine: Engine) -> None:
+    """Write a copy if the newest one is not of the last 24 hours. Raises DiskFull, OSError."""
+    with _turn:
+        copies = find_copies(settings)
+        if copies and abs(time.time() - copies[-1].stat().st_mtime) < DAY_S:
+            return
+        _write(settings, engine)
+        for old in find_copies(settings)[:-KEPT]:
+            old.unlink(missing_ok=True)
+
+
+def renew_copies(settings: Settings, engine: Engine) -> None:
+    """Delete every copy, and write a new one without recordings that are being purged.
+
+    Raises DiskFull, OSError: the purge is unfinished: call this again before its last rows are deleted.
+    """
+    if engine.dialect.name != "sqlite":
+        return
+    with _turn:
+        folder = settings.data_dir / FOLDER
+        for path in folder.glob("rows-*"):  # also a half-written one
+            path.unlink()
+        if folder.is_dir():
+            sync_folder(folder)
+        _write(settings, engine)
+
+
+def restore_copy(settings: Settings) -> str:
+    """Put the newest whole copy in the place of a lost database; return its date, "" if nothing was done.
+
+    A database that a refused start has created, without any recording or person, counts as lost.
+    """
+    file = find_database_file(settings.database_url)
+    if file is None or _holds_rows(Path(file)):
+        return ""
+    copy = next(filter(_is_whole, reversed(find_copies(settings))), None)
+    if copy is None:
+        return ""
+    place = Path(file)
+    for ending in ("-wal", "-shm", "-journal"):  # those of the lost database
+        place.with_name(f"{place.name}{ending}").unlink(missing_ok=True)
+    part = place.with_name(f"{place.name}.part")
+    part.unlink(missing_ok=True)
+    with translate_disk_full(), copy.open("rb") as source, create_file(part) as target:
+        shutil.copyfileobj(source, target)
+    sync_file(part)
+    part.replace(place)
+    sync_folder(place.parent)
+    made = datetime.fromtimestamp(copy.stat().st_mtime, UTC)
+    return made.isoformat(sep=" ", timespec="minutes").removesuffix("+00:00")
+
+
+def _is_whole(copy: Path) -> bool:
+    """Return whether a copy can be read from end to end and has the tables of this version."""
+    engine, is_whole = create_engine(f"sqlite:///{copy}"), False
+    try:
+        with engine.connect() as connection:
+            is_intact = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar() == "ok"
+            is_whole = is_intact and read_revision(connection) == REVISION
+    except DBAPIError:
+        pass
+    finally:
+        engine.dispose()
+    if not is_whole:
+        logger.warning("%s is damaged or of another version, and is not used", copy)
+    return is_whole
+
+
+def _holds_rows(database: Path) -> bool:
+    if not database.exists() or not database.stat().st_size:
+        return False
+    with closing(sqlite3.connect(database)) as connection:
+        known = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+        asked = known.intersection(("recordings", "people", "webhooks"))
+        return any(connection.execute(f"SELECT 1 FROM {name} LIMIT 1").fetchone() for name in sorted(asked))  # noqa: S608
+
+
+def _write(settings: Settings, engine: Engine) -> None:
+    if engine.dialect.name != "sqlite":
+        return
+    folder = settings.data_dir / FOLDER
+    make_folder(folder)
+    copies = find_copies(settings)
+    number = int(copies[-1].stem.rpartition("-")[2]) + 1 if copies else 1
+    part, copy = folder / "rows-new.part", folder / f"rows-{number:06d}.sqlite3"
+    for left in folder.glob(f"{part.name}*"):
+        left.unlink()
+    try:
+        with translate_disk_full():
+            create_file(part).close()
+            with closing(engine.raw_connection()) as connection:
+                connection.cursor().execute("VACUUM INTO ?", (str(part),))
+            _leave_out(part)
+            sync_file(part)
+            part.rename(copy)
+            sync_folder(folder)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _leave_out(part: Path) -> None:
+    """Delete sessions and the rows of recordings that are being purged; their bytes are overwritten."""
+    engine = create_engine(f"sqlite:///{part}")
+    try:
+        with engine.connect() as connection:
+            connection.exec_driver_sql("PRAGMA secure_delete=ON")
+            connection.exec_driver_sql("PRAGMA foreign_keys=ON")
+            known = set(connection.exec_driver_sql("SELECT name FROM sqlite_master").scalars())
+            for table in known.intersection(LEFT_OUT):
+                connection.exec_driver_sql(f'DELETE FROM "{table}"')  # noqa: S608
+            purging = select(recordings.c.id).where(recordings.c.state == PURGING)
+            for recording_id in connection.execute(purging).scalars().all():
+                delete_recording(connection, recording_id)
+            connection.commit()
+    finally:
+        engine.dispose()

@@ -1,0 +1,219 @@
+"""Doctor: check this machine for what would keep Acromion from working well."""
+
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from sqlalchemy import text
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.accounts.accounts import AccountStore
+from app.errors import AccountsLost, AppError
+from app.library.database.connect import check_whole, connect, open_database, translate_start_errors
+from app.library.jobs import JobStore
+from app.ops.account_rows import find_unreadable
+from app.ops.place import is_used
+from app.ops.recover import find_strange, find_unknown
+from app.ops.verify import find_faults, find_kept, measure_kept
+from app.report.render.html import find_template_folder
+from app.settings import Settings
+from app.store.open import open_storage
+from app.store.permissions import make_folder
+from app.store.server_secret import ServerSecret
+from fusion.numba_kernels import make_kernel_folder
+
+OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
+CLOCK_SKEW_S = 30.0
+GIB = 1 << 30
+MOST_READ_BYTES = 8 * GIB
+"""A larger store would take more than about half a minute to read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """The result of one check: its name (a key of the wording), whether all is well, and facts."""
+
+    name: str
+    healthy: bool
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+
+def examine(settings: Settings) -> Iterator[Examination]:
+    """Make every check; none depends on another. Where nothing was ever kept, that alone: nothing is made."""
+    if not _is_used(settings):
+        yield Examination("unused", healthy=False, facts={"folder": str(settings.data_dir.resolve())})
+        return
+    yield _examine_folder(settings)
+    yield _examine_disk(settings)
+    yield _examine_database(settings)
+    yield _examine_store(settings)
+    for name, check in (
+        ("accounts", _find_lost_accounts),
+        ("secret", _find_lost_secret),
+        ("recordings", _find_unknown_recordings),
+        ("quarantine", _find_quarantined),
+        ("bytes", _find_damaged),
+    ):
+        yield _examine_kept(settings, name, check)
+    yield _examine_cache()
+    yield _examine_fonts()
+    yield _examine_clock(settings)
+    yield _examine_memory(settings)
+
+
+def _is_used(settings: Settings) -> bool:
+    try:
+        with translate_start_errors(settings):
+            return is_used(settings)
+    except (AppError, SQLAlchemyError, OSError):
+        return True  # folder and database have checks of their own
+
+
+def _examine_folder(settings: Settings) -> Examination:
+    """Check that the folder can be written, by us alone."""
+    folder = settings.data_dir
+    facts = {"folder": str(folder.resolve())}
+    try:
+        make_folder(folder)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        return Examination("folder", healthy=False, facts=facts | {"why": error.strerror or ""})
+    if sys.platform != "win32" and folder.stat().st_mode & 0o007:
+        return Examination("folder_open", healthy=False, facts=facts)
+    return Examination("folder", healthy=True, facts=facts)
+
+
+def _examine_disk(settings: Settings) -> Examination:
+    free_bytes = shutil.disk_usage(_find_existing(settings.data_dir)).free
+    facts = {"free": f"{free_bytes / GIB:.1f}", "needed": f"{settings.min_free_bytes / GIB:.1f}"}
+    return Examination("disk", free_bytes >= settings.min_free_bytes, facts)
+
+
+def _examine_database(settings: Settings) -> Examination:
+    """Check that the database answers, and that its tables are ours."""
+    try:
+        with translate_start_errors(settings):
+            check_whole(settings.database_url)
+            engine = open_database(settings.database_url)
+            engine.dispose()
+    except AppError as refusal:
+        return Examination("database", healthy=False, facts={"why": refusal.code})
+    except SQLAlchemyError as error:
+        return Examination("database", healthy=False, facts={"why": type(error).__name__})
+    return Examination("database", healthy=True, facts={"kind": engine.dialect.name})
+
+
+def _examine_store(settings: Settings) -> Examination:
+    facts = {"where": settings.object_store or str(settings.data_dir)}
+    try:
+        storage = open_storage(settings)
+        storage.prepare()
+        storage.identify()
+    except AppError as refusal:
+        return Examination("store", healthy=False, facts=facts | {"why": refusal.code})
+    except OSError as error:
+        return Examination("store", healthy=False, facts=facts | {"why": error.strerror or ""})
+    return Examination("store", healthy=True, facts=facts)
+
+
+def _examine_kept(
+    settings: Settings, name: str, find: Callable[[Settings], Mapping[str, str] | None]
+) -> Examination:
+    """Check what is kept: ``find`` gives the facts of what is wrong, {} for nothing, None if it did not look.
+
+    Database and store have checks of their own.
+    """
+    try:
+        wrong = find(settings)
+    except (AppError, SQLAlchemyError, OSError):
+        wrong = {}
+    return Examination(name if wrong is not None else f"{name}_unread", not wrong, wrong or {})
+
+
+def _find_lost_accounts(settings: Settings) -> Mapping[str, str]:
+    """Find that the database holds no account though the folder says that there are any."""
+    try:
+        AccountStore(settings).check_kept()
+    except AccountsLost as lost:
+        return {"file": str(lost.facts["file"])}
+    return {}
+
+
+def _find_lost_secret(settings: Settings) -> Mapping[str, str]:
+    """Find second factors and webhooks that another secret than that of this server has encrypted."""
+    secret = ServerSecret(settings.data_dir)
+    with closing(JobStore(settings)) as store:
+        lost = find_unreadable(store.reader, secret)
+    if not lost.second_factors and not lost.webhooks:
+        return {}
+    counts = {"factors": str(lost.second_factors), "webhooks": str(lost.webhooks)}
+    return counts | {"file": str(secret.file)}
+
+
+def _find_unknown_recordings(settings: Settings) -> Mapping[str, str]:
+    with closing(JobStore(settings)) as store:
+        unknown = find_unknown(store, open_storage(settings)).recoverable
+    return {"number": str(len(unknown))} if unknown else {}
+
+
+def _find_quarantined(settings: Settings) -> Mapping[str, str]:
+    names = find_strange(open_storage(settings))
+    folder = str(settings.data_dir.resolve() / "quarantine")
+    return {"number": str(len(names)), "first": names[0], "folder": folder} if names else {}
+
+
+def _find_damaged(settings: Settings) -> Mapping[str, str] | None:
+    """Find stored files that differ from their rows; a large store is left to ``acromion verify``."""
+    files = find_kept(settings)
+    if measure_kept(settings) > MOST_READ_BYTES:
+        return None
+    faults = [one.name for one in find_faults(settings, files) if one.finding in ("missing", "damaged")]
+    return {"number": str(len(faults)), "first": faults[0]} if faults else {}
+
+
+def _examine_cache() -> Examination:
+    """Check that compiled code can be cached; otherwise each start compiles it again."""
+    folder = make_kernel_folder() or Path(tempfile.gettempdir())
+    writable = os.access(_find_existing(folder), os.W_OK)
+    return Examination("cache", writable, {"folder": str(folder)})
+
+
+def _examine_fonts() -> Examination:
+    fonts = [path for path in (find_template_folder() / "fonts").glob("*") if path.suffix in (".ttf", ".otf")]
+    return Examination("fonts", bool(fonts), {"number": str(len(fonts))})
+
+
+def _examine_clock(settings: Settings) -> Examination:
+    """Check that the clock is plausible and, where the database has its own clock, agrees with that."""
+    now, skew_s = datetime.now(UTC), 0.0
+    if not settings.database_url.startswith("sqlite"):
+        with suppress(SQLAlchemyError):  # the check of the database reports that it does not answer
+            engine = connect(settings.database_url)
+            with engine.connect() as connection:
+                theirs_s = connection.execute(text("SELECT extract(epoch FROM clock_timestamp())"))
+                skew_s = time.time() - float(theirs_s.scalar_one())
+            engine.dispose()
+    facts = {"clock": now.isoformat(timespec="seconds"), "skew": f"{skew_s:.0f}"}
+    return Examination("clock", now > OLDEST_CLOCK and abs(skew_s) < CLOCK_SKEW_S, facts)
+
+
+def _examine_memory(settings: Settings) -> Examination:
+    """Check that each worker has memory for one analysis (700 MiB at most)."""
+    if not hasattr(os, "sysconf"):
+        return Examination("memory", healthy=True, facts={"installed": "?"})
+    installed_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    facts = {"installed": f"{installed_bytes / GIB:.1f}"}
+    return Examination("memory", installed_bytes > settings.workers * GIB, facts)
+
+
+def _find_existing(folder: Path) -> Path:
+    """Find the folder, or the nearest existing one above it."""
+    return next(place for place in (folder.resolve(), *folder.resolve().parents) if place.exists())

@@ -1,0 +1,1 @@
+"""Workers: they claim analyses and run them, on one machine or many."""

@@ -1,0 +1,327 @@
+"""The worker: claims a job, runs it in a child process, publishes the result, claims the next."""
+
+import argparse
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from sqlalchemy.exc import OperationalError
+
+from app.analysis.attempt import (
+    Attempt,
+    Died,
+    Finished,
+    MakeReport,
+    Outcome,
+    Refused,
+    Stopped,
+    Unstarted,
+    choose_limits,
+    load_and_make_report,
+    run_attempt,
+    run_beside,
+)
+from app.analysis.fork_server import warm_up_and_wait
+from app.errors import AppError, Crashed, DiskFull, NotHere, ResultDamaged, StoreAway, StoreDamaged
+from app.library.database.connect import translate_database_errors, translate_start_errors
+from app.library.job import Job
+from app.library.jobs import JobStore
+from app.library.listing import HeadlineFigures, read_headline
+from app.library.mappings import MappingStore
+from app.logs import start_logging
+from app.report.words.messages import describe_problem
+from app.request import ReportRequest
+from app.settings import Settings
+from app.store.decoded import DecodedCache
+from app.store.folder import TEMPORARY_S, KnownLogs, Storage, borrow_recording, borrow_result, check_folder
+from app.store.open import load_extra, open_storage
+
+IDLE_S = 0.25
+RENEWAL_S = 1.0
+TROUBLE_S = 2.0
+LONGEST_PAUSE_S = 60.0
+DEATH_GRACE_S = 1.0
+"""A shutdown may kill the child first: a death counts only where the worker outlives it for so long."""
+
+T = TypeVar("T")
+
+logger = logging.getLogger(__name__)
+
+
+class Lease:
+    """How long a worker holds a job that it has claimed without a word.
+
+    The worker's own loop renews it, the one that receives the progress of the child process; no thread does.
+    A worker that hangs, was killed or has lost the database loses its job. Every write names the token of the
+    attempt, so that a worker that lost its job changes nothing.
+    """
+
+    def __init__(self, store: JobStore, analysis_id: str, token: str) -> None:
+        self._store, self._claim = store, (analysis_id, token)
+        self._progress: tuple[str | None, float] = (None, 0.0)
+        self._renewed_s = time.monotonic()
+
+    def renew(self, stage: str | None, fraction: float) -> bool:
+        """Renew the lease where progress was made or a second has passed; False when the job is lost.
+
+        While the database is away nobody can take the job: the attempt continues, and its end is guarded.
+        """
+        now_s, progress = time.monotonic(), (stage, fraction)
+        if progress == self._progress and now_s - self._renewed_s < RENEWAL_S:
+            return True
+        self._progress, self._renewed_s = progress, now_s
+        try:
+            return self._store.renew(*self._claim, *progress)
+        except OperationalError:
+            logger.warning("%s: not renewed, the database does not answer", self._claim[0])
+            return True
+
+    def keep_during(self, act: Callable[[], T], limit_s: float) -> T:
+        """Renew the lease while a step runs that reads or writes large files; return its result.
+
+        A step that takes longer than the limit waits for a disk or a network that never answers: this process
+        ends, and whoever takes the job begins anew.
+        """
+        end_s = time.monotonic() + limit_s
+
+        def renew_until_limit() -> None:
+            if time.monotonic() > end_s:
+                logger.critical("the store has not answered for %.0f s; the worker ends itself", limit_s)
+                os._exit(1)
+            self.renew(*self._progress)
+
+        return run_beside(act, renew_until_limit)
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Everything that a worker needs; ``make`` replaces the science where it is given."""
+
+    store: JobStore
+    storage: Storage
+    settings: Settings
+    stopping: threading.Event
+    cache: DecodedCache
+    make: MakeReport | None = None
+
+
+def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
+    """Open database and store for one worker; ``make`` replaces the science.
+
+    Raises ServerRefused, DatabaseAway, StoreAway, DiskFull.
+    """
+    with translate_start_errors(settings):
+        storage = open_storage(settings)
+        storage.prepare()
+        check_folder(settings.data_dir)
+        store = JobStore(settings)
+        store.check_belongs(storage.identify())
+    cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
+    return Bench(store, storage, settings, threading.Event(), cache, make)
+
+
+def run_next(bench: Bench) -> bool:
+    """Do one job, from claim to published report; False when nothing waits."""
+    return_expired(bench)
+    job = bench.store.claim()
+    if job is None or job.token is None:
+        return False
+    started_s, lease = time.monotonic(), Lease(bench.store, job.id, job.token)
+    outcome = _attempt_or_delay(bench, job, job.token, lease)
+    while True:
+        try:
+            _publish(bench, job, job.token, outcome, lease)
+            break
+        except (OperationalError, StoreAway):  # a finished analysis is worth the wait
+            logger.exception("database or store does not answer; trying again")
+            lease.renew(None, 0.0)
+            if bench.stopping.wait(TROUBLE_S):
+                raise
+    seconds = time.monotonic() - started_s
+    logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
+    return True
+
+
+def return_expired(bench: Bench) -> None:
+    """Put back what workers held that are gone, and remove what they left half made."""
+    for analysis_id, token in bench.store.return_expired():
+        logger.warning("%s: its worker is gone", analysis_id)
+        bench.storage.drop_attempt(analysis_id, token)
+
+
+def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None) -> None:
+    """Run jobs until SIGTERM or SIGINT or, between two jobs, until the parent is gone."""
+    bench = open_bench(settings, make)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: bench.stopping.set())
+    warm_up_and_wait()
+    while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
+        if not run_next_patiently(bench):
+            bench.stopping.wait(IDLE_S)
+    bench.store.close()
+
+
+def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
+    """Run the loop of the engine in the settings; Procrastinate is loaded only where it is chosen.
+
+    Raises ServerRefused, DatabaseAway, StoreAway, DiskFull at the start, and DatabaseDamaged later.
+    """
+    with translate_database_errors(settings.database_url):
+        if settings.engine == "embedded":
+            run_worker(settings, parent_pid=parent_pid)
+        else:
+            cluster = load_extra("app.queue.cluster")
+            cluster.run_cluster_worker(settings, parent_pid=parent_pid)
+
+
+def run_next_patiently(bench: Bench) -> bool:
+    """Do one job, and wait where the database does not answer; the row remains the truth meanwhile."""
+    try:
+        return run_next(bench)
+    except OperationalError:
+        logger.exception("the database does not answer; trying again")
+        bench.stopping.wait(TROUBLE_S)
+        return False
+
+
+def _attempt_or_delay(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
+    """Make the attempt; where the store or the disk fails, delay the job and put it back, uncounted."""
+    try:
+        outcome = _attempt(bench, job, token, lease)
+    except StoreAway as trouble:
+        return _delay(bench, job, lease, trouble.code, TROUBLE_S)
+    except DiskFull:
+        outcome = Refused(DiskFull.code, {})
+    except StoreDamaged as damaged:
+        logger.error("%s: the stored recording %s: %s", job.id, job.recording_id, damaged.code)
+        return Refused(damaged.code, damaged.facts)
+    if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
+        return outcome
+    bench.storage.drop_attempt(job.id, token)  # its files fill the disk, too
+    if job.put_backs >= bench.settings.max_put_backs:
+        return Refused(DiskFull.code, {"tries": job.put_backs + 1})
+    pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
+    job = replace(job, put_backs=job.put_backs + 1)
+    return _delay(bench, job, lease, DiskFull.code, pause_s)
+
+
+def _delay(bench: Bench, job: Job, lease: Lease, code: str, pause_s: float) -> Outcome:
+    """Record the delay, and keep the job for a while: a peer on the same disk would meet the same trouble."""
+    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, pause_s, code)
+    with suppress(OperationalError):  # the database may lie on the disk that is full
+        bench.store.record_delay(job.id, str(job.token), code, job.put_backs)
+    end_s = time.monotonic() + pause_s
+    while time.monotonic() < end_s and _renew_unless_stopping(bench, lease, None, 0.0):
+        bench.stopping.wait(IDLE_S)
+    return Stopped()
+
+
+def _attempt(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
+    bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
+    out = bench.storage.open_attempt(job.id, token)
+    limits = choose_limits(bench.settings, job.size_bytes)
+    # the digest that is verified now: the child need not compute it again
+    digests = () if job.request.joined else (job.sha256,)
+    known = KnownLogs(digests, replace(bench.cache, recording_id=job.recording_id))
+    make = bench.make or partial(load_and_make_report, known=known)
+    with ExitStack() as stack:
+        own = borrow_recording(bench.storage, job.recording_id, job.sha256)
+        log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
+        reference = _borrow_reference(bench, job)
+        request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
+        attempt = Attempt(log, request, out, make, limits, gives_way=True)
+        on_progress = partial(_renew_unless_stopping, bench, lease)
+        outcome = run_attempt(attempt, on_progress)
+        header = outcome.facts.get("header") if isinstance(outcome, Refused) else None
+        if header is None or job.request.profile:
+            return outcome
+        # the columns confirmed for the header of a table that was refused
+        asked = MappingStore(bench.store.engine, bench.store.reader).adopt(job.id, token, str(header))
+        if asked is None:
+            return outcome
+        named = replace(asked, reference=request.reference)
+        return run_attempt(replace(attempt, request=named), on_progress)
+
+
+def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fraction: float) -> bool:
+    """Renew the lease; False when the job was cancelled or taken, or this worker is to stop."""
+    return not bench.stopping.is_set() and lease.renew(stage, fraction)
+
+
+@contextmanager
+def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
+    """Return the request with the path of its reference, which the row knows by its id."""
+    reference = job.request.reference
+    if reference is None:
+        yield job.request
+        return
+    try:
+        sha256 = bench.store.find_sha256(reference.path)
+    except NotHere as gone:  # deleted with its recording meanwhile
+        raise StoreDamaged from gone
+    with borrow_recording(bench.storage, reference.path, sha256) as path:
+        yield replace(job.request, reference=replace(reference, path=str(path)))
+
+
+def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease) -> None:
+    kept = False
+    if isinstance(outcome, Finished):
+        limit_s = choose_limits(bench.settings, job.size_bytes).wall_s
+        lease.keep_during(lambda: bench.storage.keep_attempt(job.id, token), limit_s)
+        won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
+        kept = won or bench.store.is_published(job.id, token)
+    elif isinstance(outcome, Refused):
+        bench.store.fail(job.id, token, outcome.code, outcome.facts)
+    elif isinstance(outcome, Died) and not bench.stopping.wait(DEATH_GRACE_S):
+        logger.warning("%s: the analysis died (exit code %s)", job.id, outcome.exit_code)
+        if job.attempts < bench.settings.max_attempts:
+            bench.store.release(job.id, token)
+        else:
+            crashed = Crashed(attempts=job.attempts)
+            bench.store.fail(job.id, token, crashed.code, crashed.facts)
+    elif isinstance(outcome, Unstarted) and not bench.stopping.wait(TROUBLE_S):
+        bench.store.interrupt(job.id, token)
+    else:
+        bench.store.release(job.id, token, forgiven=True)
+    if not kept:
+        bench.storage.drop_attempt(job.id, token)
+
+
+def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
+    """Read the headline figures of a finished attempt; a comparison with a reference has none."""
+    file = next((file for file in made.files if file.name == "results.json"), None)
+    if file is None:
+        return None
+    try:
+        with borrow_result(bench.storage, analysis_id, token, file) as results:
+            return read_headline(results)
+    except ResultDamaged:  # every reader of the file gets this error
+        return None
+
+
+def main() -> None:
+    """Enter from ``python -m app.queue.worker``; all other settings come from ``ACROMION_*``."""
+    parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
+    parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
+    parser.add_argument("--parent", type=int, help="end when this process is gone")
+    arguments = parser.parse_args()
+    start_logging()
+    try:
+        run_by_settings(Settings(data_dir=arguments.data), arguments.parent)
+    except AppError as refusal:
+        words = describe_problem(refusal.code, refusal.facts, "en")
+        logger.error("%s %s %s %s", refusal.code, words.title, words.detail, words.fix)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

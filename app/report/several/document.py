@@ -1,0 +1,247 @@
+"""``profile.json`` and its tables: every figure of several days, in no language."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from math import inf
+from statistics import fmean
+from typing import Any
+
+from app.report.export.csv import encode_table
+from app.report.figures import round_all
+from app.report.pairs import describe_source, name_method
+from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
+from fusion.comparison.change import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
+from fusion.comparison.days import (
+    LEAST_DAYS,
+    LEAST_OWN_DAYS,
+    PERCENTS,
+    ClockBand,
+    DayMean,
+    GroupChange,
+    GroupSpread,
+    Telling,
+    Trend,
+    compare_people,
+    describe_days,
+    describe_group,
+    find_detectable_between,
+    find_telling,
+    find_trend,
+    pool_deviation,
+)
+from fusion.conventions import FEWEST_PEOPLE
+from fusion.exposure.types import Interval
+
+SCHEMA = "acromion.profile/1"
+MAIN = "time_above_60_percent"
+FIGURES = (
+    "time_above_30_percent",
+    MAIN,
+    "time_above_90_percent",
+    "entries_above_60_per_h",
+    "elevation_p50_deg",
+)
+
+
+def describe_profile(studied: StudiedDays) -> dict[str, Any]:
+    """Return every day, mean, spread, overlay and change, for JSON; of a group nothing of single people."""
+    document: dict[str, Any] = round_all(
+        {
+            "schema": SCHEMA,
+            "one_person": studied.one_person,
+            "differences": list(studied.differences),
+            "arms": [] if studied.is_group else [_describe_arm(arm) for arm in studied.arms],
+            "group": [
+                {
+                    "side": side,
+                    "stage": stage,
+                    "figures": {
+                        name: _spell(spread) | _spell_pose(find_group_pose(studied, name, side, stage))
+                        for name, spread in figures.items()
+                    },
+                }
+                for side, stage, figures in list_groups(studied)
+            ],
+            "change": [{"side": side, "figures": changes} for side, changes in list_changes(studied)],
+            "rules": {
+                "fewest_people": FEWEST_PEOPLE,
+                "whole_day_s": WHOLE_DAY_S,
+                "overlay_least_days": LEAST_DAYS,
+                "own_deviation_least_days": LEAST_OWN_DAYS,
+            },
+            "source": SOURCE,
+        }
+    )
+    return document
+
+
+def _describe_arm(arm: ArmDays) -> dict[str, Any]:
+    telling, trend = tell_days(arm), follow_days(arm)
+    return {
+        "subject": arm.subject,
+        "side": arm.side,
+        "stage": arm.stage,
+        "days": [_describe_day(day) for day in arm.days],
+        "figures": {
+            name: _spell(figure) | _spell_pose(arm.find_pose_ends(name))
+            for name, figure in describe_arm(arm).items()
+        },
+        "telling": _spell(telling) if telling else None,
+        "trend": _spell(trend) if trend else None,
+        "overlay": [_describe_band(band) for band in arm.bands],
+    }
+
+
+def _describe_day(day: MeasuredDay) -> dict[str, Any]:
+    findings, ranges = day.kept.findings, {name: day.find_interval(name) for name in FIGURES}
+    return {
+        **describe_source(day.kept),
+        "device": findings.recording.device,
+        "method": name_method(findings) or None,
+        "pose": findings.calibration.pose if findings.calibration else None,
+        "left_out": day.left_out,
+        "figures": day.list_figures(),
+        "ranges": {name: asdict(interval) if interval else None for name, interval in ranges.items()},
+    }
+
+
+def _describe_band(band: ClockBand) -> dict[str, Any]:
+    angles: Mapping[int, float] = band.percentiles_deg or {}
+    hours, rest = divmod(round(band.start_s), 3600)
+    clock = f"{hours:02d}:{rest // 60:02d}"
+    return {"clock": clock, "days": band.days, **{f"p{p}_deg": angles.get(p) for p in PERCENTS}}
+
+
+def _spell(figure: DayMean | GroupSpread | GroupChange | Telling | Trend) -> dict[str, Any]:
+    spelled = {name: getattr(figure, name) for name in type(figure).__slots__}
+    return {
+        name: [value.low, value.high] if isinstance(value, Interval) else value
+        for name, value in spelled.items()
+    }
+
+
+def _spell_pose(ends: PoseEnds | None) -> dict[str, float | None]:
+    return dict(zip(("low_pose", "high_pose"), ends or (None, None), strict=True))
+
+
+# ------------------------------------------------------------------ what the report needs, too
+
+
+def describe_arm(arm: ArmDays) -> dict[str, DayMean]:
+    """Describe the days of an arm by figure; empty where none counts."""
+    every = {name: arm.list_values(name) for name in FIGURES}
+    return {name: describe_days(values, _find_most(name)) for name, values in every.items() if values}
+
+
+def _find_most(name: str) -> float:
+    return 100.0 if name.endswith("_percent") else 180.0 if name.endswith("_deg") else inf
+
+
+def tell_days(arm: ArmDays) -> Telling | None:
+    """Find how many days tell a change of half the time above 60 deg; None where no day counts."""
+    values = arm.list_values(MAIN)
+    return find_telling(describe_days(values), BETWEEN_DAY_SD[MAIN]) if values else None
+
+
+def follow_days(arm: ArmDays) -> Trend | None:
+    """Set the time above 60 deg of every day with a date against the first; None on a side of a change."""
+    dated = [day.list_figures()[MAIN] for day in arm.counted if day.start]
+    values = [value for value in dated if value is not None]
+    return find_trend(values, BETWEEN_DAY_SD[MAIN]) if arm.stage == "all" else None
+
+
+def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict[str, GroupSpread]]]:
+    """Return the spread of each arm and side of the change between and within five people or more."""
+    if not studied.is_group:
+        return
+    for side in studied.sides:
+        for stage in studied.stages:
+            figures = {name: _collect(studied, name, side, stage) for name in FIGURES}
+            known = {
+                name: describe_group(people, _find_most(name))
+                for name, people in figures.items()
+                if len(people) >= FEWEST_PEOPLE
+            }
+            if known:
+                yield side, stage, known
+
+
+def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
+    """Return the mean over people of the ends of the range that holds the pose's error, each person once."""
+    arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
+    ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
+    if not ends or len(ends) < len(arms):
+        return None
+    return fmean(low for low, _ in ends), fmean(high for _, high in ends)
+
+
+def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, dict[str, Any]]]]:
+    """Return the change of each arm, after less before, by figure; nothing without a change."""
+    if "after" not in studied.stages:
+        return
+    for side in studied.sides:
+        changes = {name: _find_change(studied, name, side) for name in FIGURES}
+        known = {name: change for name, change in changes.items() if change}
+        if known:
+            yield side, known
+
+
+def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> dict[str, list[float]]:
+    """Return the figure of each person's days that count; people without any are left out."""
+    arms = (arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
+    values = {arm.subject: arm.list_values(name) for arm in arms}
+    return {subject: days for subject, days in values.items() if days}
+
+
+def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
+    """Compare people before and after: one by the days, a group by the range of its change."""
+    before, after = (_collect(studied, name, side, stage) for stage in ("before", "after"))
+    change, detectable, verdict = compare_people(before, after), None, "unknown"
+    if change is None or (studied.is_group and change.people < FEWEST_PEOPLE):
+        return None
+    if change.people == 1:  # the least change that days do not make, by their own deviation where known
+        code, sd = next(code for code in before if code in after), BETWEEN_DAY_SD.get(name)
+        pooled = pool_deviation([before[code], after[code]])
+        if pooled and pooled[1] >= LEAST_OWN_DAYS - 1:
+            sd = pooled[0]
+        if sd is not None:
+            detectable = find_detectable_between(sd, len(before[code]), len(after[code]))
+    if change.change_range is not None:
+        holds_none = change.change_range.low <= 0.0 <= change.change_range.high
+        verdict = "not larger" if holds_none else "larger"
+    elif detectable is not None:
+        verdict = "larger" if abs(change.change) > detectable else "not larger"
+    return {**_spell(change), "detectable": detectable, "verdict": verdict}
+
+
+# ------------------------------------------------------------------ tables
+
+
+_DAY_COLUMNS = (
+    *("subject", "side", "stage", "start", "file_name", "sha256", "report_id", "device", "method", "pose"),
+    *("verdict", "analysed_s", "left_out"),
+    *FIGURES,
+)
+_OVERLAY_COLUMNS = ("subject", "side", "stage", "clock", "days", *(f"p{p}_deg" for p in PERCENTS))
+
+
+def encode_day_table(studied: StudiedDays) -> bytes:
+    """Write ``profile.csv``: a row for each day."""
+    rows = (
+        round_all({**told, **told["figures"], "subject": arm.subject, "stage": arm.stage})
+        for arm in studied.arms
+        for told in map(_describe_day, arm.days)
+    )
+    return encode_table(_DAY_COLUMNS, rows)
+
+
+def encode_overlay_table(studied: StudiedDays) -> bytes:
+    """Write ``overlay.csv``: a row for each quarter hour of each arm; empty where too few days are."""
+    rows = (
+        round_all({"subject": arm.subject, "side": arm.side, "stage": arm.stage, **_describe_band(band)})
+        for arm in studied.arms
+        for band in arm.bands
+    )
+    return encode_table(_OVERLAY_COLUMNS, rows)

@@ -1,0 +1,443 @@
+"""The report of several days, for people: of one person, of both arms, of a group, before and after.
+
+Pure. Its figures are those of :mod:`app.report.several.document`; each is defined in docs/profile.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from app.report.figures import format_figure, format_figure_range
+from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
+from app.report.pairs import (
+    build_report,
+    format_person,
+    format_points,
+    format_pose,
+    load_pair_words,
+    name_method,
+)
+from app.report.several.charts import FigureRow, build_overlays, build_rows, build_visits
+from app.report.several.document import (
+    FIGURES,
+    MAIN,
+    describe_arm,
+    describe_profile,
+    find_group_pose,
+    follow_days,
+    list_changes,
+    list_groups,
+    tell_days,
+)
+from app.report.several.people import ArmDays, PoseEnds, Side, Stage, StudiedDays
+from app.report.single.chapters import format_pose_caution
+from app.report.words.numbers import (
+    NONE,
+    Clock,
+    format_angle_range,
+    format_date,
+    format_duration,
+    format_ends,
+    format_number,
+    format_range,
+)
+from app.report.words.subject import LONGEST_CODE, clean_text, cut_text
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from fusion.comparison.change import SOURCE
+from fusion.comparison.days import LEAST_OWN_DAYS
+from fusion.exposure.types import Interval
+from fusion.recording import MICROSECONDS
+
+TILES = ("time_above_30_percent", "time_above_60_percent", "time_above_90_percent", "entries_above_60_per_h")
+MOST_DAYS = 60
+"""Rows of a table of days in the report; all of them are in profile.csv."""
+MOST_ROWS = 14
+"""Rows of the drawing of days; all of them are in the table behind and in profile.csv."""
+
+
+def build_days(studied: StudiedDays, language: Language) -> Report:
+    """Turn several days into one report."""
+    words, common = load_wording(language, "days"), load_wording(language)
+    every = [day.kept for day in studied.days]
+    rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
+    poses = dict.fromkeys(format_pose_caution(kept.findings, common) for kept in every)
+    return build_report(
+        every,
+        describe_profile(studied),
+        words,
+        language,
+        title=words["title_group" if studied.is_group else "title"],
+        version=max(kept.subject.software.version for kept in every),
+        header=_build_header(studied, words, common, language),
+        verdict=_build_verdict(studied, words["verdict"], words["difference"]),
+        sentences=_list_sentences(studied, words["sentence"], language),
+        cautions=(
+            format_person(studied.one_person, language),
+            "" if studied.is_group else rule,
+            words["cause"],
+            *poses,
+        ),
+        figures=() if studied.is_group else _list_figures(studied, words, language),
+        sections=_list_sections(studied, words, language),
+        range_note=words["range_note"],
+    )
+
+
+def _build_header(studied: StudiedDays, words: Words, common: Words, language: Language) -> tuple[Pair, ...]:
+    label, codes = common["label"], studied.people
+    if studied.is_group:
+        who = fill(words["people"], {"count": str(len(codes))})
+    else:
+        who = cut_text(codes[0], LONGEST_CODE) or label["not_given"]
+    starts = sorted(day.start for day in studied.days if day.start)
+    dates = dict.fromkeys(format_date(start, language) for start in (*starts[:1], *starts[-1:]))
+    counted = sum(day.left_out is None for day in studied.days)
+    facts = {"count": str(counted), "all": str(len(studied.days))}
+    return (
+        Pair(label["subject"], who),
+        Pair(label["date"], " – ".join(dates) or label["no_clock"]),
+        Pair(label["arm"], ", ".join(common["side"][side or "unknown"] for side in studied.sides)),
+        Pair(words["counted"], fill(words["of_all"], facts)),
+    )
+
+
+def _build_verdict(studied: StudiedDays, entry: Words, differences: Words) -> VerdictLine:
+    """State first whether there are days to compare, then whether they are alike."""
+    most = max(len(arm.counted) for arm in studied.arms)
+    if most < 2 and not studied.is_group:  # whose range comes from its people
+        return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
+    if not studied.differences:
+        return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
+    told = "; ".join(differences[name] for name in studied.differences)
+    level = "poor" if "poor" in studied.differences else "caution"
+    return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": told}))
+
+
+# ------------------------------------------------------------------ the answer in sentences
+
+
+def _list_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterable[str]:
+    """State the change, where there is one; else mean and spread, which then stand in the tables."""
+    if "after" in studied.stages:
+        return _list_change_sentences(studied, entry["change"], language)
+    if studied.is_group:
+        return _list_group_sentences(studied, entry, language)
+    return (told for arm in studied.arms for told in _list_arm_sentences(arm, entry, language))
+
+
+def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[str]:
+    name = _name_arm(arm.side, arm.stage, language)
+    days, telling, values = describe_arm(arm).get(MAIN), tell_days(arm), arm.list_values(MAIN)
+    if days is None or telling is None:
+        return [fill(entry["none"], {"arm": name})]
+    facts = {
+        "arm": name,
+        "days": str(days.days),
+        "mean": format_figure(days.mean, MAIN, language),
+        "range": _format_span(days.mean_range, MAIN, language),
+        "pose": _format_pose(arm.find_pose_ends(MAIN), MAIN, language),
+        "low": format_figure(min(values), MAIN, language),
+        "high": format_figure(max(values), MAIN, language),
+        "sd": format_points(days.sd, MAIN, language) if days.sd is not None else "",
+        **_format_two_ends("sd", days.sd_range, language),
+        "needed": str(max(telling.days, days.days)),
+        "more": str(telling.more_days),
+        "points": format_points(telling.detectable, MAIN, language),
+        **_format_two_ends("points", telling.detectable_range, language),
+        "own": entry["own"][telling.sd_from],
+    }
+    if days.days < 2:
+        return [fill(entry["one"], facts), fill(entry["more"], facts)]
+    needed = fill(entry["more" if telling.more_days else "enough"], facts)
+    trend = _tell_trend(arm, entry, language)
+    return [fill(entry["mean"], facts), f"{fill(entry['spread'], facts)} {needed}", *trend]
+
+
+def _tell_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
+    """Say whether the last day differs from the first by more than single days do."""
+    trend, entry = follow_days(arm), sentence["trend"]
+    starts = [day.start for day in arm.counted if day.start]
+    if trend is None:
+        return []
+    facts = {
+        "from": format_date(starts[0], language),
+        "to": format_date(starts[-1], language),
+        "first": format_figure(trend.first, MAIN, language),
+        "last": format_figure(trend.last, MAIN, language),
+        "change": format_points(trend.change, MAIN, language, is_signed=True),
+        "detectable": format_points(trend.detectable, MAIN, language),
+        "own": sentence["own"][trend.sd_from],
+        "outside": str(trend.outside),
+        "later": str(len(starts) - 1),
+    }
+    told = f"{fill(entry['told'], facts)} {fill(entry['larger' if trend.is_larger else 'not larger'], facts)}"
+    outside = fill(entry["outside" if trend.outside else "none"], facts)
+    return [f"{told} {outside}" if len(starts) > 2 else told]
+
+
+def _list_group_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterator[str]:
+    for side, stage, figures in list_groups(studied):
+        spread = figures.get(MAIN)
+        if spread is None:
+            continue
+        between, within = (
+            "" if sd is None else format_points(sd, MAIN, language)
+            for sd in (spread.between_sd, spread.within_sd)
+        )
+        facts = {
+            "arm": _name_arm(side, stage, language),
+            "people": str(spread.people),
+            "days": str(spread.days),
+            "mean": format_figure(spread.mean, MAIN, language),
+            "range": _format_span(spread.mean_range, MAIN, language),
+            "pose": _format_pose(find_group_pose(studied, MAIN, side, stage), MAIN, language),
+            "between": between,
+            "within": within,
+        }
+        yield fill(entry["group"], facts)
+        yield fill(entry["unsplit" if spread.between_sd is None else "split"], facts)
+
+
+def _format_two_ends(name: str, interval: Interval | None, language: Language) -> dict[str, str]:
+    ends = (interval.low, interval.high) if interval else ()
+    told = (format_number(end, 1, language) for end in ends)
+    return dict(zip((f"{name}_low", f"{name}_high"), told, strict=False))
+
+
+def _format_pose(ends: PoseEnds | None, name: str, language: Language) -> str:
+    return format_figure(ends[1], name, language) if ends else ""
+
+
+def _list_change_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterator[str]:
+    changes = dict(list_changes(studied))
+    if not changes:
+        yield entry["few" if studied.is_group else "nobody"]
+    for side, figures in changes.items():
+        change = figures.get(MAIN)
+        if change is None:
+            continue
+        span = change["change_range"]
+        before_days, after_days = (
+            str(sum(len(arm.counted) for arm in studied.arms if (arm.side, arm.stage) == (side, stage)))
+            for stage in ("before", "after")
+        )
+        facts = {
+            "arm": _name_arm(side, "all", language),
+            "people": str(change["people"]),
+            "before_days": before_days,
+            "after_days": after_days,
+            "before": format_figure(change["before"], MAIN, language),
+            "after": format_figure(change["after"], MAIN, language),
+            "change": format_points(change["change"], MAIN, language, is_signed=True),
+            "low": format_number(span[0], 1, language) if span else "",
+            "high": format_number(span[1], 1, language) if span else "",
+            "detectable": format_points(change["detectable"], MAIN, language) if change["detectable"] else "",
+        }
+        told = entry["group" if span else "person"]
+        yield f"{fill(told['told'], facts)} {fill(told[change['verdict']], facts)}"
+
+
+# ------------------------------------------------------------------ drawings and chapters
+
+
+def _list_figures(studied: StudiedDays, words: Words, language: Language) -> Iterator[Chart]:
+    """Draw one person's days: over one another, and the last days of each arm under its mean."""
+    shown = [
+        (_name_arm(arm.side, arm.stage, language), arm)
+        for arm in studied.arms
+        if any(band.percentiles_deg for band in arm.bands)
+    ]
+    if shown:
+        yield build_overlays(shown, words, language)
+    rows: list[FigureRow] = []
+    each = max(MOST_ROWS // len(studied.arms), 2)
+    for arm in studied.arms:
+        rows += _lay_mean(arm, language)
+        for day in arm.days[-each:]:
+            label = format_date(day.start, language) if day.start else words["no_clock"]
+            figures, is_left_out = day.list_figures(), day.left_out is not None
+            rows.append(_lay_row(label, [figures[key] for key in TILES], language, is_left_out=is_left_out))
+    heads = (words["rows"]["days"], words["rows"]["day"])
+    yield build_rows(rows, heads, words["rows"]["columns"], words)
+
+
+def _lay_mean(arm: ArmDays, language: Language) -> list[FigureRow]:
+    figures = describe_arm(arm)
+    means = [figures.get(key) for key in TILES]
+    row = _lay_row(
+        _name_arm(arm.side, arm.stage, language), [mean.mean if mean else None for mean in means], language
+    )
+    spans = (mean.mean_range if mean else None for mean in means)
+    ranges = tuple((span.low, span.high) if span else None for span in spans)
+    return [replace(row, ranges=ranges, is_mean=True)] if figures else []
+
+
+def _lay_row(
+    label: str, values: list[float | None], language: Language, *, is_left_out: bool = False
+) -> FigureRow:
+    told = (
+        NONE if value is None else format_figure(value, key, language)
+        for key, value in zip(TILES, values, strict=True)
+    )
+    return FigureRow(label, tuple(values), tuple(told), is_left_out=is_left_out)
+
+
+def _list_sections(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    yield from (_build_group if studied.is_group else _build_means)(studied, words, language)
+    yield from _build_changes(studied, words, language)
+    if not studied.is_group:
+        visits = build_visits(
+            [(_name_arm(arm.side, arm.stage, language), arm) for arm in studied.arms], words, language
+        )
+        yield replace(_build_days_table(studied, words, language), figures=visits)
+        yield _build_sources(studied, words, language)
+
+
+def _name_arm(side: Side | None, stage: Stage, language: Language) -> str:
+    """Name an arm, and the side of the change where there is one: "Right arm, before"."""
+    words = load_wording(language, "days")
+    arm = str(words["arm"][side or "unknown"])
+    return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
+
+
+def _format_span(interval: Interval | None, name: str, language: Language) -> str:
+    """Write a range of a figure; empty without one."""
+    if name.endswith("_percent"):
+        return format_range(interval, language)
+    if name.endswith("_deg"):
+        return format_angle_range(interval, language, 1)
+    return format_figure_range(interval, name, language) if interval else ""
+
+
+def _name_figure(name: str, language: Language) -> str:
+    return str(load_pair_words(language)["compare"]["table"]["figure"][name])
+
+
+# ------------------------------------------------------------------ the chapters
+
+
+def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with the mean of each figure over the days of each arm; none without any."""
+    entry, tables = words["means"], []
+    for arm in studied.arms:
+        rows = tuple(
+            (
+                _name_figure(name, language),
+                str(figure.days),
+                format_figure(figure.mean, name, language),
+                _format_span(figure.mean_range, name, language) or NONE,
+                _format_pose(arm.find_pose_ends(name), name, language) or NONE,
+                format_points(figure.sd, name, language),
+                format_ends(figure.sd_range, 1, language) or NONE,
+            )
+            for name, figure in describe_arm(arm).items()
+        )
+        name = _name_arm(arm.side, arm.stage, language)
+        tables += [Table(name, tuple(entry["columns"]), rows, note=entry["note"])] if arm.counted else []
+    if tables:
+        yield Section("means", entry["title"], tables=tuple(tables))
+
+
+def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with the mean of a group, its spread between and within people; none without any."""
+    entry, tables = words["group"], []
+    for side, stage, figures in list_groups(studied):
+        rows = tuple(
+            (
+                _name_figure(name, language),
+                f"{spread.people} / {spread.days}",
+                format_figure(spread.mean, name, language),
+                _format_span(spread.mean_range, name, language) or NONE,
+                _format_pose(find_group_pose(studied, name, side, stage), name, language) or NONE,
+                format_points(spread.between_sd, name, language),
+                format_points(spread.within_sd, name, language),
+            )
+            for name, spread in figures.items()
+        )
+        caption = _name_arm(side, stage, language)
+        tables.append(Table(caption, tuple(entry["columns"]), rows, note=entry["note"]))
+    if tables:
+        yield Section("group", entry["title"], tables=tuple(tables))
+
+
+def _build_changes(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
+    """Build the chapter with the change of each arm: its range, or the least change that days do not make."""
+    entry, tables = words["change"], []
+    for side, figures in list_changes(studied):
+        rows = tuple(
+            (
+                _name_figure(name, language),
+                str(change["people"]),
+                format_figure(change["before"], name, language),
+                format_figure(change["after"], name, language),
+                format_points(change["change"], name, language, is_signed=True),
+                format_ends(Interval(*change["change_range"]), 1, language)
+                if change["change_range"]
+                else NONE,
+                format_points(change["detectable"], name, language),
+                entry["verdict"][change["verdict"]],
+            )
+            for name, change in figures.items()
+        )
+        caption, note = _name_arm(side, "all", language), fill(entry["note"], {"source": SOURCE})
+        tables.append(Table(caption, tuple(entry["columns"]), rows, note=note, even=True))
+    if tables:
+        yield Section("changes", entry["title"], tables=tuple(tables))
+
+
+def _build_days_table(studied: StudiedDays, words: Words, language: Language) -> Section:
+    """Return every day, the earliest first, cut at a stated number of rows.
+
+    A day is named by its date, with arm and side of the change where there are two: "left, 3 March 2026".
+    """
+    entry, sides, rows = words["days"], load_wording(language)["side"], []
+    verdicts = load_pair_words(language)["pair"]["verdict"]
+    for arm, day in ((one, day) for one in studied.arms for day in one.days):
+        named = (
+            str(sides[arm.side or "unknown"]) if len(studied.sides) > 1 else "",
+            str(words["stage"][arm.stage]) if len(studied.stages) > 1 else "",
+            format_date(day.start, language) if day.start else words["no_clock"],
+        )
+        findings, figures = day.kept.findings, day.list_figures()
+        lasted = format_duration(findings.time.analysed_us / MICROSECONDS, language)
+        told = (
+            NONE if (value := figures[name]) is None else format_figure(value, name, language)
+            for name in FIGURES
+        )
+        rows.append(
+            (
+                ", ".join(filter(None, named)),
+                f"{lasted} ({words['left_out'][day.left_out]})" if day.left_out else lasted,
+                *told,
+                verdicts[findings.quality.verdict],
+            )
+        )
+    first, second, last = entry["columns"]
+    columns = (first, second, *(_name_figure(name, language) for name in FIGURES), last)
+    note = entry["note"] if len(rows) <= MOST_DAYS else f"{entry['cut']} {entry['note']}"
+    table = Table(entry["caption"], columns, tuple(rows[:MOST_DAYS]), note=note, even=True)
+    return Section("days", entry["title"], tables=(table,))
+
+
+def _build_sources(studied: StudiedDays, words: Words, language: Language) -> Section:
+    """Return where each day comes from."""
+    entry, common, rows = words["sources"], load_wording(language), []
+    for day in studied.days:
+        findings, subject, begins = day.kept.findings, day.kept.subject, words["no_clock"]
+        if day.start:
+            begins = f"{format_date(day.start, language)}, {Clock(day.start, language).format(0)}"
+        rows.append(
+            (
+                clean_text(subject.file_name) or NONE,
+                findings.recording.sha256[:8] + "…",
+                find_device_name(common, findings.recording.device),
+                begins,
+                name_method(findings) or NONE,
+                format_pose(findings, common),
+                subject.report_id[:8] + "…",
+            )
+        )
+    note = "" if len(rows) <= MOST_DAYS else words["days"]["cut"]
+    table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows[:MOST_DAYS]), note=note, even=True)
+    return Section("provenance", entry["title"], tables=(table,))

@@ -1,0 +1,512 @@
+"""The chapters after the first page: hours, all figures, quality, time, method, provenance."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import accumulate
+
+from app.report.bibliography import format_bibliography
+from app.report.charts.bars import build_parts, is_drawable
+from app.report.charts.day import format_reason
+from app.report.charts.distribution import build_spread
+from app.report.export.results import SCHEMA
+from app.report.findings import CalibrationFacts, Findings, StillFacts
+from app.report.model import Pair, Section, Table, VerdictLine
+from app.report.single.context import Context
+from app.report.single.tables import build_measures
+from app.report.words.columns import format_columns
+from app.report.words.messages import describe_flag
+from app.report.words.numbers import (
+    MINUTE_S,
+    NARROW,
+    NONE,
+    format_angle,
+    format_angle_range,
+    format_duration,
+    format_ends,
+    format_long_duration,
+    format_number,
+    format_percent,
+    format_rate,
+    percent_sign,
+)
+from app.report.words.subject import clean_text, cut_text
+from app.report.words.wording import Language, Words, fill, find_device_name, join_clauses
+from fusion.caveats import Caveat
+from fusion.comparison.change import STATEMENTS, Reference, compare_with_references
+from fusion.conventions import UNHELD
+from fusion.exposure.types import LEAST_RANGED_S, PartExposure
+from fusion.recording import MICROSECONDS, QualityFlag
+
+LEAST_SHARE = 0.01
+"""Of the recording: less that was not analysed, and less than a minute, is left to the table."""
+NOTED_WALKING_DEG = 30.0
+"""Walking decides nothing; a note says if it lies further than this from the axis."""
+PLACED = frozenset({Caveat.POSE_ASSUMED, Caveat.WHICH_POSE, Caveat.SLIP, Caveat.LEAN})
+"""Caveats whose seconds say where to look, not how much of the recording they concern."""
+MOST_TIMES = 6
+MOST_REASONS = 2
+"""That the first page names; the table of data quality holds all."""
+SHORTEST_HOUR_S = 1.0
+SHORTEST_RATED_S = 600.0
+"""In less than ten minutes of an hour or a period a rate per hour would only be a small count multiplied."""
+MOST_PARTS = 14
+"""Hours, periods or tasks in a table of the report; the CSV holds all."""
+LONGEST_NAME = 60
+"""Of a period in its table; results.json and periods.csv hold the whole label."""
+
+# ------------------------------------------------------------------ what limits the figures
+
+
+def build_verdict(context: Context) -> VerdictLine:
+    """Return the verdict, the gravest reason in full, every other by its name, and what was not analysed.
+
+    A sound recording never hides what the pose does to its figures.
+    """
+    findings, words, language = context.findings, context.words, context.language
+    verdict = findings.quality.verdict
+    entry = words["verdict"][verdict]
+    counted = _list_counted(findings)
+    is_posed = verdict == "good" and format_pose_caution(findings, words)
+    told = [entry["posed" if is_posed else "reason"]]
+    if counted:
+        others = join_clauses((_format_flag(flag, language) for flag in counted[1:]), language)
+        also = fill(words["heading"]["also"], {"others": others}) if others else ""
+        told = [_describe_flag(counted[0], language), also]
+    told.append(_format_not_analysed(context))
+    return VerdictLine(verdict, entry["label"], " ".join(filter(None, told)))
+
+
+def format_quality(context: Context) -> str:
+    """Return what limits the data by name alone, the gravest first."""
+    findings, words, language = context.findings, context.words, context.language
+    counted = [_format_flag(flag, language) for flag in _list_counted(findings)]
+    if not counted:
+        return str(words["profile"]["no_fault_posed" if format_pose_caution(findings, words) else "no_fault"])
+    more = len(counted) - MOST_REASONS
+    told = join_clauses(counted[:MOST_REASONS], language)
+    facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}
+    return fill(words["profile"]["reasons"], facts)
+
+
+def _list_counted(findings: Findings) -> list[QualityFlag]:
+    """Return the caveats that count, the gravest first."""
+    flags = {flag.code: flag for flag in reversed(findings.quality.flags)}
+    return [flags[code] for code in findings.quality.reasons if code in flags]
+
+
+def _describe_flag(flag: QualityFlag, language: Language) -> str:
+    caveat = describe_flag(flag, language)
+    return f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
+
+
+def _format_flag(flag: QualityFlag, language: Language) -> str:
+    title = describe_flag(flag, language).title
+    title = title[0].lower() + title[1:]
+    lasted = format_duration(flag.seconds, language) if flag.seconds and flag.code not in PLACED else ""
+    return f"{title} ({lasted})" if lasted and lasted not in title else title
+
+
+def _format_not_analysed(context: Context) -> str:
+    """Describe the time that no figure includes, the largest part first."""
+    time, words = context.findings.time, context.words
+    if time.missing_us + time.excluded_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
+        return ""
+    parts = [(format_reason(reason, words), us) for reason, us in _sum_exclusions(context.findings).items()]
+    if time.missing_us >= MICROSECONDS:
+        missing = words["time"]["missing"]
+        parts.append((missing[0].lower() + missing[1:], time.missing_us))
+    parts.sort(key=lambda part: -part[1])
+    told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, context.language)}" for name, us in parts)
+    return fill(words["heading"]["not_analysed"], {"parts": told})
+
+
+def _sum_exclusions(findings: Findings) -> Counter[str]:
+    """Add up the excluded stretches by their reason, microseconds."""
+    totals_us: Counter[str] = Counter()
+    for span in findings.exclusions:
+        totals_us[span.reason] += span.duration_us
+    return totals_us
+
+
+def choose_ranges(findings: Findings) -> str:
+    """Return the key of what the ranges hold: ``known``, or ``ready`` (sampling alone, as the error of the
+    angle is not known). Where there are none: ``short`` (little of a day), else ``none``.
+    """
+    exposure = findings.exposure
+    if not exposure.intervals and exposure.analysed_s < LEAST_RANGED_S:
+        return "short"
+    if findings.method is not None and findings.calibration is not None:
+        return "known"
+    return "ready" if exposure.intervals else "none"
+
+
+def format_accuracy(findings: Findings, words: Words) -> str:
+    """Describe the known accuracy of the method."""
+    return str(words["accuracy"][findings.method.name if findings.method else "ready"])
+
+
+# ------------------------------------------------------------------ the pose
+
+
+def format_pose_caution(findings: Findings, words: Words) -> str:
+    """Return the known one-sided error of the pose that was held; empty where there is none."""
+    calibration = findings.calibration
+    if calibration is None or calibration.pose is None or calibration.state in UNHELD:
+        return ""
+    return str(words["pose_caution"].get(calibration.pose, ""))
+
+
+def format_pose_state(context: Context) -> str:
+    """Return how the pose is known, in a line; empty for ready angles."""
+    calibration, entry, clock = context.findings.calibration, context.words["pose_state"], context.clock
+    if calibration is None:
+        return ""
+    stills = [still for still in (calibration.still, calibration.second, *calibration.repeats) if still]
+    times = (
+        {
+            "time": clock.format(still.start_s, with_seconds=True),
+            "length": format_duration(still.duration_s, clock.language),
+        }
+        for still in stills
+    )
+    facts = {
+        "times": join_clauses((fill(entry["still"], time) for time in times), clock.language),
+        "n": str(len(stills)),
+        "apart": format_angle(math.ceil(calibration.repeat_deg or 0.0), clock.language),
+        "axis": _format_axis(calibration),
+    }
+    return fill(entry["line"], {"told": fill(entry[calibration.state], facts)})
+
+
+def format_needs_pose(context: Context) -> str:
+    """Ask which stillness was the pose if they disagree; else empty."""
+    calibration, entry = context.findings.calibration, context.words["calibration"]
+    if calibration is None or not calibration.needs_pose:
+        return ""
+    every = [context.clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
+    further = len(every) - MOST_TIMES
+    more = [fill(entry["more"], {"n": str(further)})] if further > 0 else []
+    told = [*every[:MOST_TIMES], *more]
+    facts = {
+        "times": f" {entry['or']} ".join(filter(None, (", ".join(told[:-1]), told[-1]))),
+        "apart": format_angle(calibration.spread_deg, context.language),
+    }
+    return fill(context.words["pose_state"]["needs"], facts)
+
+
+def format_walking_note(context: Context) -> str:
+    """Return how far walking lies from the axis, if that is far; else empty."""
+    calibration = context.findings.calibration
+    if calibration is None or calibration.state == "none":
+        return ""
+    if calibration.walking_apart_deg is None or calibration.walking_apart_deg <= NOTED_WALKING_DEG:
+        return ""
+    key = "walking_note_axis" if calibration.state == "axis" else "walking_note"
+    return fill(context.words["calibration"][key], {"deg": f"{calibration.walking_apart_deg:.0f}"})
+
+
+def format_found(findings: Findings, words: Words) -> str:
+    """Return how the arm's axis was found; empty for ready angles."""
+    calibration = findings.calibration
+    if calibration is None:
+        return ""
+    return fill(words["calibration"]["found_as"][calibration.state], {"axis": _format_axis(calibration)})
+
+
+def _format_axis(calibration: CalibrationFacts) -> str:
+    return (calibration.axis or "").replace("-", "\u2212")
+
+
+# ------------------------------------------------------------------ the chapters
+
+
+def build_sections(context: Context) -> tuple[Section, ...]:
+    """Build the chapters in reading order; an empty one is left out."""
+    words, exposure = context.words, context.exposure
+    ranges, title = [words["ranges"]["every"][choose_ranges(context.findings)]], words["section"]
+    if _has_pose_ranges(context):  # what the ranges with the error of the pose are
+        ranges.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
+    sections = (
+        _build_parts(context),
+        Section("spread", title["spread"], figures=build_spread(exposure, words, context.language)),
+        Section("figures", title["figures"], tuple(ranges), tables=build_measures(context)),
+        _build_published(context),
+        _build_quality(context),
+        _build_method(context),
+        _build_provenance(context),
+        Section("bibliography", words["bibliography"]["title"], sources=format_bibliography()),
+    )
+    return tuple(one for one in sections if one.pairs or one.tables or one.figures or one.sources)
+
+
+def _has_pose_ranges(context: Context) -> bool:
+    return any(above.interval and above.interval.with_pose for above in context.exposure.time_above)
+
+
+# ------------------------------------------------------------------ published values
+
+
+def _build_published(context: Context) -> Section:
+    """Return all references as a table, and what studies of groups found in words.
+
+    The note says why no reference has a measured value beside it, or why the speed has none.
+    """
+    words, language = context.words, context.language
+    entry, comparison = words["published"], words["comparison"]
+    compared, rows = compare_with_references(context.exposure, context.findings.quality.verdict), []
+    for item in compared:
+        said, reference = words["reference"][item.reference.key], item.reference
+        measured = NONE if item.reason else _format_value(item.measured or 0.0, reference, language, 1)
+        decimals = 0 if reference.high >= 10 else 1
+        published = _format_value(reference.high, reference, language, decimals)
+        if reference.low is None:
+            published = f"≤\u00a0{published}"
+        else:
+            published = f"{format_number(reference.low, decimals, language)}–{published}"
+        rows.append((said["name"], said["source"], published, measured))
+    reasons, note = {item.reason for item in compared} - {"not computed"}, ""
+    if reasons and "" not in reasons:
+        note = fill(comparison["does_not_apply"], {"reason": comparison["reason"][min(reasons)]})
+    elif any(item.reason == "not computed" and item.reference.key == "velocity" for item in compared):
+        why = fill(comparison["does_not_apply"], {"reason": comparison["reason"]["not_computed_velocity"]})
+        note = f"{words['reference']['velocity']['name']} – {why}"
+    table = Table.lay(entry, rows, prose=True, note=note)
+    paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
+    return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
+
+
+def _format_value(value: float, reference: Reference, language: Language, decimals: int) -> str:
+    sign = {"percent": percent_sign(language), "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
+    return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
+
+
+# ------------------------------------------------------------------ by hour and by period
+
+
+def _build_parts(context: Context) -> Section:
+    exposure, clock, words = context.exposure, context.clock, context.words
+    hours = [  # without the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"
+        (_format_hour(part, context), part)
+        for part in exposure.by_hour
+        if part.end_s - part.start_s >= SHORTEST_HOUR_S
+    ]
+    periods = [
+        (f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {_name_part(part, words)}", part)
+        for part in exposure.by_period
+    ]
+    figures, tables = [], []
+    for key, parts in (("hours", hours), ("periods", periods)):
+        if parts:
+            tables.append(_tabulate_parts(parts, words["part"][f"by_{key[:-1]}"], context))
+        if any(is_drawable(part) for _, part in parts):
+            figures.append(build_parts(key, parts, words, clock.language))
+    if any(part.periods > 1 for part in exposure.by_task):
+        tasks = [  # the ranges of a task of one period stand under the period already
+            (f"{_name_part(part, words)} ({part.periods}\u00a0×)", part)
+            if part.periods > 1
+            else (_name_part(part, words), replace(part, intervals={}))
+            for part in exposure.by_task
+        ]
+        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], context))
+    title = words["section"]["periods" if periods else "hours"]
+    notes = (words["part"]["pose_note"],) if tables and _has_pose_ranges(context) else ()
+    return Section("hours", title, notes, figures=tuple(figures), tables=tuple(tables))
+
+
+def _format_hour(part: PartExposure, context: Context) -> str:
+    first, last = (context.clock.format_tick(edge_s) for edge_s in (part.start_s, part.end_s))
+    return f"{first}–{last if last != first else context.clock.format(part.end_s, with_seconds=True)}"
+
+
+def _name_part(part: PartExposure, words: Words) -> str:
+    """Return the diary's label, else what kind of time it is."""
+    return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
+
+
+def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, context: Context) -> Table:
+    """Tabulate parts, each with its ranges below, which have no units, so that they stay on their line."""
+    language, range_name = context.language, context.words["measure"]["percentiles"]["range"]
+    rows: list[tuple[str, ...]] = []
+    for name, part in parts[:MOST_PARTS]:
+        analysed = format_duration(part.analysed_s, language)
+        if part.reason:
+            analysed = fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
+        is_rated = part.analysed_s >= SHORTEST_RATED_S
+        rows.append(
+            (
+                name,
+                analysed,
+                *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
+                *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
+                format_rate(part.entries_above_60_per_h, language) if is_rated else NONE,
+            )
+        )
+        if part.intervals:
+            angles = (part.intervals.get(f"elevation_p{p}_deg") for p in (10, 50, 90))
+            shares = (part.intervals.get(f"time_above_{c}_percent") for c in (30, 60, 90))
+            rate = part.intervals.get("entries_above_60_per_h") if is_rated else None
+            cells = (
+                *(format_angle_range(angle, language).removesuffix("°") for angle in angles),
+                *(format_ends(share, 1, language) for share in shares),
+                format_ends(rate, 0, language),
+            )
+            rows.append((range_name, "", *cells))
+    cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
+    return Table.lay(entry, rows, note=fill(entry["note"], cut))
+
+
+# ------------------------------------------------------------------ quality and time
+
+
+def _build_quality(context: Context) -> Section:
+    words, clock, rows = context.words, context.clock, []
+    for flag in context.findings.quality.flags:
+        places = (
+            NONE if at is None else clock.format(at, with_seconds=True) for at in (flag.first_s, flag.last_s)
+        )
+        count = format_number(flag.count, 0, clock.language)
+        lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
+        rows.append((flag.code, _describe_flag(flag, clock.language), count, lasted, *places))
+    entry = words["quality"]
+    flags = Table.lay(entry, rows, prose=True)
+    tables = (flags, _tabulate_time(context), _tabulate_time_parts(context))
+    return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
+
+
+def _tabulate_time(context: Context) -> Table:
+    """Tabulate analysed, missing and excluded time, which add up to the recorded time to the microsecond."""
+    time, entry, language = context.findings.time, context.words["time"], context.language
+    amounts = [
+        (entry["analysed"], time.analysed_us),
+        (entry["missing"], time.missing_us),
+        (entry["excluded"], time.excluded_us),
+    ]
+    rows = _build_time_rows(amounts, time.recorded_us, language)
+    rows += _build_time_rows([(entry["recorded"], time.recorded_us)], time.recorded_us, language)
+    reasons = ", ".join(
+        f"{format_reason(reason, context.words)} ({format_duration(us / MICROSECONDS, language)})"
+        for reason, us in _sum_exclusions(context.findings).items()
+    )
+    return Table.lay(entry, rows, note=fill(entry["note"], {"reasons": reasons}))
+
+
+def _build_time_rows(
+    amounts: Sequence[tuple[str, int]], whole_us: int, language: Language
+) -> list[tuple[str, ...]]:
+    """Write amounts of time, microseconds: in units, in seconds, and as a share of the whole.
+
+    The seconds are rounded where the amounts meet, so that what is printed adds up too.
+    """
+    ends_s = [round(end_us / MICROSECONDS, 1) for end_us in accumulate(us for _, us in amounts)]
+    return [
+        (
+            name,
+            format_long_duration(amount_us / MICROSECONDS),
+            format_number(end_s - begin_s, 1, language),
+            format_percent(100 * amount_us / max(whole_us, 1), language),
+        )
+        for (name, amount_us), begin_s, end_s in zip(amounts, (0.0, *ends_s), ends_s, strict=False)
+    ]
+
+
+def _tabulate_time_parts(context: Context) -> Table:
+    """Tabulate each kind of time in the diary; all add up to the recorded time."""
+    words, time = context.words, context.findings.time
+    entry, kinds, amounts = words["time_parts"], words["part"]["kind"], []
+    for part in time.parts if context.exposure.by_period else ():
+        is_excluded = part.account == "excluded"
+        name = format_reason(part.name, words) if is_excluded else str(kinds.get(part.name, part.name))
+        amounts.append((fill(entry[part.account], {"name": name}), part.duration_us))
+    rows = _build_time_rows(amounts, time.recorded_us, context.language)
+    return Table.lay(entry, rows, note=entry["note"])
+
+
+# ------------------------------------------------------------------ method and provenance
+
+
+def _build_method(context: Context) -> Section:
+    findings, entry, title = context.findings, context.words["method"], context.words["section"]["method"]
+    method = findings.method
+    if method is None:
+        ready = Pair(entry["name"], entry["ready"].get(findings.recording.device, entry["ready_angles"]))
+        return Section("method", title, tuple(entry["paragraphs"]), pairs=(ready,))
+    pairs = (
+        Pair(entry["name"], f"{entry['names'].get(method.name, method.name)} ({method.name})"),
+        Pair(entry["version"], method.version),
+        Pair(entry["parameters"], entry["where"]),
+        *(_describe_calibration(findings.calibration, context) if findings.calibration else ()),
+    )
+    return Section("method", title, tuple(entry["paragraphs"]), pairs=pairs)
+
+
+def _describe_calibration(calibration: CalibrationFacts, context: Context) -> Iterable[Pair]:
+    """Describe what tied the sensor to the arm: how the axis was found, every window, how sure it is."""
+    entry, language, score = context.words["calibration"], context.language, calibration.score
+
+    def tell_angle(angle_deg: float | None) -> str:
+        return "" if angle_deg is None else format_angle(angle_deg, language, 1)
+
+    def tell_time(at_s: float) -> str:
+        return context.clock.format(at_s, with_seconds=True)
+
+    def tell_still(still: StillFacts | None) -> str:
+        if still is None:
+            return ""
+        second, length = (
+            format_number(still.start_s, 2, language),
+            format_duration(still.duration_s, language),
+        )
+        return fill(entry["place"], {"time": tell_time(still.start_s), "second": second, "length": length})
+
+    bias = join_clauses((format_number(value, 3, language) for value in calibration.gyro_bias_dps), language)
+    repeats = (
+        fill(entry["repeated"], {"time": tell_time(still.start_s), "apart": tell_angle(still.apart_deg)})
+        for still in calibration.repeats
+    )
+    walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg  # gave the axis
+    told = {
+        "found": format_found(context.findings, context.words),
+        "sigma": tell_angle(calibration.sigma_deg),
+        "pose": context.words["pose"][calibration.pose] if calibration.pose else "",
+        "window": tell_still(calibration.still),
+        "second": tell_still(calibration.second),
+        "repeats": join_clauses(repeats, language),
+        "repeat": tell_angle(calibration.repeat_deg),
+        "slips": ", ".join(map(tell_time, calibration.slip_times_s)),
+        "no_slips": ", ".join(map(tell_time, calibration.no_slip_times_s)),
+        "walking": tell_angle(walking_deg),
+        "score": "" if score is None else format_number(score, 2, language),
+        "bias": fill(entry["bias_value"], {"values": bias}),
+    }
+    return (Pair(entry[name], value) for name, value in told.items() if value)
+
+
+def _build_provenance(context: Context) -> Section:
+    recording, subject, words = context.findings.recording, context.subject, context.words
+    entry, unknown = words["provenance"], words["label"]["not_given"]
+    rate = format_number(recording.rate_hz, 3, context.language)
+    reading = []  # how the file was read, unless by a reader of our own and its header
+    if recording.reader:
+        reading.append(Pair(entry["reader"], clean_text(" ".join(recording.reader))))
+    if subject.columns:
+        reading.append(Pair(entry["columns"], format_columns(subject.columns, context.language)))
+    pairs = (
+        Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
+        Pair(entry["file"], clean_text(subject.file_name) or unknown),
+        Pair(entry["sha256"], recording.sha256, code=True),
+        Pair(entry["device"], find_device_name(words, recording.device)),
+        Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),
+        Pair(entry["rate"], f"{rate}\u202fHz"),
+        Pair(entry["start"], recording.start.isoformat(sep=" ") if recording.start else unknown),
+        Pair(entry["zone"], clean_text(recording.time_zone or "") or unknown),
+        Pair(entry["version"], f"Acromion {subject.software.version}"),
+        Pair(entry["revision"], subject.software.revision, code=True),
+        *reading,
+        Pair(entry["schema"], SCHEMA, code=True),
+        Pair(entry["report_id"], subject.report_id, code=True),
+    )
+    return Section("provenance", words["section"]["provenance"], pairs=pairs)

@@ -1,0 +1,203 @@
+"""From findings to the content of a report: choose, round, order, word. Pure, and without HTML or PDF."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from app.report.charts.bars import build_bar
+from app.report.charts.day import WORST_WINDOW_S
+from app.report.findings import Findings
+from app.report.model import Note, Pair, Report
+from app.report.single.chapters import (
+    build_sections,
+    build_verdict,
+    choose_ranges,
+    format_accuracy,
+    format_needs_pose,
+    format_pose_caution,
+    format_pose_state,
+    format_walking_note,
+)
+from app.report.single.context import Context
+from app.report.single.profile import build_profile
+from app.report.words.numbers import (
+    NARROW,
+    Clock,
+    format_clock,
+    format_date,
+    format_duration,
+    format_duration_range,
+    format_elapsed,
+    format_number,
+    format_percent,
+    format_range,
+    format_rate,
+)
+from app.report.words.subject import (
+    LONGEST_CODE,
+    ReportSubject,
+    Software,
+    clean_paragraphs,
+    clean_text,
+    cut_text,
+)
+from app.report.words.wording import Language, fill, find_device_name, load_wording, name_ranges
+from fusion.conventions import MAIN_THRESHOLD_DEG
+from fusion.exposure.types import LEAST_RANGED_S, Episodes
+from fusion.recording import MICROSECONDS
+
+__all__ = ["Report", "ReportSubject", "Software", "build_report"]
+
+
+def build_report(findings: Findings, subject: ReportSubject, language: Language) -> Report:
+    """Turn findings into all that a template may use, in one language."""
+    ranges = choose_ranges(findings)
+    words = name_ranges(load_wording(language), ranges)
+    clock = Clock(findings.recording.start, language)
+    context = Context(findings, subject, clock, words)
+    header, limits, use = _build_header(context), words["limits"], words["intended_use"]
+    footer = fill(words["heading"]["footer"], {"version": subject.software.version, "id": subject.report_id})
+    slips = (limits["slips"],) if findings.calibration else ()
+    facts = dict(zip(("subject", "date", "arm", "device"), (pair.value for pair in header), strict=False))
+    return Report(
+        language=language,
+        title=words["heading"]["title"],
+        subtitle=words["heading"]["subtitle"],
+        header=header,
+        verdict=build_verdict(context),
+        sentences=(_format_time_above(context), _format_entries(context), _format_worst_window(context)),
+        range_note=words["ranges"][ranges],
+        pose_caution=format_pose_caution(findings, words),
+        figures=(build_bar(findings.exposure, words, language),),
+        limits=Note(limits["title"], (*limits["paragraphs"], *slips, format_accuracy(findings, words))),
+        intended_use=Note(use["title"], (use["text"],)),
+        sections=build_sections(context),
+        report_id=subject.report_id,
+        footer=footer,
+        brief=fill(words["label"]["brief"], facts | {"footer": footer}),
+        made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
+        amendment=_format_amendment(context),
+        words=words["label"],
+        pose_state=format_pose_state(context),
+        needs_pose=format_needs_pose(context),
+        walking_note=format_walking_note(context),
+        profile=build_profile(context),
+        conclusion=_build_conclusion(context),
+    )
+
+
+# ------------------------------------------------------------------ the answer in three sentences
+#
+# How long the arm was raised above 60 deg (above 90 deg too), how often, and when; a range only where the
+# exposure has one.
+
+
+def _format_time_above(context: Context) -> str:
+    language, facts = context.language, {}
+    for suffix, threshold_deg in (("", MAIN_THRESHOLD_DEG), ("_90", 90)):
+        above = context.find_above(threshold_deg)
+        facts[f"above{suffix}"] = format_duration(above.duration_s, language)
+        facts[f"percent{suffix}"] = format_percent(above.percent, language)
+        facts[f"range{suffix}"] = format_range(above.interval, language)
+    arm = context.words["arm"][context.subject.side or "unknown"]
+    facts |= {"arm": arm, "analysed": format_duration(context.exposure.analysed_s, language)}
+    return fill(context.words["sentence"]["time_above"], facts)
+
+
+def _format_entries(context: Context) -> str:
+    exposure, language = context.exposure, context.language
+    entries = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG)
+    episodes = next(e for e in exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
+    is_rated = entries.per_hour is not None and exposure.analysed_s >= LEAST_RANGED_S
+    facts = {
+        "arm": context.words["arm"][context.subject.side or "unknown"],
+        "count": format_number(entries.count, 0, language),
+        "per_hour": format_rate(entries.per_hour, language) if is_rated else "",
+        "longest": _format_longest(episodes, context),
+    }
+    key = {0: "entries_none", 1: "entries_one"}.get(entries.count, "entries_many")
+    return fill(context.words["sentence"][key], facts)
+
+
+def _format_longest(episodes: Episodes, context: Context) -> str:
+    """Write the longest continuous time above 60°, with its range, and when it began where that is known."""
+    if not episodes.longest_s:
+        return ""
+    language, entry = context.language, context.words["sentence"]
+    interval = context.exposure.intervals.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
+    longest = format_duration(episodes.longest_s, language)
+    if interval is not None:
+        told = {"longest": longest, "range": format_duration_range(interval, language)}
+        longest = fill(entry["longest_range"], told)
+    if episodes.longest_start_s is None:
+        return longest
+    moment = context.clock.at(episodes.longest_start_s)
+    time = format_clock(moment, language) if moment else format_elapsed(episodes.longest_start_s)
+    return fill(entry["longest_at" if moment else "longest_after"], {"longest": longest, "time": time})
+
+
+def _format_worst_window(context: Context) -> str:
+    exposure, entry, clock = context.exposure, context.words["sentence"], context.clock
+    window = next((w for w in exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
+    if window is None or window.start_s is None:
+        return str(entry["window_absent"])
+    if not window.percent_above_60:
+        return str(entry["window_zero"])
+    interval = exposure.intervals.get(f"worst_{WORST_WINDOW_S // 60}_min_above_60_percent")
+    facts = {
+        "start": clock.format(window.start_s),
+        "end": clock.format(window.start_s + window.length_s),
+        "percent": format_percent(window.percent_above_60, context.language),
+        "range": format_range(interval, context.language),
+    }
+    key = "window_elapsed" if clock.start is None else "window"
+    return fill(entry[key], facts).replace(" – ", f"{NARROW}–{NARROW}")
+
+
+# ------------------------------------------------------------------ head and foot
+
+
+def _build_header(context: Context) -> tuple[Pair, ...]:
+    words, clock, subject = context.words, context.clock, context.subject
+    label, heading, recording = words["label"], words["heading"], context.findings.recording
+    time, when = context.findings.time, str(label["no_clock"])
+    if clock.start is not None:
+        facts = {
+            "date": format_date(clock.start, clock.language),
+            "start": format_clock(clock.start, clock.language),
+            "end": clock.format(recording.duration_us / MICROSECONDS),
+        }
+        when = fill(heading["from_to"], facts)
+    analysed, recorded = (
+        format_duration(us / MICROSECONDS, clock.language) for us in (time.analysed_us, time.recorded_us)
+    )
+    return (
+        Pair(label["subject"], cut_text(clean_text(subject.subject), LONGEST_CODE) or label["not_given"]),
+        Pair(label["date"], when),
+        Pair(label["arm"], words["side"][subject.side or "unknown"]),
+        Pair(label["device"], find_device_name(words, recording.device)),
+        Pair(label["analysed"], fill(heading["of"], {"part": analysed, "whole": recorded})),
+    )
+
+
+def _build_conclusion(context: Context) -> Note | None:
+    concluded, told = context.subject.conclusion, context.words["conclusion"]
+    if concluded is None:
+        return None
+    when = format_date(datetime.fromisoformat(concluded.date), context.language)
+    title = fill(told["title"], {"name": clean_text(concluded.name), "date": when})
+    return Note(title, (*clean_paragraphs(concluded.text), told["typed"]))
+
+
+def _format_amendment(context: Context) -> str:
+    """Write that a report replaces an earlier one; empty for a first report."""
+    subject, words = context.subject, context.words
+    if subject.version < 2:
+        return ""
+    facts = {
+        "version": str(subject.version),
+        "earlier": str(subject.version - 1),
+        "changes": ", ".join(words["changed"].get(name, clean_text(name)) for name in subject.changes),
+        "reason": clean_text(subject.reason),
+    }
+    return fill(words["heading"]["amended"], facts)
