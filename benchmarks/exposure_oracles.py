@@ -12,15 +12,21 @@ import numpy as np
 from benchmarks.exposure_oracles_sensor import check_properties, check_sensor
 from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, sample, share_above, tally
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
-from fusion.exposure.cycles import CycleTally, count_rainflow
-from fusion.exposure.episodes import find_stays
 from fusion.exposure.metric_filter import MetricAngle, filter_angle
 from fusion.exposure.parts import split_hours
-from fusion.exposure.speeds import SpeedTally, find_mean_power_frequency, measure_turns
-from fusion.numerics.runs import START, STOP, find_stays_above
+from fusion.exposure.speeds import (
+    CycleTally,
+    SpeedTally,
+    count_rainflow,
+    find_mean_power_frequency,
+    measure_turns,
+)
+from fusion.exposure.stays import find_stays
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
 from fusion.recording import IntArray
+from fusion.runs import START, STOP, find_stays_above
 
 
 def swing(time_s: FloatVector) -> FloatVector:

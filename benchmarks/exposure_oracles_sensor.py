@@ -8,8 +8,9 @@ from scipy.stats import norm
 
 from benchmarks.exposure_oracles_table import Oracle, share_above
 from fusion.elevation import estimate_elevation
-from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.pose.calibrate import calibrate
 from fusion.recording import FloatArray

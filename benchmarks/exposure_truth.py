@@ -17,9 +17,10 @@ import numpy as np
 
 from benchmarks.validation.worn import at_rows
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import Exposure, Interval, summarise_exposure
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure, Interval
 from fusion.pipeline import Analysis, analyse
-from fusion.pose.axes import HELD_SIGMA_DEG
+from fusion.pose.rules import HELD_SIGMA_DEG
 from fusion.recording import Recording, Segment
 from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device

@@ -41,10 +41,10 @@ if TYPE_CHECKING:
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import analyse as analyse
     from fusion.pose.calibrate import Calibration as Calibration
-    from fusion.pose.windows import StillPeriod as StillPeriod
-    from fusion.quality.types import Quality as Quality
-    from fusion.quality.types import TimeAccount as TimeAccount
-    from fusion.quality.types import TimePart as TimePart
+    from fusion.pose.calibrate import StillPeriod as StillPeriod
+    from fusion.quality import Quality as Quality
+    from fusion.quality import TimeAccount as TimeAccount
+    from fusion.quality import TimePart as TimePart
     from fusion.readers import read_recording as read_recording
     from fusion.readers import read_recordings as read_recordings
     from fusion.readers.tables.profile import ColumnProfile as ColumnProfile
@@ -67,9 +67,8 @@ _NAMES = {
     "fusion.live": "LiveElevation",
     "fusion.orientation": "estimate_vertical",
     "fusion.pipeline": "Analysis analyse",
-    "fusion.pose.calibrate": "Calibration",
-    "fusion.pose.windows": "StillPeriod",
-    "fusion.quality.types": "Quality TimeAccount TimePart",
+    "fusion.pose.calibrate": "Calibration StillPeriod",
+    "fusion.quality": "Quality TimeAccount TimePart",
     "fusion.readers": "read_recording read_recordings",
     "fusion.readers.tables.profile": "ColumnProfile",
     "fusion.recording": "QualityFlag Recording Segment Span",

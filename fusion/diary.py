@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta
 from functools import partial
+from itertools import islice
 from math import isfinite
 from typing import Literal, get_args
 
@@ -157,7 +158,9 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
 
     Raises UnusableDiary: with the line, the reason and the cure.
     """
-    rows = list(_read_few_rows(content))
+    rows = list(islice(read_rows(decode_text(content)), MOST_ROWS + 1))
+    if len(rows) > MOST_ROWS:  # each is compared with the whole recording
+        raise UnusableDiary(line=rows[-1][0], why="too many rows", cure="rows", value=str(MOST_ROWS))
     if len(rows) < 2:
         line = rows[0][0] if rows else 1
         raise UnusableDiary(line=line, why="empty", cure="header", value="")
@@ -166,7 +169,9 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
         told_log = _read_each(told, partial(_read_log_row, header[1], is_alone=len(told) == 1))
         return _drop_ends(told_log)
     columns = _read_header(*header)
-    return _drop_ends(_read_each(told, partial(_read_rows, columns)))
+    return _drop_ends(
+        _read_each(told, lambda line, cells: (_read_row(line, dict(zip(columns, cells, strict=False))),))
+    )
 
 
 def _read_each(
@@ -195,14 +200,6 @@ def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
         raise UnusableDiary(**join_facts([slip.facts for slip in slips]))
 
 
-def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Return the rows up to a limit: each is compared with the whole recording."""
-    for count, (line, cells) in enumerate(read_rows(decode_text(content))):
-        if count >= MOST_ROWS:
-            raise UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
-        yield line, cells
-
-
 def _read_header(line: int, cells: list[str]) -> list[str]:
     names = [COLUMNS.get(plain_word(cell).replace(" ", "_"), "") for cell in cells]
     known = [name for name in names if name]
@@ -210,10 +207,6 @@ def _read_header(line: int, cells: list[str]) -> list[str]:
     if not has_needed or len(known) != len(set(known)):
         raise UnusableDiary(line=line, why="header", cure="header", value=", ".join(cells)[:LONGEST_LABEL])
     return names
-
-
-def _read_rows(columns: list[str], line: int, cells: list[str]) -> Iterable[Row]:
-    return (_read_row(line, dict(zip(columns, cells, strict=False))),)
 
 
 def _is_activity_log(header: list[str]) -> bool:
@@ -232,14 +225,11 @@ def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: b
         elif cell and days:
             days[-1][1].append((name, cell))
     file = "" if is_alone else cells[0]
-    return tuple(entry for day, told in days for entry in _read_log_day(line, day, told, file))
-
-
-def _read_log_day(line: int, day: date, told: list[tuple[str, str]], file: str) -> Iterable[DiaryEntry]:
-    midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
-    begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in told]
-    for (name, _), start, end in zip(told, begins, [*begins[1:], midnight], strict=True):
-        yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
+    for day, told in days:
+        midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
+        begins = [parse_clock(f"{day.isoformat()} {cell}", line) for _, cell in told]
+        for (name, _), start, end in zip(told, begins, [*begins[1:], midnight], strict=True):
+            yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
 
 
 def _read_date(line: int, cell: str) -> date:
@@ -259,30 +249,22 @@ def _read_row(line: int, row: Mapping[str, str]) -> Row:
     event = row.get("event") or ("" if "kind" in row else row.get("label", ""))
     if "kind" not in row and plain_word(event) in ENDS:
         return line, start
+    end = read_moment(line, row.get("end", ""), row.get("end_s", ""))
+    kind = WORDS.get(plain_word(row.get("kind", event)), None if "kind" in row else "task")
+    if kind is None:
+        raise UnusableDiary(line=line, why="kind", cure="kind", value=row["kind"][:LONGEST_LABEL])
+    left_out = row.get("left_out", "")
+    if left_out and plain_word(left_out) not in YES_NO:
+        raise UnusableDiary(line=line, why="yes or no", cure="yes or no", value=left_out[:LONGEST_LABEL])
     return DiaryEntry(
         start=start,
-        end=read_moment(line, row.get("end", ""), row.get("end_s", "")),
-        kind=_read_kind(line, row["kind"]) if "kind" in row else WORDS.get(plain_word(event), "task"),
+        end=end,
+        kind=kind,
         label=(row.get("label") or event)[:LONGEST_LABEL],
-        left_out=_read_yes_no(line, row.get("left_out", "")),
+        left_out=YES_NO[plain_word(left_out)] if left_out else None,
         line=line,
         file=row.get("file", ""),
     )
-
-
-def _read_kind(line: int, word: str) -> Kind:
-    kind = WORDS.get(plain_word(word))
-    if kind is None:
-        raise UnusableDiary(line=line, why="kind", cure="kind", value=word[:LONGEST_LABEL])
-    return kind
-
-
-def _read_yes_no(line: int, word: str) -> bool | None:
-    if not word:
-        return None
-    if plain_word(word) not in YES_NO:
-        raise UnusableDiary(line=line, why="yes or no", cure="yes or no", value=word[:LONGEST_LABEL])
-    return YES_NO[plain_word(word)]
 
 
 def read_moment(line: int, clock: str, seconds: str) -> float | str | None:

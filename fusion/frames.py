@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from fusion.elevation import Elevation
-from fusion.exposure import Exposure
+from fusion.exposure.types import Exposure
 from fusion.pipeline import Analysis
 from fusion.recording import MICROSECONDS
 

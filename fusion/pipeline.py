@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 from typing import BinaryIO, Literal
 
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
-from fusion.angle_series import read_angle_series
+from fusion.angle_files.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import is_npose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation, read_otherwise
 from fusion.errors import UnknownAxis
-from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
-from fusion.exposure.intervals import widen_over
+from fusion.exposure.parts import DayDivision, snap_periods
 from fusion.exposure.periods import Placed, divide_day, find_diary_poses, find_left_out, place_diary
-from fusion.pose.axes import AxisPart
-from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
-from fusion.pose.windows import reduce_recording
+from fusion.exposure.summary import summarise_exposure, widen_over, withhold_short
+from fusion.exposure.types import Exposure
+from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate, reduce_recording
+from fusion.pose.rules import AxisPart
 from fusion.quality import Quality, TimeAccount
 from fusion.quality.time_account import (
     account_time,

@@ -11,7 +11,7 @@ import numpy as np
 
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, ElevationSegment, describe_method
-from fusion.exposure import summarise_exposure
+from fusion.exposure.summary import summarise_exposure
 from fusion.numba_kernels import mark_prepared
 from fusion.pipeline import analyse, fuse_recording
 from fusion.recording import MICROSECONDS, Recording, Segment

@@ -1,16 +1,17 @@
-"""What the sensor wrote: even runs of samples, what lies between them, and the caveats of reading."""
+"""What the sensor wrote: even runs of samples, their units, what lies between, and the caveats of reading."""
 
+import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.conventions import ArmAxis, PoseHeld
-from fusion.numerics.intervals import find_uncovered
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -22,6 +23,9 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1_000_000
+
+UnitSource = Literal["", "header", "stated"]
+"""What states both units: a known device's header, or column names or a person; "" if nothing does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +73,14 @@ class Span:
 class Stated:
     """What a file states of its units and its time; the checks of units and axes go by it.
 
-    ``acc_unit``, ``gyr_unit``: as in :mod:`fusion.units`, "registers" for counts of the sensor, or any word
-    that tells no size.
+    ``acc_unit``, ``gyr_unit``: a word of :data:`ACC_UNITS_G` or :data:`GYR_UNITS_DPS`, "registers" for counts
+    of the sensor, or any word that tells no size.
     ``is_known``: a known device's format or header states units and axes: nothing overrules it.
     ``left_gyr_factor``: what to multiply the rates by if the frame proves left-handed: an error of the
     device's library.
     ``is_counted``: the rows have no times: their rate comes from a person or a header.
+    ``units_from``: where both units are stated; "" if the samples have to show them.
+    ``nominal_rate_hz``: the rate that the device was set to; None if the file does not state one.
     """
 
     acc_unit: str = "g"
@@ -82,6 +88,8 @@ class Stated:
     is_known: bool = False
     left_gyr_factor: float = 1.0
     is_counted: bool = False
+    units_from: UnitSource = ""
+    nominal_rate_hz: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -139,6 +147,7 @@ class Recording:
     ``flags``: caveats found while reading.
     ``understood``: what the reader took the file for, for people: layout, columns, units, nominal rate.
     ``stated``: what the file states of its units and its time, for the checks.
+    ``jitter_us``: how far the stamps depart from an even grid; None where the reader does not measure it.
     ``serial_hash``: hash of the device's serial number; None where the file does not tell.
     ``acc_range_g``, ``gyr_range_dps``: full scale, for the clipping check; None where the file does not tell.
     ``reader``: name and version of the plug-in that read the file; None where one of our own did.
@@ -157,6 +166,7 @@ class Recording:
     flags: tuple[QualityFlag, ...] = ()
     understood: Mapping[str, str] = field(default_factory=dict)
     stated: Stated = Stated()
+    jitter_us: float | None = None
     serial_hash: str | None = None
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
@@ -244,3 +254,73 @@ def flag_stretches(
     seconds = sum(end_s - start_s for start_s, end_s in spans_s)
     first_s, last_s = spans_s[0][0], spans_s[-1][1]
     return QualityFlag(caveat, len(spans_s), seconds, first_s, last_s, facts or {}, tuple(spans_s))
+
+
+# Stretches of time or ranges of rows, (start, end).
+
+Number = TypeVar("Number", int, float)
+
+
+def join_overlapping(spans: Iterable[tuple[Number, Number]]) -> list[tuple[Number, Number]]:
+    """Return spans in order; those that meet are one."""
+    joined: list[tuple[Number, Number]] = []
+    for start, end in sorted(spans):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], end))
+        else:
+            joined.append((start, end))
+    return joined
+
+
+def find_uncovered(
+    spans: Iterable[tuple[Number, Number]], start: Number, end: Number, tolerance: Number
+) -> list[tuple[Number, Number]]:
+    """Return what no span covers between ``start`` and ``end``, where it is longer than ``tolerance``."""
+    uncovered: list[tuple[Number, Number]] = []
+    covered = sorted(spans)
+    covered.append((end, end))
+    for first, stop in covered:
+        if first - start > tolerance:
+            uncovered.append((start, first))
+        start = max(start, stop)
+    return uncovered
+
+
+# Units of acceleration and angular rate, by the words that people and loggers write for them.
+
+STANDARD_GRAVITY = 9.80665
+DEG_PER_RAD = math.degrees(1.0)
+METRE_WORDS = ("m/s2", "ms2", "mps2", "m/s/s", "mss", "m/sec2", "ms-2", "m.s-2", "meters/s2")
+ACC_UNITS_G = {
+    **dict.fromkeys(("g", "gs", "gn"), 1.0),
+    "mg": 1e-3,
+    **dict.fromkeys(METRE_WORDS, 1 / STANDARD_GRAVITY),
+    **dict.fromkeys(("cm/s2", "gal"), 1e-2 / STANDARD_GRAVITY),
+    "mm/s2": 1e-3 / STANDARD_GRAVITY,
+}
+DEGREE_WORDS = (
+    *("dps", "deg/s", "degs", "deg/sec", "degrees/s", "degrees/sec", "degps", "degs-1", "degpersec"),
+    *("deg.s-1", "degres/s", "degre/s", "degres/sec"),
+)
+GYR_UNITS_DPS = {
+    **dict.fromkeys(DEGREE_WORDS, 1.0),
+    **dict.fromkeys(("mdps", "mdeg/s"), 1e-3),
+    **dict.fromkeys(("rad/s", "rads", "rps", "rad/sec", "radps", "rads-1"), DEG_PER_RAD),
+}
+
+
+def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> UnitSource:
+    """Return "header" if a known device states both units, "stated" if names or a person do, else ""."""
+    if not (acc_scale_g(acc_unit) and gyr_scale_dps(gyr_unit)):
+        return ""
+    return "header" if is_known else "stated"
+
+
+def acc_scale_g(unit: str | None) -> float | None:
+    """Factor to g; None where the unit is unknown or raw counts."""
+    return ACC_UNITS_G.get(unit) if unit else None
+
+
+def gyr_scale_dps(unit: str | None) -> float | None:
+    """Factor to deg/s; None where the unit is unknown or raw counts."""
+    return GYR_UNITS_DPS.get(unit) if unit else None

@@ -44,7 +44,10 @@ class AnalysisSettings:
         check_choice("arm_axis", self.arm_axis, (None, *ARM_AXES))
         check_choice("pose_held", self.pose_held, (None, *get_args(PoseHeld)))
         windows, times_s = self.calibration_windows_s, (self.slip_times_s, self.no_slip_times_s)
-        if not _is_row(windows) or not all(map(_is_window, windows)):
+        if not _is_row(windows) or not all(
+            _is_row(one) and len(one) == 2 and all(map(_is_moment, one)) and one[0] < one[1]
+            for one in windows
+        ):
             raise ValueError(
                 f"calibration_windows_s: {windows!r}; allowed: (start, end), s, 0 <= start < end"
             )
@@ -57,12 +60,6 @@ class AnalysisSettings:
 
 def _is_row(value: object) -> bool:
     return isinstance(value, tuple | list)
-
-
-def _is_window(value: object) -> bool:
-    if not isinstance(value, tuple | list) or len(value) != 2 or not all(map(_is_moment, value)):
-        return False
-    return bool(value[0] < value[1])
 
 
 def _is_moment(value: object) -> bool:

@@ -8,8 +8,7 @@ import numpy as np
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.recording import Float64Array
 from fusion.sensor.gyroscope import follow_gyro_bias, reduce_about_start
-from fusion.sensor.model import GyroBias, SensorRun, hold_bias
-from fusion.sensor.nodes import NODE_RATE_HZ, reduce_to_nodes, spread_rows
+from fusion.sensor.model import NODE_RATE_HZ, GyroBias, SensorRun, hold_bias, reduce_to_nodes, spread_rows
 from fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
 
 

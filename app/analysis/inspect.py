@@ -15,15 +15,13 @@ from app.version import identify_engine
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.caveats import Caveat
 from fusion.errors import FailedReader, FusionError
-from fusion.numerics.intervals import find_uncovered
-from fusion.pose.poses import propose_poses
+from fusion.pose.calibrate import propose_poses
 from fusion.quality.time_account import find_exclusions, propose_nonwear
 from fusion.readers import identify_header, join_recordings, parse_profile, read_recording
-from fusion.readers.archives import unpack
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
-from fusion.readers.source import open_source
+from fusion.readers.source import open_source, unpack
 from fusion.readers.tables.profile import propose_profile
-from fusion.recording import MICROSECONDS, Recording
+from fusion.recording import MICROSECONDS, Recording, find_uncovered
 
 _FAILED = "the reader plug-in %s %s failed: %s"
 

@@ -33,11 +33,11 @@ from app.report.several.people import MeasuredDay, Stage, group_days
 from app.report.several.report import build_days
 from app.request import PairRequest, ProfileRequest
 from fusion.angle_files.elevation_parquet import read_elevation
-from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
-from fusion.days import lay_on_clock, overlay_days
+from fusion.comparison.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
+from fusion.comparison.days import lay_on_clock, overlay_days
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
-from fusion.exposure.intervals import join_intervals
+from fusion.exposure.summary import join_intervals
 from fusion.quality.time_account import leave_out
 
 ELEVATION = "elevation.parquet"

@@ -25,14 +25,13 @@ from fusion.caveats import Caveat
 from fusion.conventions import SAID_S, awaits_pose
 from fusion.exposure.periods import find_diary_poses
 from fusion.pipeline import Analysis, analyse, analyse_angle_file, analyse_angles
-from fusion.pose.axes import find_nearest_axis
-from fusion.pose.poses import find_early_stills, propose_poses, survey
-from fusion.pose.windows import reduce_recording
+from fusion.pose.calibrate import find_early_stills, propose_poses, reduce_recording, survey
+from fusion.pose.rules import find_nearest_axis
 from fusion.quality.time_account import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Span
-from fusion.sensor.accelerometer import calibrate_accelerometer
 from fusion.sensor.model import view_segment
+from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.settings import AnalysisSettings
 

@@ -33,9 +33,9 @@ from app.report.words.messages import describe_problem
 from app.request import OnStage, Reference, ReportRequest
 from app.store.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
 from app.version import software_revision, software_version
-from fusion.agreement import (
+from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
+from fusion.comparison.agreement import (
     AgreementEntry,
-    ClockSettings,
     Comparison,
     ComparisonSettings,
     Side,
@@ -44,7 +44,7 @@ from fusion.agreement import (
     take_angle_file,
     take_recording,
 )
-from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
+from fusion.comparison.alignment import ClockSettings
 from fusion.diary import read_tasks
 from fusion.errors import FusionError, NoReference, UnknownFormat, UnusableStudy
 from fusion.pipeline import fuse_recording

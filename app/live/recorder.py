@@ -22,7 +22,7 @@ from fusion.live import (
     compare_shown,
 )
 from fusion.live.cues import Cue, CueRule, CueWatch
-from fusion.pose.axes import point_along
+from fusion.pose.rules import point_along
 
 
 class Recorder:

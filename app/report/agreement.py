@@ -34,11 +34,11 @@ from app.report.words.wording import (
     load_device_names,
     load_wording,
 )
-from fusion.source_paper import QUASI_STATIC, TABLE_1
+from fusion.comparison.change import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
     from app.errors import StudyProblem
-    from fusion.agreement import (
+    from fusion.comparison.agreement import (
         Agreement,
         AgreementCell,
         AgreementEntry,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
         Stratum,
         TaskAgreement,
     )
-    from fusion.agreement.pairs import WindowLag
+    from fusion.comparison.alignment import WindowLag
 
 
 # ------------------------------------------------------------------ JSON and CSV

@@ -15,7 +15,7 @@ import numpy as np
 from app.request import Conclusion
 from fusion.conventions import CalibrationState, Pose
 from fusion.exposure.types import Exposure
-from fusion.quality.types import Quality, TimeAccount
+from fusion.quality import Quality, TimeAccount
 from fusion.recording import Span
 
 if TYPE_CHECKING:

@@ -1,9 +1,9 @@
 """The reports of two finished analyses: both arms of one shift, or a day beside an earlier one.
 
 Pure. :func:`describe_pair` is what ``pair.json`` holds, :func:`build_pair` the report for people; the figures
-over the shared time come from :mod:`fusion.arms`. :func:`describe_comparison` is what ``comparison.json`` and
-the API hold, :func:`build_comparison` the report for people; both come from
-:func:`fusion.comparison.compare_days`. The report of several days shares their skeleton.
+over the shared time come from :mod:`fusion.comparison.arms`. :func:`describe_comparison` is what
+``comparison.json`` and the API hold, :func:`build_comparison` the report for people; both come from
+:func:`fusion.comparison.change.compare_days`. The report of several days shares their skeleton.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ from app.report.words.wording import (
     load_wording,
 )
 from app.request import find_code
-from fusion.comparison import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
+from fusion.comparison.change import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
 from fusion.conventions import CONFIRMED, UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, PartExposure
 from fusion.recording import MICROSECONDS
 
 if TYPE_CHECKING:
-    from fusion.arms import PairedArms, TrunkRelative
+    from fusion.comparison.arms import PairedArms, TrunkRelative
 
 
 @dataclass(frozen=True, slots=True)

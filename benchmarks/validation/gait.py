@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.validation.document import Section, draw_table
 from benchmarks.validation.real_clips import CLIP_HZ, Clip, Side, feel, load_library
 from benchmarks.validation.stated import DATA
-from fusion.numerics.rotations import find_angle_deg
+from fusion.numerics import find_angle_deg
 from fusion.recording import Float64Array
 from fusion.simulation.activities import Choreography, draw_person, stand, walk
 from fusion.simulation.body import Body, play

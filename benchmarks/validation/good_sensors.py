@@ -12,8 +12,8 @@ from benchmarks.validation.worn import DEVICES, NAMES, at_rows, find_rmse_deg, w
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.readers import read_recording
 from fusion.recording import Recording, Segment
-from fusion.sensor.accelerometer import leave_accelerometer
 from fusion.sensor.gyroscope import leave_gyro_scale
+from fusion.sensor.model import leave_accelerometer
 from fusion.simulation import simulate_shift
 from tests.simulated_shifts import make_perfect
 

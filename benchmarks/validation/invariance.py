@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
-from fusion.agreement.pairs import Run, interpolate
-from fusion.elevation import estimate_elevation
-from fusion.orientation.angle_rows import lay_rows
+from fusion.comparison.alignment import Run, interpolate
+from fusion.elevation import estimate_elevation, lay_rows
 from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.sensor.model import view_segment

@@ -22,11 +22,11 @@ from benchmarks.validation.stated import KINDS as DAYS
 from benchmarks.validation.worn import DEVICES, WornDay, name_devices
 from fusion.conventions import NPOSE_ERROR_DEG
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import Exposure, Interval, summarise_exposure
-from fusion.exposure.intervals import LEAST_BIN_DEG
 from fusion.exposure.resampling import FULL_AT_DEG
+from fusion.exposure.summary import LEAST_BIN_DEG, summarise_exposure
+from fusion.exposure.types import Exposure, Interval
 from fusion.pipeline import SOFT_TISSUE_SIGMA_DEG, Analysis, analyse
-from fusion.pose.axes import HELD_SIGMA_DEG
+from fusion.pose.rules import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
 
 KINDS = ("time above", "bins", "entries", "percentiles")

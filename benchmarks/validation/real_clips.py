@@ -22,9 +22,8 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.bvh import ArmMotion, read_bvh
-from fusion.recording import Float64Array
+from fusion.recording import STANDARD_GRAVITY, Float64Array
 from fusion.simulation.body import ArmState
-from fusion.units import STANDARD_GRAVITY
 
 Side = Literal["r", "l"]
 

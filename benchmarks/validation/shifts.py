@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, at_rows, find_rmse_deg, wear
 from fusion.elevation import Elevation, ElevationSegment, estimate_elevation
-from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import BIN_EDGES_DEG, CELLS_PER_DEG
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
 from fusion.pipeline import analyse
 from fusion.pose.calibrate import calibrate
 from fusion.simulation import simulate_shift

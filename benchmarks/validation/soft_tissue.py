@@ -31,7 +31,7 @@ from benchmarks.validation.worn import (
 )
 from fusion.elevation import measure_elevation
 from fusion.pipeline import Analysis, analyse
-from fusion.pose.axes import HELD_SIGMA_DEG
+from fusion.pose.rules import HELD_SIGMA_DEG
 from fusion.recording import Float64Array
 from fusion.settings import AnalysisSettings
 from fusion.simulation.body import ArmState

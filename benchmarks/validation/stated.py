@@ -28,8 +28,9 @@ from benchmarks.validation.worn import DEVICES, WornDay, find_rmse_deg, name_dev
 from fusion.conventions import CalibrationState
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import FusionError
-from fusion.exposure import Exposure, summarise_exposure
-from fusion.numerics.rotations import find_angle_deg
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure
+from fusion.numerics import find_angle_deg
 from fusion.pipeline import Analysis, analyse
 from fusion.quality import Verdict
 from fusion.recording import Float64Array

@@ -11,7 +11,7 @@ from benchmarks.validation.invariance import STANDARD_GRAVITY
 from benchmarks.validation.real_clips import Clip, feel, load_clip
 from benchmarks.validation.skin_clips import load_skin_library
 from fusion.errors import FusionError
-from fusion.pose.windows import (
+from fusion.pose.calibrate import (
     TABLE_SWAY_DPS,
     find_still_stretches,
     measure_asked,
@@ -20,7 +20,7 @@ from fusion.pose.windows import (
 )
 from fusion.readers import read_recording
 from fusion.recording import Float64Array, Recording, Segment
-from fusion.sensor.accelerometer import calibrate_accelerometer
+from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments
 from tests.validation.broad import load_trials
 

@@ -9,12 +9,12 @@ from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.weights import PROSE as WEIGHTS_PROSE
 from benchmarks.validation.weights import draw_sweep
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, at_rows, compare, find_rows, wear
+from fusion.comparison.change import QUASI_STATIC, TABLE_1, TaskFigures
 from fusion.elevation import estimate_elevation
 from fusion.orientation import MethodName
 from fusion.pose.calibrate import calibrate
 from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
-from fusion.source_paper import QUASI_STATIC, TABLE_1, TaskFigures
 from tests.simulated_tasks import TASKS, TITLES, simulate_session, simulate_task
 
 PEOPLE = (1, 2, 3, 4, 5)

@@ -6,13 +6,13 @@ import numpy as np
 
 from benchmarks.validation.document import draw_table
 from benchmarks.validation.worn import Worn, compare, find_rows
+from fusion.comparison.change import QUASI_STATIC, TABLE_1, TaskFigures
 from fusion.elevation import measure_elevation
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.pose.calibrate import calibrate
 from fusion.sensor.model import view_segment
 from fusion.settings import AnalysisSettings
 from fusion.simulation.sensor import Device
-from fusion.source_paper import QUASI_STATIC, TABLE_1, TaskFigures
 from tests.simulated_tasks import TITLES
 
 TIME_CONSTANTS_S = (0.5, 1.0, 2.0, 5.0, 10.0)

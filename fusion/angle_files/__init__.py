@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import elevation_parquet, mvnx, tables
-from fusion.angle_files.angle_file import (
+from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     calibrate_alone,
@@ -16,7 +16,7 @@ from fusion.angle_files.angle_file import (
     resample_file,
 )
 from fusion.errors import EmptyFile
-from fusion.readers.recognise import explain_refusal
+from fusion.readers import explain_refusal
 from fusion.readers.source import Source, open_source
 
 __all__ = [
@@ -49,7 +49,10 @@ ANGLE_READERS = (
 )
 """In the order in which they are asked."""
 
-SAMPLES = tuple(frozenset({f"{channel}_{axis}"}) for channel in ("acc", "gyr") for axis in "xyz")
+SAMPLES = (
+    *(frozenset({"acc_x"}), frozenset({"acc_y"}), frozenset({"acc_z"})),
+    *(frozenset({"gyr_x"}), frozenset({"gyr_y"}), frozenset({"gyr_z"})),
+)
 NO_OPTIONS = AngleFileOptions()
 
 

@@ -17,9 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fusion.angle_files.angle_file import AngleFile, AngleFileOptions
+from fusion.angle_files.angle_series import HOLE_PERIODS, AngleFile, AngleFileOptions
 from fusion.angle_files.tables import check_times, keep_angles
-from fusion.angle_series import HOLE_PERIODS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile
 from fusion.readers import RecordingFile

@@ -21,7 +21,7 @@ from xml.sax.handler import ContentHandler, feature_external_ges, feature_extern
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from fusion.angle_files.angle_file import (
+from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,

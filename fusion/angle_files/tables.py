@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from fusion.angle_files.angle_file import (
+from fusion.angle_files.angle_series import (
     AngleFile,
     AngleFileOptions,
     Up,
@@ -122,20 +122,17 @@ def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
 #
 # A matrix before a quaternion before Euler angles, where an export holds several: they are equivalent.
 
-QUATERNIONS = (
-    ("quat_q0", "quat_q1", "quat_q2", "quat_q3"),
-    ("quat_w", "quat_x", "quat_y", "quat_z"),
-    ("quatw", "quatx", "quaty", "quatz"),
-    ("qw", "qx", "qy", "qz"),
-    ("q_w", "q_x", "q_y", "q_z"),
-    ("q0", "q1", "q2", "q3"),
-    ("q_0", "q_1", "q_2", "q_3"),
-    ("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
-    ("w", "x", "y", "z"),
-)
 ORIENTATIONS: Sequence[tuple[str, tuple[str, ...]]] = (
     ("matrix", ("mat31", "mat32", "mat33")),
-    *(("quaternion", names) for names in QUATERNIONS),
+    ("quaternion", ("quat_q0", "quat_q1", "quat_q2", "quat_q3")),
+    ("quaternion", ("quat_w", "quat_x", "quat_y", "quat_z")),
+    ("quaternion", ("quatw", "quatx", "quaty", "quatz")),
+    ("quaternion", ("qw", "qx", "qy", "qz")),
+    ("quaternion", ("q_w", "q_x", "q_y", "q_z")),
+    ("quaternion", ("q0", "q1", "q2", "q3")),
+    ("quaternion", ("q_0", "q_1", "q_2", "q_3")),
+    ("quaternion", ("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z")),
+    ("quaternion", ("w", "x", "y", "z")),
     ("euler", ("roll", "pitch")),
     ("euler", ("euler_x", "euler_y")),
 )

@@ -16,9 +16,17 @@ from fusion.caveats import Caveat
 from fusion.checks.summary import BLOCK_ROWS, SensorSummary, summarise
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.numba_kernels import inner, kernel
-from fusion.numerics.intervals import join_overlapping
-from fusion.numerics.runs import find_runs
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Recording, Segment, Span, flag_gaps, flag_spans
+from fusion.recording import (
+    LONGEST_BRIDGE_US,
+    MICROSECONDS,
+    Recording,
+    Segment,
+    Span,
+    flag_gaps,
+    flag_spans,
+    join_overlapping,
+)
+from fusion.runs import find_runs
 
 Rows = NDArray[np.int64]
 """Ranges of rows, shape (m, 2): first row and first row after, in order."""
@@ -73,25 +81,27 @@ def place_rows(segment: Segment, first_row: int, stop_row: int, reason: str = ""
 
 
 def cut_rows(segment: Segment, ranges: Sequence[Pair]) -> list[Segment]:
-    """Return what is left of a segment without some of its rows."""
+    """Return what is left of a segment without some of its rows.
+
+    Pieces begin at whole microseconds, yet none lasts beyond the end of the segment.
+    """
     if not ranges:
         return [segment]
     edges = [0, *(row for pair in ranges for row in pair), len(segment)]
-    pairs = zip(edges[::2], edges[1::2], strict=True)
-    return [_take_rows(segment, first, stop) for first, stop in pairs if stop > first]
-
-
-def _take_rows(segment: Segment, first_row: int, stop_row: int) -> Segment:
-    """Take rows; rounded to the microsecond, yet never beyond the end of the whole."""
-    bridged = [(max(a, first_row) - first_row, min(b, stop_row) - first_row) for a, b in segment.bridged]
-    piece = replace(
-        segment,
-        start_us=place_rows(segment, 0, first_row).end_us,
-        acc_g=segment.acc_g[first_row:stop_row],
-        gyr_dps=segment.gyr_dps[first_row:stop_row],
-        bridged=tuple((a, b) for a, b in bridged if b > a),
-    )
-    return replace(piece, start_us=piece.start_us - max(0, piece.end_us - segment.end_us))
+    pieces = []
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop <= first:
+            continue
+        bridged = [(max(a, first) - first, min(b, stop) - first) for a, b in segment.bridged]
+        piece = replace(
+            segment,
+            start_us=place_rows(segment, 0, first).end_us,
+            acc_g=segment.acc_g[first:stop],
+            gyr_dps=segment.gyr_dps[first:stop],
+            bridged=tuple((a, b) for a, b in bridged if b > a),
+        )
+        pieces.append(replace(piece, start_us=piece.start_us - max(0, piece.end_us - segment.end_us)))
+    return pieces
 
 
 # Rows in which nothing was measured: zeros on all six channels, and values that were carried forward.
@@ -111,7 +121,7 @@ LEAST_PART, MOST_TIMES = 0.1, 3.0
 COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
-"""One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.timebase.grid)."""
+"""One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.time.grid)."""
 
 
 def leave_out_zeros(recording: Recording) -> Recording:
@@ -284,7 +294,14 @@ def _find_stuck(segments: Sequence[Segment]) -> list[list[Pair]]:
     for sensor in range(2):
         samples = [_read(segment, sensor) for segment in segments]
         for axes in ((0,), (1,), (2,), (0, 1, 2)):
-            runs = [_find_flat(segment, sensor, axes) for segment in segments]
+            length_s, least_rows = (STUCK_S, STUCK_ROWS) if len(axes) == 1 else (SILENT_S, 2)
+            runs = []
+            for segment in segments:
+                seen, shortest = (
+                    summarise(segment)[sensor],
+                    max(round(length_s * segment.rate_hz), least_rows),
+                )
+                runs.append(find_held_runs(seen, seen, shortest, (axes[0], axes[-1] + 1)))
             if not any(map(len, runs)) or any(_is_coarse(samples, axis, runs) for axis in axes):
                 continue
             for rows, segment, some in zip(found, segments, runs, strict=True):
@@ -294,16 +311,6 @@ def _find_stuck(segments: Sequence[Segment]) -> list[list[Pair]]:
 
 def _read(segment: Segment, sensor: int) -> Values:
     return segment.gyr_dps if sensor else segment.acc_g
-
-
-def _find_flat(segment: Segment, sensor: int, axes: tuple[int, ...]) -> Rows:
-    """Find the runs of one value on one axis, or on all three."""
-    seen, rate_hz = summarise(segment)[sensor], segment.rate_hz
-    if len(axes) == 1:
-        shortest = max(round(STUCK_S * rate_hz), STUCK_ROWS)
-    else:
-        shortest = max(round(SILENT_S * rate_hz), 2)
-    return find_held_runs(seen, seen, shortest, (axes[0], axes[-1] + 1))
 
 
 def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
@@ -357,32 +364,27 @@ def exclude_faults(recording: Recording, searched: Recording | None = None) -> R
     Spikes are replaced by the mean of their neighbours, for the filters only, in place. ``searched``: the
     recording as the last search for stuck channels left it; it is not searched again without a new flag.
     """
-    mended = [_mend_spikes(segment) for segment in recording.segments]
-    spikes = [span for _, spans in mended for span in spans]
+    spikes: list[Span] = []
+    segments = []
+    for segment in recording.segments:
+        marked = np.zeros(len(segment), np.bool_)
+        for sensor, least in zip(summarise(segment), (LEAST_SPIKE_G, LEAST_SPIKE_DPS), strict=True):
+            blocks = np.flatnonzero((sensor.step >= least).any(axis=0))
+            if len(blocks):
+                _mend_blocks(sensor.samples, least, blocks, marked)
+        rows = np.flatnonzero(marked).tolist()
+        spikes += [place_rows(segment, row, row + 1, "spikes") for row in rows]
+        segments.append(replace(segment) if rows else segment)  # other samples, another object
     if spikes:
-        segments = tuple(segment for segment, _ in mended)
         flags = (*recording.flags, *flag_spans(Caveat.SPIKE, spikes))
         excluded = (*recording.excluded, *spikes)
-        recording = replace(recording, segments=segments, excluded=excluded, flags=flags)
+        recording = replace(recording, segments=tuple(segments), excluded=excluded, flags=flags)
     is_same = searched is not None and _find_notes(recording) == _find_notes(searched)
     return recording if is_same else exclude_stuck(recording)
 
 
 def _find_notes(recording: Recording) -> tuple[object, object]:
     return recording.flags, recording.understood
-
-
-def _mend_spikes(segment: Segment) -> tuple[Segment, list[Span]]:
-    """Return the segment, another object where samples changed, and where spikes were."""
-    rows = set[int]()
-    for sensor, least in zip(summarise(segment), (LEAST_SPIKE_G, LEAST_SPIKE_DPS), strict=True):
-        blocks = np.flatnonzero((sensor.step >= least).any(axis=0))
-        if len(blocks):
-            marked = np.zeros(len(segment), np.bool_)
-            _mend_blocks(sensor.samples, least, blocks, marked)
-            rows.update(np.flatnonzero(marked).tolist())
-    spikes = [place_rows(segment, row, row + 1, "spikes") for row in sorted(rows)]
-    return (replace(segment) if spikes else segment), spikes
 
 
 @kernel

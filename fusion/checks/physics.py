@@ -8,27 +8,528 @@ recording without rest.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import timedelta
-from math import isclose
+from math import cos, isclose, sin, sqrt
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.frame import (
-    BAD_WINDOWS,
-    MOST_DPS,
-    FrameEvidence,
-    GravityWindows,
-    cut_windows,
-    judge_frame,
-    measure_scale,
+from fusion.checks.summary import (
+    LEAST_ACC_TOP_G,
+    LEAST_GYR_TOP_DPS,
+    RANGE_SHARE,
+    Rests,
+    find_flat_range,
+    find_rests,
+    measure_lengths,
+    measure_rest_part,
+    measure_rest_scale,
+    summarise,
 )
-from fusion.checks.rests import Rests, find_rests, measure_lengths, measure_rest_part, measure_rest_scale
-from fusion.checks.summary import LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS, find_flat_range, summarise
 from fusion.errors import ExchangedSensors, MixedColumns, NoGravity, TooShort, UnknownUnit, WrongScale
-from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
-from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
+from fusion.numba_kernels import inner, kernel
+from fusion.recording import (
+    DEG_PER_RAD,
+    MICROSECONDS,
+    STANDARD_GRAVITY,
+    Float64Array,
+    QualityFlag,
+    Recording,
+    Segment,
+    acc_scale_g,
+    gyr_scale_dps,
+)
+
+# Which unit and hand of the gyroscope makes gravity stand still, and whether the two sensors agree at all.
+#
+# Angles are measured from a pose, so that what is done to both sensors alike does not matter: it is enough to
+# make the gyroscope agree with the accelerometer. A left-handed frame is the gyroscope turned about: a
+# negative factor on its rates.
+#
+# A recording is left alone unless another factor is far better, fits well by itself in both halves of the
+# movement, and has no rival. Odds are in nats: the logarithm of how much likelier one factor makes what was
+# seen than another.
+
+# The evidence: does gravity, carried along the gyroscope for eight seconds, stay where it was?
+#
+# Within a window the acceleration of every row is turned into the frame of the first row by what the
+# gyroscope says. There the mean of the second half must be that of the first: gravity stands still, and an
+# arm's own acceleration averages to its change of speed, a few hundredths of g over four seconds. What is
+# missing is the evidence for unit, sign, order and scale of the gyroscope's axes. Unlike moments picked
+# because they look still, whole windows are not drawn to the turning points of a swing, where the arm's own
+# acceleration would pass for a scale error of 10 %.
+
+WINDOW_S = 8.0
+SHORTEST_WINDOW_S = 0.8
+"""Of a segment shorter than a window, the whole is one if it lasts so long."""
+ROW_S = 0.02
+PLAIN_G = 0.05
+MOST_WINDOWS = 150
+LIKELY_GAIN, LIKELY_DRIFT_DPS, LIKELY_OFFSET_G = 1.0, 15.0, 0.04
+"""How far a fit may stray from where it began (a gain, as a share of it), one standard deviation."""
+LEAST_SPREAD_G = 0.005
+RADIANS = np.pi / 180.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GravityWindows:
+    """Rows of about 20 ms of all windows, one after the other.
+
+    ``acc_g`` (m, 3); ``turn`` (m, 3): the gyroscope's reading times the period, from each row to the next, in
+    rad if it reads deg/s; ``first`` (n + 1,): where the windows begin; ``period_s`` (n,).
+    """
+
+    acc_g: Float64Array
+    turn: Float64Array
+    first: NDArray[np.int64]
+    period_s: Float64Array
+
+    def __len__(self) -> int:
+        return len(self.period_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroModel:
+    """True rate = ``gain`` (3, 3) @ reading + ``drift_dps``; true acceleration = reading - ``offset_g``."""
+
+    gain: Float64Array
+    drift_dps: Float64Array
+    offset_g: Float64Array
+
+
+def cut_windows(segments: Sequence[Segment]) -> GravityWindows:
+    """Return windows of 8 s, each half over the one before, spread over the recording.
+
+    Those in which the gyroscope is cut off, or in which a channel stuck, are left out: what was cut off, or
+    stood still while the arm turned, passes for a scale or for columns mixed up.
+    """
+    cut_off = find_flat_range([summarise(segment)[1] for segment in segments])
+    places = []
+    for segment in segments:
+        rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
+        if rows >= max(8, SHORTEST_WINDOW_S * segment.rate_hz):
+            places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
+    if cut_off:  # a gyroscope that reads 0 throughout, of a short recording, is not cut off
+        places = [
+            (segment, first, rows)
+            for segment, first, rows in places
+            if float(np.abs(segment.gyr_dps[first : first + rows]).max()) < RANGE_SHARE * cut_off
+        ]
+    chosen = places[:: max(1, -(-len(places) // MOST_WINDOWS))]
+    # A channel that never changes is dead; :mod:`fusion.checks.faults` refuses it.
+    flat = np.array([_find_flat(*place) for place in chosen], np.bool_).reshape(-1, 6)
+    is_stuck = np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
+    cut = [_cut_window(*place) for place, stuck in zip(chosen, is_stuck, strict=True) if not stuck]
+    if not cut:
+        return GravityWindows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0))
+    acc, turn, period_s = zip(*cut, strict=True)
+    first = np.concatenate([[0], np.cumsum([len(part) for part in acc])]).astype(np.int64)
+    return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s))
+
+
+def _find_flat(segment: Segment, first_row: int, rows: int) -> NDArray[np.bool_]:
+    """Return which of the six channels keep one value in a window; most do not even at first."""
+    flat = []
+    for samples in (segment.acc_g, segment.gyr_dps):
+        values = samples[first_row : first_row + rows]
+        is_flat = (values[:8] == values[0]).all(axis=0)
+        flat.append((values == values[0]).all(axis=0) if is_flat.any() else is_flat)
+    return np.concatenate(flat)
+
+
+def _cut_window(segment: Segment, first_row: int, rows: int) -> tuple[Float64Array, Float64Array, float]:
+    """Means of 20 ms; the rate between two rows is a straight line."""
+    width = max(1, round(ROW_S * segment.rate_hz))
+    means = np.empty((2, rows // width // 2 * 2, 3))
+    _average(segment.acc_g[first_row:], width, means[0])
+    _average(segment.gyr_dps[first_row:], width, means[1])
+    acc_g, gyr_dps = means
+    period_s = width / segment.rate_hz
+    turn = np.zeros_like(gyr_dps)
+    turn[:-1] = (gyr_dps[:-1] + gyr_dps[1:]) * (0.5 * period_s * RADIANS)
+    return acc_g, turn, period_s
+
+
+@kernel
+def _average(samples: Any, width: int, means: Any) -> None:  # pragma: no cover
+    """Mean of each ``width`` rows."""
+    for k in range(len(means)):
+        for axis in range(3):
+            total = 0.0
+            for row in range(k * width, (k + 1) * width):
+                total += samples[row, axis]
+            means[k, axis] = total / width
+
+
+def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> GravityWindows:
+    """Some of the windows."""
+    lengths = np.diff(windows.first)[numbers]
+    rows = np.concatenate(
+        [np.arange(windows.first[k], windows.first[k + 1]) for k in numbers] or [np.zeros(0, np.int64)]
+    )
+    first = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, windows.period_s[numbers])
+
+
+def measure_speed_dps(windows: GravityWindows) -> Float64Array:
+    """Root mean square of the angular rate in each window, deg/s if it reads deg/s, shape (n,)."""
+    if len(windows) == 0:
+        return np.zeros(0)
+    square = np.add.reduceat((windows.turn**2).sum(axis=1), windows.first[:-1])
+    return np.asarray(np.sqrt(square / np.diff(windows.first)) / (windows.period_s * RADIANS))
+
+
+def find_plain(windows: GravityWindows) -> NDArray[np.bool_]:
+    """In which windows the acceleration keeps the length of gravity in both halves, shape (n,)."""
+    if len(windows) == 0:
+        return np.zeros(0, np.bool_)
+    length_g = np.linalg.norm(windows.acc_g, axis=1)
+    edges = np.sort(np.concatenate([windows.first[:-1], (windows.first[:-1] + windows.first[1:]) // 2]))
+    halves_g = np.add.reduceat(length_g, edges) / np.diff(np.append(edges, len(length_g)))
+    return np.asarray((np.abs(halves_g - 1.0) < PLAIN_G).reshape(-1, 2).all(axis=1))
+
+
+def measure_miss(windows: GravityWindows, model: GyroModel) -> Float64Array:
+    """How far, in g, gravity of the second half is from that of the first, shape (n,)."""
+    miss, _ = _carry(windows, model, has_slope=False)
+    return np.asarray(np.linalg.norm(miss, axis=1))
+
+
+def fit_model(
+    windows: GravityWindows, start: GyroModel, shape: Float64Array, factor: float = 1.0, rounds: int = 8
+) -> tuple[GyroModel, Float64Array, Float64Array]:
+    """Return the fitted model, its free values less where they began, (p,), and their standard errors.
+
+    Gauss-Newton with Cauchy weights from ``start`` along the columns of ``shape``, (15, p).
+    Rows of the shape: the gain row by row in units of ``factor``, the drift in units of 100 deg/s, and the
+    offset of the accelerometer in g. Without the last, an offset of 0.04 g passes for a scale error of 5 %.
+    """
+    origin = np.concatenate([start.gain.ravel(), start.drift_dps / 100.0, start.offset_g])
+    basis = shape * np.repeat([factor, 1.0], (9, 6))[:, None]
+    likely = np.select(
+        [shape[:9].any(axis=0), shape[9:12].any(axis=0)],
+        [LIKELY_GAIN, LIKELY_DRIFT_DPS / 100.0],
+        LIKELY_OFFSET_G,
+    )
+    prior = np.diag(1.0 / likely**2)
+    values, normal = np.zeros(basis.shape[1]), prior
+    for _ in range(rounds):
+        miss, slope = _carry(windows, _unpack(origin + basis @ values), has_slope=True)
+        slope = slope @ basis
+        square = (miss**2).sum(axis=1)
+        spread = max(float(np.median(square)) / 1.4, LEAST_SPREAD_G**2)
+        weight = 1.0 / (spread * (1.0 + square / (5.7 * spread)))
+        normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + prior
+        wrong = np.einsum("w,wij,wi->j", weight, slope, miss, optimize=True) + prior @ values
+        step = np.linalg.solve(normal, wrong)
+        values = values - step
+        if np.abs(step).max() < 1e-4:
+            break
+    errors = np.sqrt(2.0 * np.diag(np.linalg.inv(normal)))  # windows lie half over each other
+    return _unpack(origin + basis @ values), values, errors
+
+
+def _unpack(numbers: Float64Array) -> GyroModel:
+    return GyroModel(numbers[:9].reshape(3, 3), numbers[9:12] * 100.0, numbers[12:])
+
+
+def _carry(
+    windows: GravityWindows, model: GyroModel, *, has_slope: bool
+) -> tuple[Float64Array, Float64Array]:
+    """Misses (n, 3) and, if asked for, their slopes (n, 3, 15)."""
+    miss = np.zeros((len(windows), 3))
+    slope = np.zeros((len(windows) if has_slope else 0, 3, 15))
+    drift = model.drift_dps * RADIANS
+    gain = np.ascontiguousarray(model.gain, dtype=np.float64)
+    acc_g = windows.acc_g - model.offset_g
+    room = (np.empty((3, 3)), np.empty((3, 12)))
+    _carry_windows(acc_g, windows.turn, windows.first, windows.period_s, gain, drift, room, miss, slope)
+    slope[:, :, 9:12] *= 100.0 * RADIANS
+    return miss, slope
+
+
+@kernel
+def _carry_windows(
+    acc: Any, turn: Any, first: Any, period: Any, gain: Any, drift: Any, room: Any, miss: Any, slope: Any
+) -> None:  # pragma: no cover
+    """Sum the accelerations in the frame of the first row, minus in the first half, plus in the second.
+
+    ``frame`` takes vectors of the present row to the first; ``lean`` (3, 12) is the turn of that frame for
+    each unit of gain and drift. Exact sine and cosine: a unit may be wrong by a factor of thousands.
+    """
+    frame, lean = room
+    for w in range(len(period)):
+        for i in range(3):
+            for j in range(3):
+                frame[i, j] = 1.0 if i == j else 0.0
+            for q in range(12):
+                lean[i, q] = 0.0
+        half = (first[w + 1] - first[w]) // 2
+        for row in range(first[w], first[w + 1]):
+            part = (1.0 if row >= first[w] + half else -1.0) / half
+            a = acc[row]
+            x = part * (frame[0, 0] * a[0] + frame[0, 1] * a[1] + frame[0, 2] * a[2])
+            y = part * (frame[1, 0] * a[0] + frame[1, 1] * a[1] + frame[1, 2] * a[2])
+            z = part * (frame[2, 0] * a[0] + frame[2, 1] * a[1] + frame[2, 2] * a[2])
+            miss[w, 0] += x
+            miss[w, 1] += y
+            miss[w, 2] += z
+            if len(slope):
+                for q in range(12):
+                    slope[w, 0, q] += lean[1, q] * z - lean[2, q] * y
+                    slope[w, 1, q] += lean[2, q] * x - lean[0, q] * z
+                    slope[w, 2, q] += lean[0, q] * y - lean[1, q] * x
+                for i in range(3):
+                    for j in range(3):
+                        slope[w, i, 12 + j] -= part * frame[i, j]
+            _turn_frame(frame, lean, turn[row], gain, drift, period[w], len(slope) > 0)
+
+
+@inner
+def _turn_frame(
+    frame: Any, lean: Any, turn: Any, gain: Any, drift: Any, period_s: float, has_slope: Any
+) -> None:  # pragma: no cover
+    """One row on: ``frame @ exp([turn]x)`` (Rodrigues)."""
+    x = gain[0, 0] * turn[0] + gain[0, 1] * turn[1] + gain[0, 2] * turn[2] + drift[0] * period_s
+    y = gain[1, 0] * turn[0] + gain[1, 1] * turn[1] + gain[1, 2] * turn[2] + drift[1] * period_s
+    z = gain[2, 0] * turn[0] + gain[2, 1] * turn[1] + gain[2, 2] * turn[2] + drift[2] * period_s
+    square = x * x + y * y + z * z
+    angle = sqrt(square)
+    sine = sin(angle) / angle if angle > 1e-9 else 1.0
+    cosine = (1.0 - cos(angle)) / square if angle > 1e-4 else 0.5
+    for i in range(3):
+        u, v, w = frame[i, 0], frame[i, 1], frame[i, 2]
+        # u x turn, and once more
+        p, q, r = v * z - w * y, w * x - u * z, u * y - v * x
+        frame[i, 0] = u + sine * p + cosine * (q * z - r * y)
+        frame[i, 1] = v + sine * q + cosine * (r * x - p * z)
+        frame[i, 2] = w + sine * r + cosine * (p * y - q * x)
+        if has_slope:
+            for j in range(3):
+                for k in range(3):
+                    lean[i, 3 * j + k] += frame[i, j] * turn[k]
+                lean[i, 9 + j] += frame[i, j] * period_s
+
+
+# The verdict.
+
+LIVELY_G = 0.1
+"""A window tells something if its halves would be so far apart without a gyroscope."""
+LEAST_MISS_G = 0.02
+MOST_DPS = 4500.0
+"""No part in use reads more than 4000 deg/s."""
+FEWEST_WINDOWS = 3
+GOOD_SCORE = 0.35
+BAD_SCORE, BAD_MISS_G, BAD_WINDOWS = 0.5, 0.15, 6
+"""No right recording of a body in hand has a score over 0.5 and misses by more than 0.10 g, or a score over
+0.25 in slow movement.
+"""
+CLEAR_NATS, CLEAR_RATIO = 12.0, 0.6
+UNIT_NATS = 8.0
+"""Enough for a factor that then fits well."""
+USUAL_ERROR, MOST_FACTOR_NATS = 0.1, 8.0
+"""By what share factors are off as a rule, and the most that an odd one counts against an arrangement."""
+CERTAIN_NATS, KNOWN_RATIO = 25.0, 0.75
+"""A factor may fit less well where the recording is poor."""
+RIVAL_NATS = 4.0
+SCALES = (0.25, 0.5, 0.7, 1.4, 2.0, 4.0)
+SCALE_TOLERANCE, SCALE_ERRORS = 0.05, 6.0
+"""Parts are up to 3 % off, which the fusion finds and corrects by itself (fusion.sensor)."""
+SLOW_DPS = 45.0
+"""Windows up to this rate (root mean square) judge the scale: an arm of 0.3 m then feels 0.02 g outwards. On
+fast movement that force imitates a scale: right gyroscopes seemed to need factors of 0.77 to 1.14.
+"""
+FEWEST_SLOW = 6
+FAST_DPS = 135.0
+"""Over this, a window turns three times round: an error of 1 % of scale has grown to 10 deg."""
+MOST_SEARCHED, MOST_REFINED = 50, 16
+OFFSET_BASIS = np.eye(15)[:, 9:]
+"""Shape of a fit of nothing but the offsets."""
+SCALE_BASIS = np.column_stack([np.append(np.eye(3).ravel(), np.zeros(6)), OFFSET_BASIS])
+"""Shape of a fit of one factor on all axes, and the offsets."""
+BLIND = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arrangement:
+    """True rate = ``factor`` times the reading, less an offset; negative for a left-handed frame.
+
+    ``miss_g`` (n,) of the windows, and ``score``: 0 explains everything, 1 no better than no gyroscope.
+    """
+
+    model: GyroModel
+    miss_g: Float64Array
+    score: float
+
+    @property
+    def factor(self) -> float:
+        """On all axes alike."""
+        return float(np.trace(self.model.gain) / 3.0)
+
+    def is_like(self, other: "Arrangement") -> bool:
+        """Whether both say the same, but perhaps for a scale that is measured afterwards."""
+        return 0.5 < self.factor / (other.factor or 1e-12) < 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scale:
+    """What is left to multiply the rates by, on all axes alike, with its standard error."""
+
+    overall: float
+    error: float
+
+    @property
+    def is_off(self) -> bool:
+        """Surely by more than parts are."""
+        return abs(self.overall - 1.0) > max(SCALE_TOLERANCE, SCALE_ERRORS * self.error)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameEvidence:
+    """What the motion says: how it is as read, what fits best, and whether that is beyond doubt.
+
+    ``lively``: windows that tell something; ``plain``: how many of them turn slowly and keep the length of
+    gravity, and ``plain_score``: how much is left of these. Only these are evidence enough to refuse: not a
+    car, and not a fast spin.
+    ``chosen`` is another than ``as_read`` if a unit or a left-handed frame surely is to be put right.
+    ``has_better``: another factor fits far better, and it is not sure which.
+    """
+
+    lively: int
+    plain: int
+    plain_score: float
+    as_read: Arrangement
+    chosen: Arrangement
+    has_better: bool = False
+
+    @property
+    def is_doubtful(self) -> bool:
+        """As read it does not fit, and nothing that could be put right was found."""
+        if self.chosen is not self.as_read:
+            return False
+        miss_g = float(np.sqrt(np.mean(np.minimum(self.as_read.miss_g, 2.0) ** 2)))
+        return self.is_wrong or self.has_better or (self.as_read.score > BAD_SCORE and miss_g > BAD_MISS_G)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the motion bears out what was chosen."""
+        return self.chosen is not self.as_read or (self.as_read.score <= BAD_SCORE and not self.is_doubtful)
+
+    @property
+    def is_wrong(self) -> bool:
+        """The same, on evidence enough to refuse."""
+        if self.chosen is not self.as_read:
+            return False
+        is_unlike = self.plain >= BAD_WINDOWS and self.plain_score > BAD_SCORE
+        return is_unlike or (self.has_better and self.lively >= BAD_WINDOWS)
+
+
+def judge_frame(
+    windows: GravityWindows, offset_dps: Float64Array, factors: Sequence[float]
+) -> FrameEvidence | None:
+    """Find the unit factor and the hand; None if there is too little motion to tell.
+
+    ``offset_dps``: what the gyroscope reads at rest. ``factors``: units that come into question, the first
+    unless another is surely right.
+    """
+    search = _Search(windows, offset_dps, factors, measure_miss(windows, BLIND))
+    is_lively = search.blind_g > LIVELY_G
+    lively = int(is_lively.sum())
+    if lively < FEWEST_WINDOWS:
+        return None
+    as_read = search.refine(search.try_out(factors[0]), OFFSET_BASIS)
+    if as_read.score <= GOOD_SCORE:
+        return FrameEvidence(lively, lively, as_read.score, as_read, as_read)
+    plain = is_lively & (measure_speed_dps(windows) * factors[0] < FAST_DPS) & find_plain(windows)
+    plain_score = search.score(as_read.miss_g, plain)
+    seen = FrameEvidence(lively, int(plain.sum()), plain_score, as_read, as_read)
+    ranked = search.rank(np.flatnonzero(is_lively))
+    best = min([as_read, *ranked], key=lambda one: (round(one.score, 3), search.doubt(one)))
+    nats = search.weigh(as_read, best, best)
+    is_clear = best.score < CLEAR_RATIO * as_read.score
+    is_sure = nats > CERTAIN_NATS and best.score < min(BAD_SCORE, KNOWN_RATIO * as_read.score)
+    if is_sure or (nats > UNIT_NATS and is_clear and best.score < GOOD_SCORE):
+        rivals = (one for one in ranked if search.weigh(one, best, best) < RIVAL_NATS)
+        if search.holds_in_halves(as_read, best) and all(one.is_like(best) for one in rivals):
+            return replace(seen, chosen=best)
+    return replace(seen, has_better=nats > CLEAR_NATS and is_clear and not as_read.is_like(best))
+
+
+def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -> Scale | None:
+    """Return what is left of the scale once ``factor`` is applied; None if too few slow windows tell."""
+    is_slow = measure_speed_dps(windows) * abs(chosen.factor) < SLOW_DPS
+    slow = np.flatnonzero((measure_miss(windows, BLIND) > LIVELY_G) & is_slow)
+    if len(slow) < FEWEST_SLOW:
+        return None
+    start = GyroModel(factor * np.eye(3), chosen.model.drift_dps, chosen.model.offset_g)
+    _, values, errors = fit_model(pick_windows(windows, slow), start, SCALE_BASIS, factor)
+    return Scale(1.0 + float(values[0]), float(errors[0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """Windows, the offset at rest, units in question; ``blind_g`` (n,): their misses without a gyroscope."""
+
+    windows: GravityWindows
+    offset_dps: Float64Array
+    factors: Sequence[float]
+    blind_g: Float64Array
+
+    def holds_in_halves(self, as_read: Arrangement, best: Arrangement) -> bool:
+        """Whether both halves of the movement bear out what fits better."""
+        left_g = [np.minimum(one.miss_g, self.blind_g) for one in (best, as_read)]
+        halves = np.array_split(np.flatnonzero(self.blind_g > LIVELY_G), 2)
+        return all(left_g[0][half].sum() < KNOWN_RATIO * left_g[1][half].sum() for half in halves)
+
+    def try_out(self, factor: float) -> Arrangement:
+        gain = factor * np.eye(3)
+        return self.measure(GyroModel(gain, -gain @ self.offset_dps, np.zeros(3)))
+
+    def measure(self, model: GyroModel) -> Arrangement:
+        miss_g = measure_miss(self.windows, model)
+        return Arrangement(model, miss_g, self.score(miss_g, np.ones(len(miss_g), np.bool_)))
+
+    def score(self, miss_g: Float64Array, chosen: NDArray[np.bool_]) -> float:
+        """What some windows leave unexplained: 0 nothing, 1 all."""
+        left_g = np.minimum(miss_g, self.blind_g)[chosen].sum()
+        return float(left_g / max(self.blind_g[chosen].sum(), 1e-9))
+
+    def refine(self, one: Arrangement, basis: Float64Array) -> Arrangement:
+        """Fit the offset, or more, and keep it only if better."""
+        fitted = self.measure(fit_model(self.windows, one.model, basis, one.factor, rounds=4)[0])
+        return fitted if fitted.score < one.score else one
+
+    def doubt(self, one: Arrangement) -> float:
+        """Nats against a factor before anything is seen."""
+        size = max(abs(one.factor), 1e-12)
+        odd = min(abs(np.log(size / named)) for named in self.factors)
+        return min(0.5 * float(odd / USUAL_ERROR) ** 2, MOST_FACTOR_NATS)
+
+    def weigh(self, one: Arrangement, other: Arrangement, best: Arrangement) -> float:
+        """Nats in favour of the other (Cauchy with the best's spread; windows lie half over each other)."""
+        spread_g = max(float(np.median(best.miss_g)) / 0.8, LEAST_MISS_G)
+        first, second = (np.log1p((some.miss_g / spread_g) ** 2).sum() for some in (one, other))
+        return float(first - second) / 2.0 + self.doubt(one) - self.doubt(other)
+
+    def rank(self, lively: NDArray[np.intp]) -> list[Arrangement]:
+        """Both hands at each possible factor by their score on some of the windows; the best ones fitted."""
+        rates = np.abs(self.windows.turn).max(axis=1)
+        rates /= np.repeat(self.windows.period_s, np.diff(self.windows.first))
+        fastest_dps = float(np.degrees(np.quantile(rates, 0.999)))  # but one reading in a thousand
+        few = lively[:: max(1, -(-len(lively) // MOST_SEARCHED))]
+        small = _Search(pick_windows(self.windows, few), self.offset_dps, self.factors, self.blind_g[few])
+        possible = [factor for factor in self.factors if factor * fastest_dps < MOST_DPS]
+        possible += [self.factors[0] * scale for scale in SCALES]
+        tried = [small.try_out(sign * factor) for factor in possible for sign in (1.0, -1.0)]
+        tried.sort(key=lambda one: one.score)
+        fitted = [small.refine(one, SCALE_BASIS) for one in tried[:MOST_REFINED]]
+        return [self.measure(one.model) for one in fitted if abs(one.factor) * fastest_dps < MOST_DPS]
+
+
+# The checks, in order.
 
 LIVELY_RATIO, MORE_TIMES = 5.0, 3.0
 """Long readings over short ones. In the recordings in hand, an accelerometer's are at most 1.8 times as long,
@@ -81,11 +582,11 @@ def check_physics(recording: Recording) -> Recording:
         raise ExchangedSensors
     rests = find_rests(recording.segments)
     checked = _check_gravity(recording, rests)
-    # What made 1 g of the rests made it of the samples: they are found anew where these were changed.
+    # What made 1 g of the rests made it of the samples: they are found again where these were changed.
     if len(checked.flags) > len(recording.flags) or recording.stated.acc_unit == "registers":
         rests = find_rests(checked.segments)
     checked = _check_rates(_check_rest_length(checked, rests.acc), rests)
-    source = recording.understood.get("units_from") or "motion"
+    source = recording.stated.units_from or "motion"
     return replace(checked, understood={**checked.understood, "units_from": source})
 
 

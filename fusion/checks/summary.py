@@ -1,11 +1,9 @@
-"""What the samples hold, sixty-four rows at a time: found in one pass, and read by every check of a sensor.
+"""What the checks know of the samples: a summary of every block, and short looks at where nothing moves."""
 
-Most checks look for what few rows of a shift show: a leap, a value that is kept, the very extreme. They look
-only into the blocks that hold one.
-"""
-
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from math import sqrt
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -14,8 +12,14 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.numba_kernels import kernel
-from fusion.recording import QualityFlag, Recording, Segment
+from fusion.numerics import weigh_cauchy
+from fusion.recording import Float64Array, QualityFlag, Recording, Segment
 from fusion.still_limits import MOMENT, POSE
+
+# What the samples hold, sixty-four rows at a time: found in one pass, and read by every check of a sensor.
+#
+# Most checks look for what few rows of a shift show: a leap, a value that is kept, the very extreme. They
+# look only into the blocks that hold one.
 
 BLOCK_ROWS = 64
 
@@ -186,3 +190,250 @@ def _measure_step(samples: Sequence[NDArray[np.float32]]) -> float:
     return max(
         (float(np.quantile(axis[axis > 0.0], SMALLEST_PART)) for axis in changes.T if axis.any()), default=0.0
     )
+
+
+# Short looks, spread over a recording: where nothing moves, and what the sensors read of gravity then.
+
+Marks = NDArray[np.bool_]
+PROBED_BLOCKS = 150
+BLOCK_S, MEAN_S = 8.0, 0.05
+REST_S, FEWEST_RESTS = 1.0, 2
+REST_PART = 0.015
+"""At rest the acceleration scatters by less than this part of its length."""
+RESTING_PART, ROUGH = 0.02, 0.3
+"""The gyroscope rests where it scatters by less than this part of its liveliest stretch, or where each
+reading is nearly independent of the one before: noise is, movement is not.
+"""
+STEADY_PART, SAME_DEG = 0.04, 10.0
+"""The middle half of all rests in one direction read lengths within this part of each other: on a boat they
+do not.
+"""
+
+
+def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
+    """Blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
+    blocks = []
+    for segment in segments:
+        n, rows = max(8, round(BLOCK_S * segment.rate_hz)), len(segment)
+        blocks += [(segment, first, min(first + n, rows)) for first in range(0, rows, n)]
+    stride = max(1, -(-len(blocks) // PROBED_BLOCKS))
+    return blocks[::stride]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rests:
+    """Mean readings, (n, 3) each, of seconds in which nothing moves, in whatever unit they are read.
+
+    None (n = 0) is a separate state: a recording without rest tells nothing of gravity.
+    """
+
+    acc: Float64Array
+    gyr: Float64Array
+
+    def __len__(self) -> int:
+        return len(self.acc)
+
+    @property
+    def length(self) -> float:
+        """Median length of the acceleration."""
+        return float(np.median(np.linalg.norm(self.acc, axis=1)))
+
+
+def find_rests(segments: Sequence[Segment]) -> Rests:
+    """Find the seconds in which neither sensor shows movement; none where fewer than two do, or where they
+    differ in length as they do on a boat.
+
+    A channel that keeps one value measures nothing (a hole filled with zeros, an axis that stuck), unless
+    most of the rests look so: then the readings are that coarse.
+    """
+    looks = _look(segments)
+    if looks is None:
+        return Rests(np.zeros((0, 3)), np.zeros((0, 3)))
+    acc, acc_sd, gyr, is_gyr_resting, is_stuck = looks
+    is_resting = (acc_sd <= REST_PART * np.linalg.norm(acc, axis=1)) & is_gyr_resting
+    is_flat = is_resting & is_stuck
+    if 2 * is_flat.sum() <= is_resting.sum():
+        is_resting &= ~is_flat
+    rests = Rests(acc[is_resting], gyr[is_resting])
+    if len(rests) < FEWEST_RESTS:
+        return Rests(acc[:0], gyr[:0])
+    # the middle half of them reads one length wherever it reads one direction
+    length = np.linalg.norm(rests.acc, axis=1)
+    place = number_directions(rests.acc / np.maximum(length, 1e-12)[:, None], SAME_DEG)
+    usual = np.array([np.median(length[place == k]) for k in range(place.max() + 1)])
+    low, high = np.quantile(length - usual[place], [0.25, 0.75]).tolist()
+    return rests if high - low <= STEADY_PART * rests.length else Rests(acc[:0], gyr[:0])
+
+
+def measure_rest_part(segments: Sequence[Segment]) -> float | None:
+    """Length of the acceleration while the gyroscope rests, over the longest of the recording.
+
+    Gravity is also there at rest, whatever the unit. An acceleration from which it was taken out reads almost
+    nothing then. None if the gyroscope never rests.
+    """
+    looks, lengths = _look(segments), measure_lengths(segments)
+    if looks is None or len(lengths) == 0:
+        return None
+    acc, _, _, is_resting, _ = looks
+    if np.count_nonzero(is_resting) < FEWEST_RESTS:
+        return None
+    longest = float(np.quantile(lengths, 0.95))
+    return float(np.median(np.linalg.norm(acc[is_resting], axis=1))) / max(longest, 1e-12)
+
+
+def _look(
+    segments: Sequence[Segment],
+) -> tuple[Float64Array, Float64Array, Float64Array, Marks, Marks] | None:
+    """Look at stretches of a second; None where there are none.
+
+    Returns mean (m, 3) and scatter (m,) of the acceleration, mean rate (m, 3), whether the gyroscope rests,
+    and whether a channel is stuck.
+    """
+    liveliest = 0.0
+    for segment, first, stop in probe_blocks(segments):
+        _, scatter, _ = _measure_stretches(segment.gyr_dps, np.array([first]), stop - first)
+        liveliest = max(liveliest, float(scatter.max()))
+    looks = []
+    for segment, firsts, width in _place_stretches(segments, REST_S, 8):
+        acc, acc_sd, _ = _measure_stretches(segment.acc_g, firsts, width)
+        gyr, gyr_sd, steps = _measure_stretches(segment.gyr_dps, firsts, width)
+        rough = steps.mean(axis=1) / np.maximum(2.0 * np.square(gyr_sd).mean(axis=1), 1e-12)
+        is_resting = (gyr_sd.max(axis=1) <= RESTING_PART * liveliest) | (rough > ROUGH)
+        is_stuck = (acc_sd == 0.0).any(axis=1) | (gyr_sd == 0.0).any(axis=1)
+        looks.append((acc, acc_sd.max(axis=1), gyr, is_resting, is_stuck))
+    if not looks:
+        return None
+    acc, acc_sd, gyr, is_resting, is_stuck = (np.concatenate(column) for column in zip(*looks, strict=True))
+    return acc, acc_sd, gyr, is_resting, is_stuck
+
+
+def _place_stretches(
+    segments: Sequence[Segment], length_s: float, fewest_rows: int
+) -> Iterator[tuple[Segment, NDArray[np.int64], int]]:
+    """Cut the blocks of each segment into stretches: their first rows (m,), and how many rows each has."""
+    for segment, some in groupby(probe_blocks(segments), key=lambda block: block[0]):
+        width = max(fewest_rows, round(length_s * segment.rate_hz))
+        firsts = [np.arange(first, stop - width + 1, width) for _, first, stop in some]
+        yield segment, np.concatenate(firsts), width
+
+
+def _measure_stretches(
+    samples: NDArray[np.float32], firsts: NDArray[np.int64], width_rows: int
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Mean, standard deviation and mean square step, (m, 3) each, of stretches of ``width_rows`` rows."""
+    means, scatter, steps = (np.empty((len(firsts), 3)) for _ in range(3))
+    _reduce_stretches(samples, firsts, width_rows, means, scatter, steps)
+    return means, scatter, steps
+
+
+@kernel
+def _reduce_stretches(
+    samples: Any, firsts: Any, width: int, means: Any, scatter: Any, steps: Any
+) -> None:  # pragma: no cover
+    for k in range(len(firsts)):
+        start, stop = firsts[k], firsts[k] + width
+        for axis in range(3):
+            first = samples[start, axis]  # deviations from it are exactly 0 where nothing changes
+            mean, square, step, last = 0.0, 0.0, 0.0, float(first)
+            for row in range(start, stop):
+                mean += (samples[row, axis] - first) / width
+            for row in range(start, stop):
+                away, value = samples[row, axis] - first - mean, float(samples[row, axis])
+                square += away * away / width
+                step += (value - last) * (value - last)
+                last = value
+            means[k, axis], scatter[k, axis], steps[k, axis] = first + mean, sqrt(square), step / (width - 1)
+
+
+def measure_lengths(segments: Sequence[Segment], *, is_rate: bool = False) -> Float64Array:
+    """Lengths, (n,), of means over 50 ms (3 rows at least): of the acceleration, or of the angular rate."""
+    lengths = [np.zeros(0)]
+    for segment, firsts, width in _place_stretches(segments, MEAN_S, 3):
+        means, _, _ = _measure_stretches(segment.gyr_dps if is_rate else segment.acc_g, firsts, width)
+        lengths.append(np.linalg.norm(means, axis=1))
+    return np.concatenate(lengths)
+
+
+def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
+    """Number the directions: each moment belongs to the first, in order of time, that is near it."""
+    number, found = np.full(len(unit), -1, dtype=np.intp), 0
+    left = np.arange(len(unit))
+    while len(left):
+        near = unit[left] @ unit[left[0]] > np.cos(np.radians(near_deg))
+        near[0] = True
+        number[left[near]] = found
+        left, found = left[~near], found + 1
+    return number
+
+
+# Scale of the accelerometer: how long gravity reads at rest, in all the directions that were seen.
+#
+# A part's own few per cent belong to the fusion (:mod:`fusion.sensor.self_calibration`), whose fit is held to
+# what parts have. A factor past that, as a wrong sensitivity leaves, makes it give up, or pass the factor off
+# as an offset, which bends every angle. Offset and factor are told apart by rests in many directions only: at
+# one, both read alike.
+
+CELL_DEG, FEWEST_DIRECTIONS = 10.0, 6
+CELL_SD_G, REST_SD_G = 0.002, 0.004
+"""Standard deviation of the length at a direction, and of a single rest."""
+OFFSET_G = 0.04
+"""What parts have, one standard deviation (LSM9DS1: 90 mg at most)."""
+SCALE_TOLERANCE = 0.03
+"""Simulated parts, ten of each device, come out within 0.015."""
+ERRORS = 6.0
+MOST_LEFT_G = 0.015
+"""What may be left unexplained: rests of a part read within this of 1 g once it is calibrated."""
+ROUNDS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class RestScale:
+    """What to multiply the acceleration by on all axes alike, with its standard error.
+
+    ``left_g``: how far from 1 g rests still read with it (root mean square over directions).
+    """
+
+    factor: float
+    error: float
+    left_g: float
+
+    @property
+    def is_off(self) -> bool:
+        """Surely by more than parts are."""
+        return self.is_even and abs(self.factor - 1.0) > max(SCALE_TOLERANCE, ERRORS * self.error)
+
+    @property
+    def is_even(self) -> bool:
+        """Whether a factor and an offset explain what is read at rest."""
+        return self.left_g < MOST_LEFT_G
+
+
+def measure_rest_scale(rests_g: Float64Array) -> RestScale | None:
+    """Fit a factor and three offsets to mean accelerations at rest, (n, 3); None from too few directions.
+
+    Gauss-Newton with Cauchy weights.
+    """
+    length_g = np.linalg.norm(rests_g, axis=1)
+    rests_g, length_g = rests_g[length_g > 0.0], length_g[length_g > 0.0]
+    cell = number_directions(rests_g / length_g[:, None], CELL_DEG)
+    if len(cell) == 0 or cell.max() + 1 < FEWEST_DIRECTIONS:
+        return None
+    # One reading for each direction, so that no pose outvotes the others: the median length in the mean
+    # direction, as the mean itself is too short by the spread of the directions.
+    count = np.bincount(cell)
+    mean_g = np.array([rests_g[cell == k].mean(axis=0) for k in range(len(count))])
+    median_g = np.array([np.median(length_g[cell == k]) for k in range(len(count))])
+    reading_g = mean_g * (median_g / np.linalg.norm(mean_g, axis=1))[:, None]
+    variance = CELL_SD_G**2 + REST_SD_G**2 / count.astype(np.float64)
+    values = start = np.array([1.0, 0.0, 0.0, 0.0])
+    prior = np.diag([1.0, *[OFFSET_G**-2.0] * 3])
+    for _ in range(ROUNDS):
+        bare = reading_g - values[1:]
+        length = np.linalg.norm(bare, axis=1)
+        slope = np.column_stack([length, -values[0] * bare / length[:, None]])
+        departure = values[0] * length - 1.0
+        weight = weigh_cauchy(departure, variance)
+        normal = (weight[:, None] * slope).T @ slope + prior
+        values = values - np.linalg.solve(normal, slope.T @ (weight * departure) + prior @ (values - start))
+    error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
+    return RestScale(float(values[0]), error, float(np.sqrt(np.mean(departure**2))))

@@ -1,18 +1,121 @@
-"""The low-pass behind which every figure is taken (:mod:`fusion.numerics.low_pass`).
+"""The low-pass behind which every figure is taken.
+
+Zero-phase Butterworth, order 2 per pass, 5 Hz, as ``scipy.signal.sosfiltfilt`` runs it.
 
 Without it, 0.2 deg of white noise at 500 Hz turns a true median speed of 44 deg/s into 57 deg/s.
 """
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
-from fusion.numba_kernels import kernel
-from fusion.numerics.low_pass import filter_rows
-from fusion.numerics.runs import find_runs
+from fusion.numba_kernels import inner, kernel, kernel_making_arrays
 from fusion.recording import LONGEST_BRIDGE_US, BoolArray, Float64Array
+from fusion.runs import find_runs
+
+CORNER_HZ = 5.0
+PADDING_ROWS = 9  # sosfiltfilt's default for one second-order section: three times its three taps
+
+
+def filter_rows(rows: NDArray[np.float32] | Float64Array, rate_hz: float) -> Float64Array:
+    """Low-pass a series, shape (n,), or vectors, shape (n, 3), without delay.
+
+    A run of nine rows or fewer is padded by as many rows as it can mirror (all but one), where
+    ``sosfiltfilt`` would refuse it.
+    """
+    padding = min(PADDING_ROWS, len(rows) - 1)
+    padded = np.empty((len(rows) + 2 * padding, *rows.shape[1:]))
+    section = design_filter(rate_hz)
+    if rows.ndim == 1:
+        _filter_series(rows, padding, section, padded)
+    else:
+        _filter_vectors(rows, padding, section, padded)
+    return padded[padding : padding + len(rows)]
+
+
+@cache
+def design_filter(rate_hz: float) -> tuple[float, ...]:
+    """Return the section (b0, b1, b2, a1, a2), whose gain at rest is one.
+
+    To the bit what ``scipy.signal.butter(2, 5.0, fs=rate_hz, output="sos")`` gives, in the same order of
+    operations; loading that package takes longer than to analyse an hour.
+    """
+    warped = 4.0 * np.tan(np.pi * (CORNER_HZ / (rate_hz / 2.0)) / 2.0)
+    analog = warped * -np.exp(1j * np.pi * np.array([-1.0, 1.0]) / 4.0)
+    pole, conjugate = (4.0 + analog) / (4.0 - analog)
+    gain = float(warped**2 * np.real(1.0 / np.prod(4.0 - analog)))
+    return gain, 2.0 * gain, gain, float(-(pole + conjugate).real), float((pole * conjugate).real)
+
+
+@kernel_making_arrays
+def _filter_series(series: Any, padding: int, section: Any, padded: Any) -> None:  # pragma: no cover
+    _extend(series, padding, padded)
+    _pass_series(padded, section)
+    _pass_series(padded[::-1], section)
+
+
+@kernel_making_arrays
+def _filter_vectors(vectors: Any, padding: int, section: Any, padded: Any) -> None:  # pragma: no cover
+    for c in range(3):
+        _extend(vectors[:, c], padding, padded[:, c])
+    _pass_vectors(padded, section)
+    _pass_vectors(padded[::-1], section)
+
+
+@inner
+def _pass_series(series: Any, section: Any) -> None:  # pragma: no cover
+    state = _start(series[0])
+    for i in range(len(series)):
+        state = _step(series[i], state, section)
+        series[i] = state[2]
+
+
+@inner
+def _pass_vectors(vectors: Any, section: Any) -> None:  # pragma: no cover
+    """The three axes in one loop, as each waits for its own last row only."""
+    x, y, z = _start(vectors[0, 0]), _start(vectors[0, 1]), _start(vectors[0, 2])
+    for i in range(len(vectors)):
+        x = _step(vectors[i, 0], x, section)
+        y = _step(vectors[i, 1], y, section)
+        z = _step(vectors[i, 2], z, section)
+        vectors[i, 0], vectors[i, 1], vectors[i, 2] = x[2], y[2], z[2]
+
+
+@inner
+def _extend(series: Any, padding: int, padded: Any) -> None:  # pragma: no cover
+    """Write a series with its odd extension at both ends."""
+    n = len(series)
+    for i in range(n):
+        padded[padding + i] = series[i]
+    for i in range(1, padding + 1):
+        padded[padding - i] = 2.0 * series[0] - series[i]
+        padded[padding + n - 1 + i] = 2.0 * series[n - 1] - series[n - 1 - i]
+
+
+@inner
+def _start(x: float) -> tuple[float, float, float, float]:  # pragma: no cover
+    """At rest at the first row: the last two that came in, and the last two that went out."""
+    return x, x, x, x
+
+
+@inner
+def _step(x: float, state: Any, section: Any) -> tuple[float, float, float, float]:  # pragma: no cover
+    """One row through a second-order section.
+
+    Direct form I: a row waits for the one before it through one product and one difference only, which makes
+    it twice as fast as the transposed form II of scipy; they agree to rounding.
+    """
+    b0, b1, b2, a1, a2 = section
+    before, earlier, out, out_before = state
+    forward = b0 * x + b1 * before + b2 * earlier - a2 * out_before
+    return x, before, forward - a1 * out, out
+
+
+# The filter over the valid runs of a segment.
 
 LOWEST_RATE_HZ = 20.0
 

@@ -20,7 +20,7 @@ REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "
 """Kinds that leave the denominator, and the reason their time is excluded for."""
 
 NAMED = ("task", "seated", "supported")
-"""Kinds whose time is counted under a name of its own."""
+"""Kinds whose time is counted under a separate name."""
 
 OVERLAP_US = MICROSECONDS
 """Up to a second two rows of one kind may overlap, as they do when times are rounded; the later row wins."""
@@ -65,8 +65,19 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
 
     Raises UnusableDiary: with the line and the reason, when a row cannot be placed.
     """
-    bounds = _bound_all(entries, start, duration_us)
-    whole = [_make_period(entry, *bound) for entry, bound in zip(entries, bounds, strict=True)]
+    whole: list[Period] = []
+    slips: list[UnusableDiary] = []
+    for entry, following in _pair_with_next(entries):
+        reason = REASONS.get(entry.kind, "")
+        if entry.left_out is not None:
+            reason = (reason or entry.kind) if entry.left_out else ""
+        try:
+            bounds_us = _bound(entry, following, start, duration_us)
+        except UnusableDiary as slip:
+            slips.append(slip)
+        else:
+            whole.append(Period(*bounds_us, entry.kind, entry.label, reason, entry.line))
+    refuse_slips(slips)
     inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
     if whole and not inside:
         raise UnusableDiary(
@@ -98,21 +109,6 @@ def find_diary_poses(
     return tuple((held.start_us / MICROSECONDS, held.end_us / MICROSECONDS) for held in placed)
 
 
-def _bound_all(
-    entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int
-) -> list[tuple[int, int]]:
-    """Bound every row, and refuse with all that cannot be placed."""
-    bounds: list[tuple[int, int]] = []
-    slips: list[UnusableDiary] = []
-    for entry, following in _pair_with_next(entries):
-        try:
-            bounds.append(_bound(entry, following, start, duration_us))
-        except UnusableDiary as slip:
-            slips.append(slip)
-    refuse_slips(slips)
-    return bounds
-
-
 def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
     """Flag where time that is left out lies over time that is counted under a name: the former has it."""
     away = sorted((p for p in periods if p.reason), key=lambda p: p.start_us)
@@ -140,13 +136,6 @@ def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tupl
 
 def _pair_with_next(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
     return zip(entries, [*entries[1:], None], strict=False)
-
-
-def _make_period(entry: DiaryEntry, start_us: int, end_us: int) -> Period:
-    reason = REASONS.get(entry.kind, "")
-    if entry.left_out is not None:
-        reason = (reason or entry.kind) if entry.left_out else ""
-    return Period(start_us, end_us, entry.kind, entry.label, reason, entry.line)
 
 
 def _bound(
@@ -180,8 +169,11 @@ def place_moment(moment: float | str, line: int, start: datetime | None, duratio
     if start is None:
         raise UnusableDiary(line=line, why="no clock", cure="seconds", value=moment)
     moment = parse_clock(moment, line)
-    if "T" in moment:
-        return _measure_from(start, _set_zone(datetime.fromisoformat(moment), start, line))
+    if "T" in moment:  # without an offset it is the recording's clock; with one it needs such a clock
+        dated = datetime.fromisoformat(moment)
+        if dated.tzinfo is not None and start.tzinfo is None:
+            raise UnusableDiary(line=line, why="zone", cure="zone", value=dated.isoformat())
+        return _measure_from(start, dated if dated.tzinfo else dated.replace(tzinfo=start.tzinfo))
     hour = time.fromisoformat(moment)
     days = range(-1, duration_us // (86400 * MICROSECONDS) + 3)
     dates = [start.date() + timedelta(days=day) for day in days]
@@ -190,15 +182,6 @@ def place_moment(moment: float | str, line: int, start: datetime | None, duratio
     if 0 <= nearest[0] < duration_us and 0 <= nearest[1] < duration_us:
         raise UnusableDiary(line=line, why="which day", cure="date", value=moment)
     return nearest[0]
-
-
-def _set_zone(moment: datetime, start: datetime, line: int) -> datetime:
-    """Read a time without an offset as the recording's clock; one with an offset needs such a clock."""
-    if moment.tzinfo is None:
-        return moment.replace(tzinfo=start.tzinfo)
-    if start.tzinfo is None:
-        raise UnusableDiary(line=line, why="zone", cure="zone", value=moment.isoformat())
-    return moment
 
 
 def _measure_from(start: datetime, moment: datetime) -> int:

@@ -12,7 +12,7 @@ LEAST_RANGED_S = 1800.0
 class Interval:
     """95 % range of a figure, in the figure's own unit.
 
-    ``low``, ``high``: its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.intervals`).
+    ``low``, ``high``: its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.summary`).
     ``low_pose``, ``high_pose``: the ends of the range that also holds the one-sided error of the N-pose; None
     in any other pose, and of figures that it is not worked out for.
     """

@@ -53,7 +53,7 @@ class CueWatch:
         self._watches = tuple(_RuleWatch(rule) for rule in rules)
 
     def take(self, rows: LiveRows) -> list[Cue]:
-        """Take the next rows; give the cues in order of time."""
+        """Take the next rows; return the cues in order of time."""
         cues: list[Cue] = []
         times_s = (rows.time_us / MICROSECONDS).tolist()
         for time_s, angle_deg, is_valid in zip(

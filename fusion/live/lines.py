@@ -20,9 +20,8 @@ from fusion.readers.tables.csv import choose_rate_hz, read_positive
 from fusion.readers.tables.csv_lines import STAMP
 from fusion.readers.tables.layout import TextLayout, find_layout, is_row, split_fields
 from fusion.readers.tables.rows import plan_table
-from fusion.readers.timebase.grid import estimate_period_us
-from fusion.recording import MICROSECONDS
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.readers.time.grid import estimate_period_us
+from fusion.recording import MICROSECONDS, acc_scale_g, gyr_scale_dps
 
 # The clock of a stream: counters that wrap, boards that restart.
 
@@ -30,9 +29,9 @@ STAMP_SIZE = 1 << 32
 """``micros()`` wraps here, every 71.6 minutes."""
 COUNTER_SIZES = (1 << 8, 1 << 16, 1 << 32)
 LONGEST_LOSS = 0.25
-"""A counter that jumps by up to this part of its size has lost frames; by more, it began anew."""
+"""A counter that jumps by up to this part of its size has lost frames; by more, it started again."""
 LONGEST_STEP_US = 60 * MICROSECONDS
-"""A stamp that jumps further began anew: the board was reset."""
+"""After a jump further than this the board was reset."""
 LONGEST_DELAY_US = MICROSECONDS // 2
 """Rows without a stamp that come later than this were lost or not taken; up to it they were on their way."""
 ARRIVAL_GAIN, MOST_PULL = 0.005, 0.05
@@ -42,7 +41,7 @@ much of a period."""
 
 @dataclass(slots=True)
 class StreamClock:
-    """Gives each frame a time that never goes back and a counter that never wraps.
+    """A time for each frame that never goes back, and a counter that never wraps.
 
     Frames without stamps are a period apart and follow the arrivals slowly, for frames come in bursts; frames
     without counter are counted by their time: a step of more than 1.5 periods, or without stamps a delay of
@@ -104,7 +103,7 @@ class StreamClock:
         if 0 < step_us <= max(LONGEST_STEP_US, 2 * between_us):
             return step_us
         self.restarts += 1
-        self._count = -1  # its counter began anew, too
+        self._count = -1  # its counter also started again
         return max(between_us, round(self.period_us))
 
     def _count_step(self, count: int | None, step_us: int) -> int:
@@ -136,7 +135,7 @@ MOST_G, MOST_DPS = 64.0, 10_000.0
 MOST_NUMBER = 1 << 53
 """More no stamp or counter reaches."""
 RATE_TOLERANCE = 0.1
-"""A board whose rate leaves that of its first seconds by more was set anew: its angle would be wrong."""
+"""A board whose rate leaves that of its first seconds by more was set up again: its angle would be wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +171,7 @@ class _Columns:
 
 
 class LineReader:
-    """Takes bytes in pieces of any size; gives frames once header and rate are known.
+    """Takes bytes in pieces of any size; returns frames once header and rate are known.
 
     Lines that are torn or hold no row are left out and counted; what they held shows as lost.
     """
@@ -191,7 +190,7 @@ class LineReader:
 
     @property
     def restarts(self) -> int:
-        """How often the board began anew."""
+        """How often the board started again."""
         return self._clock.restarts if self._clock else 0
 
     def feed(self, piece: bytes, arrived_us: int) -> Frames | None:
@@ -281,7 +280,7 @@ class LineReader:
     def _take_words(self, line: str, columns: _Columns) -> None:
         """Take a line that is no row: a line above the table, another header, else a torn line.
 
-        A board that starts anew writes the lines above the table again.
+        A board that restarts writes the lines above the table again.
         """
         layout = columns.layout
         if not line or line.startswith(("#", "%", "//")) or line in (layout.header, *layout.preamble):
@@ -332,7 +331,7 @@ class LineReader:
 
 
 def _learn_again(line: str) -> _Columns | None:
-    """Understand the header of a board that was set anew; None for a line that is none."""
+    """Read the header of a board that was set up again; None if the line is not a header."""
     delimiter = next((mark for mark in DELIMITERS if mark in line), "")
     if not delimiter or not WORDS.search(line):
         return None
@@ -344,7 +343,7 @@ def _learn_again(line: str) -> _Columns | None:
 
 
 def _drop_before_restart(rows: list[Row]) -> list[Row]:
-    """Leave out what came before a board began anew; opening its port resets many a board."""
+    """Leave out what came before a board restarted; opening its port resets many boards."""
     stamps = [row.stamp_us for row in rows if row.stamp_us is not None]
     falls = [
         k for k, (before, after) in enumerate(pairwise(stamps), 1) if -STAMP_SIZE // 2 < after - before < 0

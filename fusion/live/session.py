@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusion.elevation import Elevation, measure_elevation
-from fusion.orientation.arrays import check_arrays, check_direction, check_gravity
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.pose.rules import RULES, object_to_window
 from fusion.readers.samples import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
-from fusion.sensor.model import RADIANS
+from fusion.sensor.model import RADIANS, check_arrays, check_direction, check_gravity
 
 # The angle alone, for programs of others.
 
@@ -44,7 +43,7 @@ class LiveElevation:
         self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
-        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
+        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; return the elevation of each, (n,), deg.
 
         A chunk may be empty; one that is refused changes nothing. At the first still moment the acceleration
         must be about 1 g long, as in no other unit.
@@ -329,7 +328,7 @@ class LiveSession:
 #
 # Gravity, seen from a turning sensor, turns backwards: ``da/dt = -(w x a)``. In a left-handed frame it turns
 # forwards, and the live angle is wrong while the arm moves. A file is put right by the same equation
-# (:mod:`fusion.checks.frame`); a stream is only doubted.
+# (:mod:`fusion.checks.physics`); a stream is only doubted.
 
 BLOCK_S = 0.1
 SLOWEST_DPS = 20.0
@@ -500,9 +499,14 @@ class LiveDifference:
 
 
 def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | None:
-    """Compare what was shown with the angle of the report; None where no moment has both."""
+    """Compare what was shown with the nearest row of the report; None where no moment has both."""
     time_s, live_deg = shown.read()
-    report_deg = _read_at(elevation, time_s)
+    report_deg = np.full(len(time_s), np.nan)
+    for segment in elevation.segments:
+        rows = np.rint((time_s - segment.start_us / MICROSECONDS) * segment.rate_hz).astype(np.int64)
+        inside = (rows >= 0) & (rows < len(segment))
+        angle_deg = np.where(segment.valid, segment.elevation_deg, np.nan)
+        report_deg[inside] = angle_deg[rows[inside]]
     both = np.isfinite(report_deg)
     if not both.any():
         return None
@@ -515,17 +519,6 @@ def compare_shown(shown: ShownAngles, elevation: Elevation) -> LiveDifference | 
         _divide(live_deg),
         _divide(report_deg),
     )
-
-
-def _read_at(elevation: Elevation, time_s: Float64Array) -> Float64Array:
-    """Return the angle of the row nearest to each time; NaN in holes and where it is not valid."""
-    found = np.full(len(time_s), np.nan)
-    for segment in elevation.segments:
-        rows = np.rint((time_s - segment.start_us / MICROSECONDS) * segment.rate_hz).astype(np.int64)
-        inside = (rows >= 0) & (rows < len(segment))
-        angle_deg = np.where(segment.valid, segment.elevation_deg, np.nan)
-        found[inside] = angle_deg[rows[inside]]
-    return found
 
 
 def _divide(angle_deg: Float64Array) -> tuple[float, ...]:

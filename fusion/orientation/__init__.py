@@ -7,13 +7,11 @@ from numpy.typing import ArrayLike
 
 from fusion.conventions import MethodName
 from fusion.errors import UnusableArrays
-from fusion.orientation.arrays import check_arrays, check_gravity
 from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.recording import Float64Array
-from fusion.sensor.model import SensorRun
-from fusion.sensor.nodes import spread_rows
+from fusion.sensor.model import SensorRun, check_arrays, check_gravity, spread_rows
 from fusion.sensor.self_calibration import calibrate_sensor
 from fusion.sensor.stillness import find_quietest_rate, find_still_moments, reduce_run
 

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusion.numba_kernels import inner, kernel
-from fusion.orientation.arrays import check_arrays, check_rate
 from fusion.recording import Float64Array
-from fusion.sensor.model import RADIANS, bend, carry, turn_factors
+from fusion.sensor.model import RADIANS, bend, carry, check_arrays, check_rate, turn_factors
 from fusion.sensor.stillness import RULES
 
 # Places in the state: filter, previous rate, bias, then the still moment being gathered.

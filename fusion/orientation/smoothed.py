@@ -10,7 +10,7 @@ zero-phase second-order Butterworth low-pass ``1 / (1 + (w T)^4 / 4)``, half pow
 0.075 Hz for 3 s. It lets the slow error of the gyroscope's integral be corrected and holds back what the arm
 does.
 
-So slow a filter need not run at every sample: it runs at nodes (:mod:`fusion.sensor.nodes`), and from
+So slow a filter need not run at every sample: it runs at nodes (:mod:`fusion.sensor.model`), and from
 each node the vertical is carried to the samples about it by the gyroscope alone.
 """
 
@@ -22,9 +22,7 @@ import numpy as np
 
 from fusion.numba_kernels import fused, kernel
 from fusion.recording import Float64Array
-from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.model import carry, turn_factors
-from fusion.sensor.nodes import NODE_RATE_HZ, Nodes
+from fusion.sensor.model import NODE_RATE_HZ, AccelerometerCorrection, Nodes, carry, turn_factors
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +142,7 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
 #
 # Three parts are added as variances. What no recording shows: the gyroscope's misalignment, and the like.
 # What the directions seen at rest leave open of the accelerometer's offset
-# (:mod:`fusion.sensor.accelerometer`); much where the arm only hung. What the day's movements do:
+# (:mod:`fusion.sensor.self_calibration`); much where the arm only hung. What the day's movements do:
 # half the angle between the estimates from past and future alone, as one of two directions, over nine
 # seconds. That grows with the speed of the arm by itself; speed adds nothing to it (a fit gave it a weight
 # of nil).

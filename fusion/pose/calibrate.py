@@ -1,41 +1,501 @@
 """What ties the sensor to the arm: a pose that a person confirmed, the first stillness, or an axis."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Literal
 
-from fusion.conventions import CalibrationState, Pose
-from fusion.numerics.intervals import join_overlapping
-from fusion.numerics.rotations import find_angle_deg
-from fusion.pose.axes import ALIKE_DEG, AXIS_SIGMA_DEG, AxisPart, Reading, find_spread_deg, point_along
-from fusion.pose.poses import (
-    FoundPose,
-    assume_pose,
-    describe_pose,
-    do_without_pose,
-    find_early_stills,
-    survey,
+import numpy as np
+
+from fusion.conventions import CONFIRMED, SAID_S, CalibrationState, Pose, PoseHeld
+from fusion.errors import UnusableCalibration
+from fusion.numerics import find_angle_deg, scale_to_unit
+from fusion.pose.rules import (
+    ALIKE_DEG,
+    ASSUMED_SIGMA_DEG,
+    AXIS_SIGMA_DEG,
+    MOMENT_SIGMA_DEG,
+    RULES,
+    WALKING_SIGMA_DEG,
+    AxisPart,
+    Reading,
+    choose_apart,
+    estimate_held_sigma,
+    estimate_repeated_sigma,
+    find_spread_deg,
+    object_to_window,
+    point_along,
+    score_still_period,
 )
-from fusion.pose.readings import ask, assume_put_back, list_readings, read_recording
-from fusion.pose.wear import Question, Wear, find_walking, find_wear
-from fusion.pose.windows import (
-    Blocks,
-    StillPeriod,
-    measure_asked,
-    measure_pair,
-    reduce_recording,
-    share_between,
+from fusion.pose.wear import (
+    MOVED_SHARE,
+    Question,
+    Wear,
+    ask_for_slip,
+    compare_postures,
+    divide_by_wear,
+    find_walking,
+    find_wear,
 )
-from fusion.recording import Float64Array, Recording, Segment
-from fusion.sensor.accelerometer import AccelerometerCorrection
+from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment, join_overlapping
 from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
-from fusion.sensor.model import GyroBias, view_segment
+from fusion.sensor.model import AccelerometerCorrection, GyroBias, view_segment
 from fusion.sensor.self_calibration import (
     CalibratedRun,
     SensorCalibration,
     apply_calibration,
+    calibrate_accelerometer,
     calibrate_sensor,
 )
-from fusion.sensor.stillness import QuietTable, find_still_moments
+from fusion.sensor.stillness import (
+    BLOCK_S,
+    QuarterSeconds,
+    QuietTable,
+    find_still_moments,
+    reduce_run,
+    summarise_windows,
+)
 from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings
+
+# Stretches in which the arm did not move, and what a window of one says.
+
+Blocks = Sequence[QuarterSeconds]
+Window = tuple[float, float]
+"""Start and end, seconds from the recording's first sample."""
+
+
+OFF_S, TABLE_SWAY_DPS = 300.0, 0.08
+"""Below it a stillness is a table. Recorded: 57 stillnesses on desks read 0.015 to 0.046 deg/s, three of worn
+upper arms 0.19 to 0.50, a plate on the skin of a resting arm 0.32 (a foot on the floor 0.04).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class StillPeriod:
+    """A stretch in which the arm did not move.
+
+    ``start_s``, ``duration_s``: seconds from the recording's first sample.
+    ``gravity_g``: shape (3,): mean acceleration, points to the zenith.
+    ``gyro_bias_dps``: shape (3,): mean angular rate.
+    ``score``: 0 to 1: how still, how near 1 g, how long (:func:`fusion.pose.rules.score_still_period`).
+    ``sway_dps``: how far the angular rate, averaged over quarter seconds, typically lies from its median: a
+    living arm sways, a table does not.
+    ``is_moving``: whether it moves more than a pose does, as only a window that a person gave may.
+    """
+
+    start_s: float
+    duration_s: float
+    gravity_g: Float64Array
+    gyro_bias_dps: Float64Array
+    score: float
+    sway_dps: float = np.inf
+    is_moving: bool = False
+
+    @property
+    def end_s(self) -> float:
+        """Seconds from the recording's first sample."""
+        return self.start_s + self.duration_s
+
+    def correct(self, accelerometer: AccelerometerCorrection) -> Float64Array:
+        """Unit vector to the zenith, (3,), as the accelerometer should have read it."""
+        return scale_to_unit(
+            np.asarray(accelerometer.apply(self.gravity_g, self.start_s + self.duration_s / 2.0))
+        )
+
+
+def reduce_recording(recording: Recording) -> list[QuarterSeconds]:
+    """Every segment in blocks of a quarter second."""
+    return [reduce_run(view_segment(segment)) for segment in recording.segments]
+
+
+def find_still_stretches(blocks: Blocks, accelerometer: AccelerometerCorrection) -> list[Window]:
+    """Start and end of every stretch that is still and near 1 g for 5 s or longer, in order."""
+    stretches_s: list[Window] = []
+    for run in blocks:
+        table = summarise_windows([run], RULES.length_s)
+        is_still = (table.acc_sd_g < RULES.quiet_acc_sd_g) & (table.gyro_sd_dps < RULES.quiet_gyro_sd_dps)
+        quiet = table.select(np.flatnonzero(is_still))
+        corrected_g = accelerometer.apply(quiet.gravity_g, quiet.middle_s)
+        off_g = (np.abs(np.linalg.norm(read_g, axis=1) - 1.0) for read_g in (quiet.gravity_g, corrected_g))
+        quiet = quiet.select(np.minimum(*off_g) < RULES.one_g_within)
+        breaks = np.flatnonzero(np.diff(quiet.start_s) > quiet.duration_s) + 1
+        parts_s = np.split(quiet.start_s, breaks) if len(quiet) else []
+        stretches_s += [(float(part_s[0]), float(part_s[-1] + quiet.duration_s)) for part_s in parts_s]
+    return stretches_s
+
+
+def measure_stretch(recording: Recording, stretch_s: Window) -> StillPeriod:
+    """Measure a still stretch, at most its first 10 s."""
+    return _measure(recording, stretch_s[0], min(stretch_s[1], stretch_s[0] + RULES.measured_s))
+
+
+def find_tables(recording: Recording, stretches_s: Sequence[Window]) -> list[Window]:
+    """Return the stillnesses of five minutes or more that do not sway: the sensor was off the arm."""
+    long_s = [span_s for span_s in stretches_s if span_s[1] - span_s[0] >= OFF_S]
+    return [span_s for span_s in long_s if measure_stretch(recording, span_s).sway_dps < TABLE_SWAY_DPS]
+
+
+def measure_asked(recording: Recording, window_s: Window) -> StillPeriod:
+    """Measure a window that a person chose; raises UnusableCalibration."""
+    start_s, end_s = window_s
+    is_outside = start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1
+    if is_outside or end_s - start_s < RULES.shortest_window_s - 1e-9:
+        raise UnusableCalibration(why="outside" if is_outside else "short", start_s=start_s, end_s=end_s)
+    return _measure(recording, start_s, end_s, refuses_motion=True)
+
+
+def measure_pair(recording: Recording, windows_s: Sequence[Window]) -> tuple[StillPeriod, StillPeriod]:
+    """Measure the two windows of the two-point pose, hanging and level; raises UnusableCalibration."""
+    if len(windows_s) != 2:
+        raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
+    hanging, level = (measure_asked(recording, window) for window in windows_s)
+    if not 60.0 <= find_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
+        raise UnusableCalibration(why="angle", start_s=windows_s[1][0], end_s=windows_s[1][1])
+    return hanging, level
+
+
+def measure_stillest(recording: Recording, blocks: Blocks) -> StillPeriod:
+    """Measure the stillest 2 s.
+
+    Raises UnusableCalibration: ``why`` "none": no 2 s in one piece; "moving", "gravity": even these are no
+    rest.
+    """
+    table = summarise_windows(blocks, RULES.moment_s)
+    if len(table) == 0:
+        raise UnusableCalibration(why="none", start_s=0.0, end_s=recording.duration_us / MICROSECONDS)
+    off_g = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
+    start_s = float(table.start_s[np.argmin(table.acc_sd_g + 0.01 * table.gyro_sd_dps + off_g)])
+    return _measure(recording, start_s, start_s + table.duration_s, refuses_motion=True)
+
+
+def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
+    """Arm axis for the two-point pose.
+
+    With ``gamma`` the angle between both gravity directions, the axis lies in their plane, turned from the
+    hanging direction towards the level one by ``(gamma - 90 deg) / 2``: hanging then reads ``|gamma - 90| /
+    2`` and level ``90 + (gamma - 90) / 2``, the least-squares answer when both poses are trusted alike.
+    """
+    first, second = scale_to_unit(hanging_g), scale_to_unit(level_g)
+    across = scale_to_unit(second - (first @ second) * first)
+    turn = np.radians(find_angle_deg(first, second) - 90.0) / 2.0
+    return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
+
+
+def _measure(
+    recording: Recording, start_s: float, end_s: float, *, refuses_motion: bool = False
+) -> StillPeriod:
+    for segment in recording.segments:
+        slack_s = 1.5 / segment.rate_hz
+        if segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s:
+            break
+    else:
+        raise UnusableCalibration(why="hole", start_s=start_s, end_s=end_s)
+    first = max(0, round((start_s - segment.start_s) * segment.rate_hz))
+    rows = slice(first, max(first + 1, round((end_s - segment.start_s) * segment.rate_hz)))
+    acc, gyr = segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64)
+    duration_s, gravity_g, acc_sd_g = end_s - start_s, acc.mean(axis=0), float(acc.std(axis=0).max())
+    gyro_sd_dps = float(gyr.std(axis=0).max())
+    why = object_to_window(duration_s, acc_sd_g, gravity_g, gyro_sd_dps) if refuses_motion else ""
+    if why:
+        raise UnusableCalibration(why=why, start_s=start_s, end_s=start_s + duration_s)
+    is_moving = acc_sd_g > RULES.quiet_acc_sd_g or gyro_sd_dps > RULES.quiet_gyro_sd_dps
+    score = score_still_period(duration_s, acc_sd_g, gravity_g)
+    per_block = max(1, round(BLOCK_S * len(gyr) / duration_s))
+    rates = gyr[: len(gyr) // per_block * per_block].reshape(-1, per_block, 3).mean(axis=1)
+    sway_dps = float(np.median(np.linalg.norm(rates - np.median(rates, axis=0), axis=1)))
+    return StillPeriod(start_s, duration_s, gravity_g, gyr.mean(axis=0), score, sway_dps, is_moving)
+
+
+# Which stillness may be the pose.
+#
+# A person says when the pose was held, or that it was held at the start of wear. If nobody says, the first
+# stillness of 5 s or more within ten minutes of the start of wear is assumed, and every other of that time is
+# a candidate. A stillness that does not sway is a table: the sensor is worn from its end on.
+
+EARLY_S, HELD_S, AT_ONCE_S, LONGEST_POSE_S = 600.0, 60.0, 10.0, 60.0
+MOST_REPEATS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundPose:
+    """A pose, several that agree, or what stands for one.
+
+    ``time_s``, ``end_s``: when it was; ``axis`` (3,): the arm's axis in the sensor; ``sigma_deg``: its
+    standard deviation; ``repeat_deg``: the largest angle between several. ``candidates``: the stillnesses
+    that may be the pose, if nobody confirmed one.
+    """
+
+    state: CalibrationState
+    time_s: float
+    end_s: float
+    axis: Float64Array
+    sigma_deg: float
+    repeat_deg: float | None = None
+    still: StillPeriod | None = None
+    candidates: tuple[StillPeriod, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EarlyStills:
+    """When the sensor is worn from, and the stillnesses in the ten minutes after that may be the pose."""
+
+    worn_from_s: float
+    stills: tuple[StillPeriod, ...]
+
+
+def find_early_stills(
+    recording: Recording, wears: Sequence[Wear], stretches_s: Sequence[Window]
+) -> list[EarlyStills]:
+    """Return the stillnesses that sway, in the first ten minutes of each stretch of wear.
+
+    If none in the whole recording sways, it was made without an arm, and those of up to 60 s are taken.
+    """
+    sways = any(measure_stretch(recording, span_s).sway_dps >= TABLE_SWAY_DPS for span_s in stretches_s)
+    return [_find_in_wear(recording, wear, stretches_s, sways=sways) for wear in wears]
+
+
+def _find_in_wear(
+    recording: Recording, wear: Wear, stretches_s: Sequence[Window], *, sways: bool
+) -> EarlyStills:
+    worn_from_s, found = wear.worn_from_s, list[StillPeriod]()
+    for start_s, end_s in stretches_s:
+        if not wear.start_s <= start_s < wear.end_s or end_s <= worn_from_s:
+            continue
+        if start_s > worn_from_s + EARLY_S:
+            break
+        still = measure_stretch(recording, (start_s, end_s))
+        if still.sway_dps >= TABLE_SWAY_DPS if sways else end_s - start_s <= LONGEST_POSE_S:
+            found.append(still)
+        elif not found:
+            worn_from_s = end_s
+    return EarlyStills(worn_from_s, tuple(found))
+
+
+def assume_pose(
+    early: EarlyStills, accelerometer: AccelerometerCorrection, pose_held: PoseHeld | None
+) -> FoundPose | None:
+    """Return the first stillness of wear as the pose; None if there is none.
+
+    Stated as held at the start, it is confirmed if it begins within 10 s of wear. If it begins later in the
+    first minute, other stillnesses of that minute that disagree with it remain candidates.
+    """
+    at_start = tuple(still for still in early.stills if still.start_s <= early.worn_from_s + HELD_S)
+    if pose_held == "start" and at_start:
+        is_late = at_start[0].start_s > early.worn_from_s + AT_ONCE_S
+        differ = is_late and find_spread_deg([each.correct(accelerometer) for each in at_start]) > ALIKE_DEG
+        return describe_pose("held_at_start", at_start[0], accelerometer, at_start if differ else ())
+    if not early.stills:
+        return None
+    pose = describe_pose("assumed", early.stills[0], accelerometer, early.stills)
+    return replace(pose, sigma_deg=max(pose.sigma_deg, ASSUMED_SIGMA_DEG))
+
+
+def describe_pose(
+    state: CalibrationState,
+    still: StillPeriod,
+    accelerometer: AccelerometerCorrection,
+    candidates: tuple[StillPeriod, ...] = (),
+) -> FoundPose:
+    """Return a stillness as a pose."""
+    sigma_deg = estimate_held_sigma(still.duration_s)
+    axis = still.correct(accelerometer)
+    return FoundPose(state, still.start_s, still.end_s, axis, sigma_deg, None, still, candidates)
+
+
+def do_without_pose(
+    recording: Recording, blocks: Blocks, wear: Wear, accelerometer: AccelerometerCorrection
+) -> FoundPose:
+    """Return how the arm hung in a minute of walking; without that, in the stillest moment.
+
+    Raises UnusableCalibration: nothing was ever still.
+    """
+    still = measure_stillest(recording, blocks)
+    walking = find_walking(wear.strides)
+    if walking is not None:
+        first_s = float(wear.strides.time_s[0])
+        return FoundPose("none", first_s, first_s, walking, WALKING_SIGMA_DEG)
+    return replace(describe_pose("none", still, accelerometer), sigma_deg=MOMENT_SIGMA_DEG)
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedPose:
+    """A stretch that a person may name: the "pose", or a "repeat" of it."""
+
+    still: StillPeriod
+    kind: Literal["pose", "repeat"]
+
+
+def survey(
+    recording: Recording, blocks: Blocks, accelerometer: AccelerometerCorrection
+) -> tuple[list[Window], tuple[Wear, ...]]:
+    """Return every stillness, and the stretches of wear."""
+    stretches_s = find_still_stretches(blocks, accelerometer)
+    return stretches_s, divide_by_wear(blocks, accelerometer, find_tables(recording, stretches_s))
+
+
+def propose_poses(recording: Recording) -> tuple[ProposedPose, ...]:
+    """Return the early stillnesses of each stretch of wear, and those at the end that repeat the pose.
+
+    Repeats: 5 to 60 s, in the last ten minutes, within 10 deg of the first early stillness.
+    """
+    blocks = reduce_recording(recording)
+    accelerometer = calibrate_accelerometer(find_still_moments(blocks))
+    stretches_s, wears = survey(recording, blocks, accelerometer)
+    early = find_early_stills(recording, wears, stretches_s)
+    proposed = [ProposedPose(still, "pose") for one in early for still in one.stills]
+    late_s = recording.duration_us / MICROSECONDS - EARLY_S
+    if not early[0].stills or late_s < early[0].worn_from_s + EARLY_S:
+        return tuple(proposed)
+    axis = early[0].stills[0].correct(accelerometer)
+    late = [
+        measure_stretch(recording, (start_s, end_s))
+        for start_s, end_s in stretches_s
+        if start_s >= late_s and end_s - start_s <= LONGEST_POSE_S
+    ]
+    near = [still for still in late if find_angle_deg(axis, still.correct(accelerometer)) <= ALIKE_DEG]
+    return (*proposed, *(ProposedPose(still, "repeat") for still in near[:MOST_REPEATS]))
+
+
+# Which axis reads which stretch of a recording, what a person is asked about it, and the other readings.
+#
+# A pose reads on until one that disagrees, or until the sensor was put on for that one. After a slip that a
+# person named nothing reads until a pose is given. Nothing else moves an axis or leaves time out.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Read:
+    """The first axis, the stretches that it does not read, in order of time, and poses that disagree."""
+
+    first: FoundPose
+    parts: tuple[AxisPart, ...]
+    differ: tuple[Question, ...]
+
+
+def read_recording(wears: Sequence[Wear], poses: Sequence[FoundPose], slip_times_s: Sequence[float]) -> Read:
+    """Read each stretch between the slips that a person named by the poses held in it."""
+    slips = join_overlapping([(time_s - SAID_S, time_s + SAID_S) for time_s in slip_times_s])
+    edges_s = [-np.inf, *(edge_s for slip in slips for edge_s in slip), np.inf]
+    sections = list(zip(edges_s[::2], edges_s[1::2], strict=True))
+    own = [
+        _join_agreeing([pose for pose in poses if start_s - 2.0 * SAID_S <= pose.time_s < end_s])
+        for start_s, end_s in sections
+    ]
+    first = next(known[0] for known in own if known)
+    parts = [AxisPart(*slip, None) for slip in slips]
+    for section, known in zip(sections, own, strict=True):
+        parts += _place(section, known, wears, first) if known else [AxisPart(*section, None)]
+    differ = [
+        Question("poses", before.end_s, one.time_s, find_angle_deg(before.axis, one.axis))
+        for known in own
+        for before, one in pairwise(known)
+        if find_wear(wears, one.time_s).start_s <= before.end_s
+    ]
+    return Read(first, tuple(sorted(parts, key=lambda part: part.start_s)), tuple(differ))
+
+
+def _place(
+    section: Window, known: Sequence[FoundPose], wears: Sequence[Wear], first: FoundPose
+) -> Iterator[AxisPart]:
+    """Yield the stretches of a section that the first axis does not read."""
+    start_s, end_s = section
+    worn_s = [find_wear(wears, one.time_s).start_s for one in known[1:]]
+    pairs = zip(worn_s, pairwise(known), strict=True)
+    turns_s = [from_s if from_s > before.end_s else one.time_s for from_s, (before, one) in pairs]
+    for one, from_s, to_s in zip(known, [start_s, *turns_s], [*turns_s, end_s], strict=True):
+        if one is not first:
+            wider_deg = float(np.sqrt(max(0.0, one.sigma_deg**2 - first.sigma_deg**2)))
+            yield AxisPart(from_s, to_s, one.axis, wider_deg, is_posed=True)
+
+
+def _join_agreeing(poses: Sequence[FoundPose]) -> list[FoundPose]:
+    """Join poses that follow each other within 10 deg."""
+    groups: list[list[FoundPose]] = []
+    for pose in poses:
+        if groups and find_angle_deg(_average(groups[-1]), pose.axis) <= ALIKE_DEG:
+            groups[-1].append(pose)
+        else:
+            groups.append([pose])
+    joined = []
+    for group in groups:
+        one, axes = group[0], [pose.axis for pose in group]
+        if len(group) > 1:
+            axis = _average(group)
+            sigma_deg = estimate_repeated_sigma([find_angle_deg(axis, each) for each in axes])
+            repeat_deg, end_s = find_spread_deg(axes), group[-1].end_s
+            one = replace(one, axis=axis, sigma_deg=sigma_deg, repeat_deg=repeat_deg, end_s=end_s)
+        joined.append(one)
+    return joined
+
+
+def _average(poses: Sequence[FoundPose]) -> Float64Array:
+    return poses[0].axis if len(poses) == 1 else scale_to_unit(np.sum([pose.axis for pose in poses], axis=0))
+
+
+def ask(wears: Sequence[Wear], poses: Sequence[FoundPose], answers_s: Sequence[float]) -> Iterator[Question]:
+    """Yield when the sensor may have moved, as no answer, no pose and no two poses that agree settle.
+
+    Two poses settle a question if a person gave them, one before and one after, and they agree.
+    """
+    for wear in wears:
+        is_posed = any(wear.start_s <= pose.time_s < wear.end_s for pose in poses)
+        asked = [ask_for_slip(wear.strides, wear.calm)]
+        if wear is not wears[0] and not is_posed and poses[0].state != "axis":
+            asked.insert(0, Question("put_back", wear.worn_from_s - wear.off_s, wear.worn_from_s))
+        for question in asked:
+            if question is None or question.is_answered(answers_s):
+                continue
+            before = [pose.axis for pose in poses if pose.time_s < question.first_s]
+            after = [pose.axis for pose in poses if pose.time_s > question.end_s]
+            is_given = poses[0].state in CONFIRMED and bool(before and after)
+            if not is_given or find_angle_deg(before[-1], after[0]) > ALIKE_DEG:
+                yield replace(question, until_s=wear.end_s)
+
+
+def assume_put_back(
+    wears: Sequence[Wear],
+    early: Sequence[EarlyStills],
+    questions: Sequence[Question],
+    accelerometer: AccelerometerCorrection,
+) -> Iterator[FoundPose]:
+    """Yield the first stillness after the sensor was off, if the postures are other ones than before."""
+    asked_s = [question.end_s for question in questions if question.kind == "put_back"]
+    for (before, wear), one in zip(pairwise(wears), early[1:], strict=True):
+        moments = before.calm.thin().up, wear.calm.thin().up
+        if one.stills and wear.worn_from_s in asked_s and compare_postures(*moments) < MOVED_SHARE:
+            yield describe_pose("assumed", one.stills[0], accelerometer)
+
+
+def list_readings(
+    read: Read,
+    candidates: Sequence[Float64Array],
+    questions: Sequence[Question],
+    stills: Sequence[tuple[Wear, list[Float64Array]]],
+) -> Iterator[Reading]:
+    """Yield the readings beside the one that is used, as no person has ruled them out.
+
+    ``stills``: each stretch of wear with its early stillnesses. Later parts go before earlier ones.
+    """
+    axis, parts = read.first.axis, read.parts
+    yield from (Reading(candidates[place], parts) for place in choose_apart(candidates)[1:])
+    asked_s = [question.end_s for question in questions if question.kind == "put_back"]
+    put_back = [(wear, axes) for wear, axes in stills if axes and wear.worn_from_s in asked_s]
+    for turn in range(max((len(choose_apart(axes)) for _, axes in put_back), default=0)):
+        again = [
+            AxisPart(wear.start_s, wear.end_s, axes[place])
+            for wear, axes in put_back
+            for place in choose_apart(axes)[turn : turn + 1]
+        ]
+        yield Reading(axis, (*parts, *again))
+    for question in questions:
+        if question.turn is not None:
+            middle_s = (question.first_s + question.end_s) / 2.0
+            yield Reading(axis, (*parts, AxisPart(middle_s, question.until_s, question.turn @ axis)))
+    for question in read.differ:
+        later = next(part for part in parts if part.is_posed and part.end_s > question.end_s)
+        yield Reading(axis, (*parts, replace(later, start_s=question.first_s)))
+
+
+# From the poses to the calibrated samples.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

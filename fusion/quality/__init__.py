@@ -3,6 +3,52 @@
 Only the values are loaded with the package, so that a report can be written without the compiler.
 """
 
-from fusion.quality.types import Quality, TimeAccount, TimePart, Verdict
+from dataclasses import dataclass
+from typing import Literal
 
-__all__ = ["Quality", "TimeAccount", "TimePart", "Verdict"]
+from fusion.recording import QualityFlag
+
+Verdict = Literal["good", "caution", "poor"]
+
+
+@dataclass(frozen=True, slots=True)
+class TimePart:
+    """What one kind of time adds to the recording: the work, a kind of task, a reason for leaving out.
+
+    ``account``: which of the three sums it belongs to.
+    ``name``: the kind or the reason.
+    ``duration_us``: microseconds.
+    """
+
+    account: Literal["analysed", "excluded", "missing"]
+    name: str
+    duration_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAccount:
+    """Every microsecond of the recording: analysed + missing + excluded = recorded, exactly.
+
+    ``recorded_us``, ``analysed_us``, ``missing_us``, ``excluded_us``: microseconds.
+    ``parts``: the three sums in detail; they add up to the same.
+    """
+
+    recorded_us: int
+    analysed_us: int
+    missing_us: int
+    excluded_us: int
+    parts: tuple[TimePart, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How far the figures can be trusted.
+
+    ``verdict``: "good", "caution" or "poor".
+    ``reasons``: codes of the flags that count in it.
+    ``flags``: all caveats, the gravest first.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    flags: tuple[QualityFlag, ...]

@@ -11,19 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.elevation import Elevation
+from fusion.elevation import AngleRows, Elevation, lay_rows
 from fusion.errors import TooShort
-from fusion.exposure.rows import (
-    find_end_us,
-    find_touched_rows,
-    find_valid_samples,
-    list_touched_rows,
-)
 from fusion.numba_kernels import kernel
-from fusion.numerics.runs import find_runs
-from fusion.orientation.angle_rows import AngleRows, lay_rows
-from fusion.pose.windows import Blocks, reduce_recording
-from fusion.quality.types import TimeAccount, TimePart
+from fusion.pose.calibrate import Blocks, reduce_recording
+from fusion.quality import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,
     IntArray,
@@ -32,6 +24,13 @@ from fusion.recording import (
     Segment,
     Span,
     find_missing,
+)
+from fusion.runs import (
+    find_end_us,
+    find_runs,
+    find_touched_rows,
+    find_valid_samples,
+    list_touched_rows,
 )
 from fusion.sensor.self_calibration import find_limits
 from fusion.still_limits import OFF_THE_ARM
@@ -57,7 +56,15 @@ def _find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
     for segment, part in pairs:
         acc_rows = _list_outside(segment.acc_g, part.acc_ends, part.rows_per_block, acc_limits)
         gyr_rows = _list_outside(segment.gyr_dps, part.gyr_ends, part.rows_per_block, gyr_limits)
-        spans += _widen(segment, np.union1d(acc_rows, gyr_rows))
+        if len(acc_rows) + len(gyr_rows) == 0:
+            continue
+        marked = np.zeros(len(segment), np.bool_)
+        marked[acc_rows] = marked[gyr_rows] = True
+        margin_rows = math.ceil(MARGIN_S * segment.rate_hz)  # whole rows, so that no part of one is left over
+        margin = np.array([-margin_rows, margin_rows])
+        rows: IntArray = np.clip(find_runs(marked) + margin, 0, len(segment))
+        times_us = segment.start_us + np.rint(rows * (MICROSECONDS / segment.rate_hz)).astype(np.int64)
+        spans += [Span(start_us, end_us - start_us, "clipped") for start_us, end_us in times_us.tolist()]
     return spans
 
 
@@ -71,18 +78,6 @@ def _list_outside(
     samples = samples[rows]
     is_outside = (samples <= limits[0]) | (samples >= limits[1])
     return np.asarray(rows[is_outside.any(axis=1)])
-
-
-def _widen(segment: Segment, clipped: NDArray[np.intp]) -> list[Span]:
-    if len(clipped) == 0:
-        return []
-    marked = np.zeros(len(segment), np.bool_)
-    marked[clipped] = True
-    margin_rows = math.ceil(MARGIN_S * segment.rate_hz)  # whole rows, so that no part of a row is left over
-    margin = np.array([-margin_rows, margin_rows])
-    rows: IntArray = np.clip(find_runs(marked) + margin, 0, len(segment))
-    times_us = segment.start_us + np.rint(rows * (MICROSECONDS / segment.rate_hz)).astype(np.int64)
-    return [Span(start_us, end_us - start_us, "clipped") for start_us, end_us in times_us.tolist()]
 
 
 # What is left out of the analysis, and why.
@@ -228,21 +223,22 @@ def count_beside_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
 
     None where each sample is a row, as `inspect` counts before an analysis.
     """
-    coarse = (segment for segment in recording.segments if lay_rows(segment).per_row > 1)
-    return sum(_count_beside_us(segment, exclusions) for segment in coarse if segment.bridged)
-
-
-def _count_beside_us(segment: Segment, exclusions: tuple[Span, ...]) -> int:
-    rows, bridged = lay_rows(segment), np.zeros(len(segment), np.bool_)
-    fallen, counted = np.zeros(len(rows), np.bool_), np.ones(len(rows), np.bool_)
-    for left_out in list_touched_rows(rows, exclusions):
-        counted[left_out] = False
-    for first, stop in segment.bridged:
-        bridged[first:stop], fallen[rows.hold(first, stop)] = True, True
-    fallen &= counted
-    bridged &= find_valid_samples(counted, len(segment))
-    bridged_us = np.count_nonzero(bridged) * MICROSECONDS / segment.rate_hz
-    return round(np.count_nonzero(fallen) * rows.period_us - bridged_us)
+    beside_us = 0
+    for segment in recording.segments:
+        rows = lay_rows(segment)
+        if rows.per_row == 1 or not segment.bridged:
+            continue
+        bridged, fallen = np.zeros(len(segment), np.bool_), np.zeros(len(rows), np.bool_)
+        counted = np.ones(len(rows), np.bool_)
+        for left_out in list_touched_rows(rows, exclusions):
+            counted[left_out] = False
+        for first, stop in segment.bridged:
+            bridged[first:stop], fallen[rows.hold(first, stop)] = True, True
+        fallen &= counted
+        bridged &= find_valid_samples(counted, len(segment))
+        bridged_us = np.count_nonzero(bridged) * MICROSECONDS / segment.rate_hz
+        beside_us += round(np.count_nonzero(fallen) * rows.period_us - bridged_us)
+    return beside_us
 
 
 def divide_time(

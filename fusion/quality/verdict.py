@@ -5,30 +5,26 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
-from fusion.checks.rests import number_directions
+from fusion.checks.summary import number_directions
 from fusion.conventions import NPOSE_ERROR_DEG, is_npose
-from fusion.elevation import Elevation
-from fusion.exposure.rows import list_touched_rows
+from fusion.elevation import Elevation, lay_rows
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
-from fusion.numerics.intervals import find_uncovered
-from fusion.numerics.runs import find_runs
-from fusion.orientation.angle_rows import lay_rows
-from fusion.pose.calibrate import CalibratedSamples, Calibration
+from fusion.pose.calibrate import TABLE_SWAY_DPS, CalibratedSamples, Calibration, StillPeriod
 from fusion.pose.rules import RULES
-from fusion.pose.windows import TABLE_SWAY_DPS, StillPeriod
+from fusion.quality import Quality, TimeAccount, Verdict
 from fusion.quality.time_account import count_beside_us
-from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import (
     MICROSECONDS,
     Float64Array,
     QualityFlag,
     Recording,
     Span,
+    find_uncovered,
     flag_spans,
     flag_stretches,
 )
-from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.model import GyroBias
+from fusion.runs import find_runs, list_touched_rows
+from fusion.sensor.model import AccelerometerCorrection, GyroBias
 from fusion.sensor.stillness import QuietTable
 from fusion.settings import AnalysisSettings
 
@@ -112,16 +108,15 @@ def _flag_untrusted(
         (stop - first) * MICROSECONDS / segment.rate_hz
         for segment in recording.segments
         for first, stop in segment.bridged
-        if not _is_within(segment.start_us + first * MICROSECONDS / segment.rate_hz, exclusions)
+        if not any(
+            span.start_us <= segment.start_us + first * MICROSECONDS / segment.rate_hz < span.end_us
+            for span in exclusions
+        )
     )
     beside_us = count_beside_us(recording, exclusions)
     untrusted_us = time.missing_us - bridged_us - beside_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
         yield QualityFlag(Caveat.UNTRUSTED, seconds=untrusted_us / MICROSECONDS)
-
-
-def _is_within(time_us: float, spans: tuple[Span, ...]) -> bool:
-    return any(span.start_us <= time_us < span.end_us for span in spans)
 
 
 def _flag_length(

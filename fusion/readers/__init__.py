@@ -1,10 +1,14 @@
 """From a file's bytes to a :class:`fusion.recording.Recording`: one format, one file."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint
 from os import PathLike
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
+
+import numpy as np
 
 from fusion.caveats import Caveat
 from fusion.checks.faults import (
@@ -16,16 +20,36 @@ from fusion.checks.faults import (
 )
 from fusion.checks.physics import add_flags, are_units_stated, check_physics, refuse_impossible_rates
 from fusion.checks.summary import flag_resolution, forget_summaries
-from fusion.errors import EmptyFile, FailedReader
+from fusion.errors import (
+    BlankFile,
+    EmptyFile,
+    FailedReader,
+    FusionError,
+    NoGyroscope,
+    NoSamples,
+    RefusedXml,
+    UnknownColumns,
+    UnknownFormat,
+    UnsafeArchive,
+    WrongExtension,
+)
+from fusion.plugins import find_entry_points, find_version
 from fusion.readers import cwa, gt3x
-from fusion.readers.archives import unpack
-from fusion.readers.plugins import PlugIn, find_plugins
-from fusion.readers.recognise import check_extension, explain_refusal, identify_content, refuse_blank
-from fusion.readers.source import Source, hash_source, open_source
+from fusion.readers.source import Source, hash_source, open_source, read_chunks, unpack
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
 from fusion.readers.tables import pair, parquet
-from fusion.readers.tables import registers as lsm9ds1_raw
+from fusion.readers.tables.columns import name_missing, parse_column_name, read_axis
+from fusion.readers.tables.layout import (
+    DELIMITERS,
+    MIN_COLUMNS,
+    SNIFFED_LINES,
+    TextLayout,
+    decode_head,
+    find_form,
+    find_layout,
+    split_fields,
+)
 from fusion.readers.tables.profile import (
     ColumnProfile,
     ProfileProposal,
@@ -34,9 +58,9 @@ from fusion.readers.tables.profile import (
     parse_profile,
     propose_profile,
 )
-from fusion.readers.timebase.clock import flag_days
-from fusion.readers.timebase.joining import join_recordings
-from fusion.recording import QualityFlag, Recording
+from fusion.readers.time.clock import flag_days
+from fusion.readers.time.joining import join_recordings
+from fusion.recording import ACC_UNITS_G, QualityFlag, Recording
 
 __all__ = [
     "READERS",
@@ -76,8 +100,8 @@ DEVICE_READERS = (
 """A signature tells these files. Plug-ins are asked next, before whatever goes by the names of columns."""
 TABLE_READERS = (
     Reader("Parquet", parquet.recognise, parquet.read),
-    Reader("LSM9DS1 registers, binary", lsm9ds1_raw.recognise_binary, lsm9ds1_raw.read_binary),
-    Reader("LSM9DS1 registers, text", lsm9ds1_raw.recognise_text, lsm9ds1_raw.read_text),
+    Reader("LSM9DS1 registers, binary", lsm9ds1_csv.recognise_binary, lsm9ds1_csv.read_binary),
+    Reader("LSM9DS1 registers, text", lsm9ds1_csv.recognise_text, lsm9ds1_csv.read_text),
     Reader("CSV with named columns", lsm9ds1_csv.recognise, lsm9ds1_csv.read),
 )
 READERS = (*DEVICE_READERS, *TABLE_READERS)
@@ -216,3 +240,204 @@ def read_recordings(
         As :func:`read_recording`, and :class:`fusion.errors.UnusableJoin`.
     """
     return join_recordings([read_recording(file, rate_hz=rate_hz, profile=profile) for file in files])
+
+
+# What the content of a file is, so that a refusal can name it.
+
+MAGIC = (
+    (b"%PDF-", "PDF"),
+    (b"\xd0\xcf\x11\xe0", "Excel/Word (.xls, .doc)"),
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"\x89PNG", "PNG"),
+    (b"GIF8", "GIF"),
+    (b"MATLAB", "MATLAB (.mat)"),
+    (b"\x1f\x8b", "gzip"),
+    (b"Rar!", "RAR"),
+    (b"7z\xbc\xaf", "7-Zip"),
+    (b"SQLite format 3", "SQLite"),
+    (b"PAR1", "Parquet"),
+    (b"\x7fELF", "ELF"),
+    (b"MZ", "Windows (.exe)"),
+)
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
+DEVICE_EXTENSIONS = (".gt3x", ".cwa")
+
+
+def identify_content(head: bytes) -> str:
+    """Return a short name of the content, the same in every language."""
+    for magic, name in MAGIC:
+        if head.startswith(magic):
+            return name
+    start = head[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+    if start.startswith((b"<!doctype html", b"<html")):
+        return "HTML"
+    if start.startswith(b"<"):
+        return "XML"
+    if start.startswith((b"{", b"[")):
+        return "JSON"
+    return "binary" if b"\0" in head and not find_form(head).encoding else "text"
+
+
+def refuse_blank(source: Source) -> None:
+    """Refuse a file of zeros: a logger reserves room on its card before it writes; raises BlankFile."""
+    if any(source.head):
+        return
+    n_bytes = 0
+    for chunk in read_chunks(source):
+        if chunk.count(0) < len(chunk):
+            return
+        n_bytes += len(chunk)
+    raise BlankFile(n=n_bytes)
+
+
+def explain_refusal(source: Source) -> FusionError:
+    """The error for bytes that no reader recognised."""
+    kind = identify_content(source.head)
+    if kind == "gzip":
+        return UnsafeArchive(reason="nested")
+    if kind == "text":
+        return _explain_text(source)
+    if kind == "XML" and b"<!doctype" in _COMMENT.sub(b"", source.head).lower():
+        return RefusedXml(reason="forbidden")
+    return UnknownFormat(kind=kind)
+
+
+def _explain_text(source: Source) -> FusionError:
+    if source.extension == ".gt3x":
+        return WrongExtension(ext=".gt3x", kind="text", right=".csv")
+    head = decode_head(source)
+    layout, lines = find_layout(head), head.split("\n")
+    if layout is not None:
+        return _name_header(lines, layout) or UnknownColumns(why="no header", line=layout.first_line + 1)
+    for line in lines[:SNIFFED_LINES]:
+        for mark in DELIMITERS:
+            names = [parse_column_name(field) for field in split_fields(line, mark)]
+            if sum(column.channel in ("acc", "gyr") for column in names) >= MIN_COLUMNS:
+                return NoSamples()  # a table without rows
+    return _explain_one_sensor(lines) or UnknownFormat(kind="text")
+
+
+def _name_header(lines: Sequence[str], layout: TextLayout) -> FusionError | None:
+    """The error that shows the line above the rows, where it names every column by unknown names."""
+    above = lines[: layout.first_line][-1:]
+    fields = [field.strip() for line in above for field in split_fields(line, layout.delimiter)]
+    if not above or len(fields) != len(layout.sample_rows[0]):
+        return None
+    if not all(any(letter.isalpha() for letter in field) for field in fields):
+        return None
+    columns = [parse_column_name(field) for field in fields]
+    return UnknownColumns(list=above[0].strip()[:200], missing=name_missing(columns))
+
+
+def _explain_one_sensor(lines: Sequence[str]) -> FusionError | None:
+    """The error for a table of one sensor, as the apps of phones write one for each; None for any other."""
+    for line in lines[:SNIFFED_LINES]:
+        for mark in DELIMITERS[:-1]:
+            fields = split_fields(line, mark)
+            columns = [parse_column_name(field) for field in fields]
+            axes = dict(found for field in fields if (found := read_axis(field)))
+            channels = {column.channel for column in columns} & {"acc", "linear", "gyr"}
+            if channels and "gyr" not in channels:
+                return NoGyroscope()
+            if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):
+                if any(unit in ACC_UNITS_G for unit in axes.values()):
+                    return NoGyroscope(cure="two tables")
+                return UnknownColumns(why="one sensor", list=line.strip()[:200])
+    return None
+
+
+def check_extension(source: Source, own: str | None) -> None:
+    """Refuse a name that contradicts the content; ``own``: the ending of a device's own format.
+
+    Raises WrongExtension.
+    """
+    named = source.extension
+    if own is not None and named != own and named in (*TEXT_EXTENSIONS, *DEVICE_EXTENSIONS):
+        raise WrongExtension(ext=named, kind=own, right=own)
+    if own is None and named in DEVICE_EXTENSIONS:
+        raise WrongExtension(ext=named, kind="text", right=".csv")
+
+
+# Readers of other packages, asked as our own are: one that fails is named, and stops no other.
+
+LONGEST_CAUSE = 200
+PLAIN_NAME = re.compile(r"\w[\w +\-./()]{0,59}")
+"""A device's name is printed in reports, tables and Markdown."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class PlugIn:
+    """A reader of another package: ``entry`` names a module or an object with ``recognise`` and ``read``."""
+
+    entry: EntryPoint
+
+    @property
+    def name(self) -> str:
+        """Name of the entry point."""
+        return self.entry.name
+
+    def recognise(self, source: Source) -> bool:
+        """Whether the file is the plug-in's.
+
+        Raises FailedReader: it cannot be loaded, or fails.
+        """
+        return self._ask(lambda: bool(self.entry.load().recognise(source)))
+
+    def read(self, source: Source, rate_hz: float | None) -> Recording:
+        """Read the file; the recording bears the name and the version of the plug-in.
+
+        Raises
+        ------
+        FailedReader
+            It fails, or what it gives is no recording.
+        fusion.errors.FusionError
+            As the plug-in refuses the file.
+        """
+        recording = self._ask(lambda: self.entry.load().read(source, rate_hz))
+        fault = self._ask(lambda: find_fault(recording))
+        if fault:
+            raise self._fail(fault)
+        named: Recording = replace(recording, reader=(self.name, find_version(self.entry)))
+        return named
+
+    def _ask(self, work: Callable[[], T]) -> T:
+        """Do the plug-in's part; whatever it raises, but a refusal of ours, is its failure."""
+        try:
+            return work()
+        except MemoryError:
+            raise
+        except (Exception, SystemExit) as error:
+            if isinstance(error, FusionError) and type(error).__module__ == FusionError.__module__:
+                raise
+            raise self._fail(f"{type(error).__name__}: {error}") from error
+
+    def _fail(self, cause: str) -> FailedReader:
+        return FailedReader(reader=self.name, version=find_version(self.entry), cause=cause[:LONGEST_CAUSE])
+
+
+def find_plugins() -> tuple[PlugIn, ...]:
+    """Return the readers that are installed, without loading them."""
+    return tuple(PlugIn(entry) for entry in find_entry_points())
+
+
+def find_fault(recording: object) -> str:
+    """Return what a plug-in's recording lacks; "" if nothing does."""
+    if not isinstance(recording, Recording):
+        return f"read gave {type(recording).__name__}, not a Recording"
+    if not PLAIN_NAME.fullmatch(recording.device):
+        return "device is no plain name of 1 to 60 letters, digits, spaces and any of + - . / ( )"
+    end_us = 0
+    for segment in recording.segments:
+        if not segment.rate_hz > 0:
+            return "a segment without a rate"
+        for name, values in (("acc_g", segment.acc_g), ("gyr_dps", segment.gyr_dps)):
+            is_fit = values.dtype == np.float32 and values.shape == (len(segment), 3)
+            if not is_fit or not np.isfinite(values).all():
+                return f"{name} is not float32 of shape (n, 3), all finite"
+        if segment.start_us < end_us:
+            return "segments overlap, or are not in the order of time"
+        end_us = segment.end_us
+    is_whole = bool(recording.segments) and end_us <= recording.duration_us + 1
+    return "" if is_whole else "no segment, or no duration"

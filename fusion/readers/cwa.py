@@ -19,8 +19,8 @@ from fusion.errors import DamagedFile, NoGyroscope, NoSamples, UnknownColumns, U
 from fusion.numba_kernels import inner, kernel
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks, scan_pieces
-from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
-from fusion.readers.timebase.grid import (
+from fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
+from fusion.readers.time.grid import (
     FASTEST_HZ,
     LONGEST_GAP_US,
     SLOWEST_HZ,
@@ -492,7 +492,7 @@ def fit_runs(blocks: Blocks, holes: Holes, starts_us: Floats, period_us: Floats)
 
 
 def fit_ends(starts_us: Floats, places: Floats, period_us: float) -> tuple[float, float]:
-    """A line from the first stamps of a run to its last; gives the offset of its first row and its period.
+    """Fit a line from a run's first stamps to its last; return the offset of its first row and its period.
 
     Not least squares: over hours the sensor's clock wanders with its temperature, and a line through the
     middle of that would miss the ends, by which durations are known.
@@ -717,6 +717,7 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
         unset = (QualityFlag(Caveat.CLOCK_UNSET), rate)
     acc_ranges_g, gyr_ranges_dps = find_ranges(heads)
     rates_hz: list[float] = np.unique(nominal_hz(blocks.rate_code)).tolist()
+    nominal_rate_hz = rates_hz[0] if len(rates_hz) == 1 else None
     return Recording(
         device="ax6" if header.is_ax6 or not header.device_id else "other",
         sha256="",
@@ -736,13 +737,14 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
             "columns": "gyroscope, accelerometer",
             "units": "g, deg/s",
             "units_from": "header",
-            "nominal_rate_hz": f"{rates_hz[0]:g}" if len(rates_hz) == 1 else "",
+            "nominal_rate_hz": "" if nominal_rate_hz is None else f"{nominal_rate_hz:g}",
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(int(blocks.n_rows.sum())),
             "records": str(len(blocks)),
             "clock": "local",
         },
-        stated=Stated(is_known=True),
+        stated=Stated(is_known=True, units_from="header", nominal_rate_hz=nominal_rate_hz),
+        jitter_us=float(grid.jitter_us),
         serial_hash=header.serial_hash,
         acc_range_g=min(WIDEST_G, float(acc_ranges_g.min())),
         gyr_range_dps=float(gyr_ranges_dps.min()),

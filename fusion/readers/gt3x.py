@@ -21,18 +21,20 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
 from fusion.numba_kernels import njit
-from fusion.numerics.intervals import find_uncovered, join_overlapping
-from fusion.readers.archives import (
+from fusion.readers.samples import SampleColumns
+from fusion.readers.source import (
+    EARLY_END_S,
     EMPTY_ZIP_MAGIC,
+    MAX_DAMAGED_PERCENT,
     ZIP_MAGIC,
+    Source,
     check_parts,
     open_archive,
     read_member,
     read_text,
+    scan_pieces,
 )
-from fusion.readers.samples import SampleColumns
-from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, scan_pieces
-from fusion.readers.timebase.clock import (
+from fusion.readers.time.clock import (
     find_zone,
     flag_drift,
     follow_zone,
@@ -48,9 +50,11 @@ from fusion.recording import (
     Segment,
     Span,
     Stated,
+    find_uncovered,
     flag_counts,
     flag_gaps,
     flag_spans,
+    join_overlapping,
 )
 from fusion.still_limits import BOTH_ACCELEROMETERS
 
@@ -958,7 +962,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *flag_gaps(segments, duration_us, excluded),
         ),
         understood=_describe(text, log, timeline),
-        stated=Stated(is_known=True),
+        stated=Stated(is_known=True, units_from="header"),
         serial_hash=text.serial_hash,
         acc_range_g=_full_scale(decoder, 0),
         gyr_range_dps=_full_scale(decoder, 3),

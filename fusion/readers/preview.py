@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.frame import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
-from fusion.checks.rests import find_rests
+from fusion.checks.physics import GyroModel, cut_windows, judge_frame, measure_miss, measure_scale
+from fusion.checks.summary import find_rests
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import cwa, gt3x, read_recording
-from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
 from fusion.readers.cwa import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import find_start, order_seconds, parse_device_text
-from fusion.readers.timebase.clock import format_offset
+from fusion.readers.source import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
+from fusion.readers.time.clock import format_offset
 from fusion.recording import MICROSECONDS, Recording, Span, find_missing
 
 # Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.
@@ -96,8 +96,8 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
         "present_s": (recording.duration_us - missing_us) / MICROSECONDS,
         "missing_s": missing_us / MICROSECONDS,
         "rate_hz": round(recording.rate_hz, 4),
-        "nominal_rate_hz": _number(recording.understood.get("nominal_rate_hz")),
-        "jitter_us": _number(recording.understood.get("jitter_us")),
+        "nominal_rate_hz": recording.stated.nominal_rate_hz,
+        "jitter_us": None if recording.jitter_us is None else round(recording.jitter_us, 1),
         "samples": sum(len(segment) for segment in recording.segments) - bridged_rows,
         "segments": len(recording.segments),
         "gap_count": len(gaps),
@@ -121,10 +121,6 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
             for flag in recording.flags
         ],
     }
-
-
-def _number(text: str | None) -> float | None:
-    return float(text) if text else None
 
 
 def _describe_span(span: Span) -> dict[str, object]:

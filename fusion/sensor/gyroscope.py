@@ -19,22 +19,23 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fusion.numba_kernels import kernel
-from fusion.numerics.robust import CAUCHY
+from fusion.numerics import CAUCHY
 from fusion.recording import Float64Array
-from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import (
     JUMP_S,
     RADIANS,
+    AccelerometerCorrection,
     GyroBias,
     Hats,
+    Nodes,
     SensorRun,
     carry,
     hold_bias,
     hold_together,
+    reduce_to_nodes,
     solve_band,
     turn_factors,
 )
-from fusion.sensor.nodes import Nodes, reduce_to_nodes
 from fusion.sensor.stillness import QuietTable
 
 # What motion itself says about the gyroscope's bias.
@@ -163,7 +164,13 @@ def follow_gyro_bias(nodes: Sequence[Nodes], stills: QuietTable) -> GyroBias:
     `smoothed`.
     """
     bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
-    knots_s = _place_knots(nodes, stills)
+    first_s = nodes[0].start_s
+    last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
+    pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
+    knots_s = np.linspace(first_s, last_s, pieces + 1)
+    for jump_s in find_jumps(stills):  # two knots in place of those within a second of it
+        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
+        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
     dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= BIAS.dense_up_to_s
     every_s = BIAS.window_every_s if dense else BIAS.window_apart_s
     for _ in range(BIAS.rounds):
@@ -187,21 +194,16 @@ def _grow_windows(nodes: Sequence[Nodes]) -> GyroBias:
     total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
     for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, BIAS.window_s):
         windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
-        if len(windows.time_s) > 0:
-            bias = hold_bias(_solve_constant(windows, bias.bias_dps[0]))
+        if len(windows.time_s) == 0:
+            continue
+        bias_dps = start_dps = bias.bias_dps[0]
+        for _ in range(5):
+            weight = _weigh(windows.residual(bias_dps))
+            normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
+            right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
+            bias_dps = np.linalg.solve(normal, right)
+        bias = hold_bias(bias_dps)
     return bias
-
-
-def _place_knots(nodes: Sequence[Nodes], stills: QuietTable) -> Float64Array:
-    """Knots at even steps, and two at each jump in place of those within a second of it."""
-    first_s = nodes[0].start_s
-    last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
-    pieces = max(1, round((last_s - first_s) / BIAS.knot_s))
-    knots_s = np.linspace(first_s, last_s, pieces + 1)
-    for jump_s in find_jumps(stills):
-        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
-        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
-    return knots_s
 
 
 def find_jumps(stills: QuietTable) -> list[float]:
@@ -213,19 +215,14 @@ def find_jumps(stills: QuietTable) -> list[float]:
     change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
     jumps: list[float] = []
     while len(change_dps) and change_dps.max() > BIAS.jump_dps:
-        at = _find_middle(change_dps)
+        # the middle of the highest plateau: medians show a jump from some moments before it to some after
+        highest = int(np.argmax(change_dps))
+        lower = np.flatnonzero(change_dps < 0.5 * change_dps[highest])
+        first = int(lower[lower < highest].max(initial=-1)) + 1
+        at = (first + int(lower[lower > highest].min(initial=len(change_dps))) - 1) // 2
         jumps.append(float(stills.middle_s[at + count - 1 : at + count + 1].mean()))
         change_dps[max(0, at - count) : at + count + 1] = 0.0
     return sorted(jumps)
-
-
-def _find_middle(change_dps: Float64Array) -> int:
-    """Middle of the highest plateau: medians show a jump from some moments before it to some after."""
-    at = int(np.argmax(change_dps))
-    lower = np.flatnonzero(change_dps < 0.5 * change_dps[at])
-    first = int(lower[lower < at].max(initial=-1)) + 1
-    stop = int(lower[lower > at].min(initial=len(change_dps)))
-    return (first + stop - 1) // 2
 
 
 def _weigh(residual: Float64Array) -> Float64Array:
@@ -233,16 +230,6 @@ def _weigh(residual: Float64Array) -> Float64Array:
     size = np.linalg.norm(residual, axis=1)
     scale = max(1.2 * float(np.median(size)), 1e-4) if len(size) else 1.0
     return np.asarray(1.0 / (scale**2 * (1.0 + (size / (CAUCHY * scale)) ** 2)))
-
-
-def _solve_constant(windows: WindowEquations, start_dps: Float64Array) -> Float64Array:
-    bias = start_dps
-    for _ in range(5):
-        weight = _weigh(windows.residual(bias))
-        normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
-        right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
-        bias = np.linalg.solve(normal, right)
-    return bias
 
 
 def _solve(

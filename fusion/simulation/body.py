@@ -13,8 +13,7 @@ from enum import IntEnum
 import numpy as np
 
 from fusion.numba_kernels import njit
-from fusion.recording import Float64Array
-from fusion.units import STANDARD_GRAVITY
+from fusion.recording import STANDARD_GRAVITY, Float64Array
 
 # Joint motion as a score of strokes and waves, so that every derivative is exact.
 #

@@ -154,7 +154,10 @@ def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random
     """Draw a specimen of ``part`` and the way it is strapped on."""
     knots = int(duration_s / KNOT_S) + 2
     bandwidth_hz = min(rate_hz / 2, part.bandwidth_hz)
-    temperature_c = _draw_temperature(knots, chance)
+    # it warms up on the skin within the first hour, then drifts with the work
+    warming_k = 7.0 * (1.0 - np.exp(-(KNOT_S * np.arange(knots)) / 1200.0))
+    drifting_k = np.cumsum(chance.normal(0.0, 0.12, knots))
+    temperature_c = np.asarray(CALIBRATION_K + chance.normal(0.0, 1.0) + warming_k + drifting_k)
     warmer_k = (temperature_c - CALIBRATION_K)[:, None]
     walk_dps = part.gyr_walk_dps_per_sqrt_h * np.sqrt(KNOT_S / 3600)
     return SensorErrors(
@@ -225,11 +228,3 @@ def _draw_gain(scale: float, misalignment: float, chance: np.random.Generator) -
     gain = chance.normal(0.0, misalignment, (3, 3))
     np.fill_diagonal(gain, 1.0 + _draw_evenly(scale, chance))
     return gain
-
-
-def _draw_temperature(knots: int, chance: np.random.Generator) -> Float64Array:
-    """Warm up on the skin within the first hour, then drift with the work."""
-    time_s = KNOT_S * np.arange(knots)
-    warming_k = 7.0 * (1.0 - np.exp(-time_s / 1200.0))
-    drifting_k = np.cumsum(chance.normal(0.0, 0.12, knots))
-    return np.asarray(CALIBRATION_K + chance.normal(0.0, 1.0) + warming_k + drifting_k)

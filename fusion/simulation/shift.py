@@ -170,17 +170,13 @@ def work(
         if body.time_s >= block_end_s:
             block_end_s += chance.uniform(*WORK_BLOCK_S) * min(1.0, duration_s / WHOLE_DAY_S)
             is_on_foot = chance.random() >= WITHOUT_WALKING_SHARE
-        name, bout_s = _choose_work(scale, chance, is_on_foot=is_on_foot)
+        # the next bout is drawn so that each activity gets its share of the time
+        names = [name for name in WORK if is_on_foot or name not in ON_FOOT]
+        odds = np.array([WORK[name][0] / WORK[name][1] for name in names])
+        name = names[int(chance.choice(len(names), p=odds / odds.sum()))]
+        bout_s = max(3.0, WORK[name][1] * scale * chance.uniform(0.5, 1.5))
         plan.append(_perform(body, name, min(bout_s, max(3.0, until_s - body.time_s)), chance))
     return plan
-
-
-def _choose_work(scale: float, chance: np.random.Generator, *, is_on_foot: bool) -> tuple[str, float]:
-    """Draw the next bout so that each activity gets its share of the time."""
-    names = [name for name in WORK if is_on_foot or name not in ON_FOOT]
-    odds = np.array([WORK[name][0] / WORK[name][1] for name in names])
-    name = names[int(chance.choice(len(names), p=odds / odds.sum()))]
-    return name, max(3.0, WORK[name][1] * scale * chance.uniform(0.5, 1.5))
 
 
 def _perform(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, RecordingFacts
 from app.report.single.report import ReportSubject, Software
-from fusion.exposure import (
+from fusion.exposure.types import (
     Cycles,
     ElevationBin,
     Entries,

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from app.cli import app
-from fusion.angle_series import read_angle_series
-from fusion.exposure import summarise_exposure
+from fusion.angle_files.angle_series import read_angle_series
+from fusion.exposure.summary import summarise_exposure
 
 Row = tuple[str, str, float]
 

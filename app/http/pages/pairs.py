@@ -26,7 +26,7 @@ from app.report.words.numbers import format_percent
 from app.report.words.wording import fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ProfileRequest, ReportRequest
 from app.services import Services, UsedServices
-from fusion.comparison import FigureChange
+from fusion.comparison.change import FigureChange
 
 DAY = 10  # characters of an ISO date
 MOST_TRUNKS = 50

@@ -13,12 +13,13 @@ from app.report.charts.svg import NARROW, Plot, Span
 from app.report.model import Chart
 from app.report.words.numbers import format_angle, format_elapsed, format_number
 from app.report.words.wording import Language, Words, clean_text, fill, find_device_name, load_wording
-from fusion.source_paper import QUASI_STATIC, TABLE_1
+from fusion.comparison.change import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fusion.agreement import Agreement, AgreementCell, AgreementEntry, Pairs
+    from fusion.comparison.agreement import Agreement, AgreementCell, AgreementEntry
+    from fusion.comparison.alignment import Pairs
 
     Vector = NDArray[np.float64]
 

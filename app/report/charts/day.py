@@ -20,8 +20,7 @@ from app.report.words.numbers import Clock, format_angle, format_duration, forma
 from app.report.words.wording import Words, fill, join_clauses
 from fusion.conventions import MAIN_THRESHOLD_DEG
 from fusion.exposure.types import MinuteProfile
-from fusion.numerics.intervals import find_uncovered, join_overlapping
-from fusion.recording import MICROSECONDS
+from fusion.recording import MICROSECONDS, find_uncovered, join_overlapping
 from fusion.recording import Span as LeftOut
 
 MINUTE_S = 60.0

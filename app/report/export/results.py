@@ -41,7 +41,7 @@ from app.request import Conclusion
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import ElevationBin, Exposure, Interval, PartExposure, TimeAbove
-from fusion.quality.types import TimeAccount, TimePart
+from fusion.quality import TimeAccount, TimePart
 from fusion.recording import MICROSECONDS, QualityFlag, Span
 from fusion.settings import AnalysisSettings
 

@@ -18,7 +18,7 @@ from app.report.several.document import MAIN, follow_days
 from app.report.several.people import ArmDays
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
-from fusion.days.overlay import PERCENTS, QUARTER_S, ClockBand, find_first_quarter
+from fusion.comparison.days import PERCENTS, QUARTER_S, ClockBand, find_first_quarter
 
 _DAY_S = 86_400.0
 _MIDNIGHT = datetime(2000, 1, 1)  # noqa: DTZ001  any day: only its clock is read

@@ -12,10 +12,12 @@ from app.report.export.tables import encode_table
 from app.report.figures import round_all
 from app.report.pairs import describe_source, name_method
 from app.report.several.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
-from fusion.comparison import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
-from fusion.conventions import FEWEST_PEOPLE
-from fusion.days import (
+from fusion.comparison.change import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
+from fusion.comparison.days import (
+    LEAST_DAYS,
     LEAST_OWN_DAYS,
+    PERCENTS,
+    ClockBand,
     DayMean,
     GroupChange,
     GroupSpread,
@@ -29,7 +31,7 @@ from fusion.days import (
     find_trend,
     pool_deviation,
 )
-from fusion.days.overlay import LEAST_DAYS, PERCENTS, ClockBand
+from fusion.conventions import FEWEST_PEOPLE
 from fusion.exposure.types import Interval
 
 SCHEMA = "acromion.profile/1"

@@ -14,9 +14,9 @@ from app.errors import CannotProfile
 from app.report.findings import Kept
 from app.report.pairs import OnePerson, are_mixed, judge_person, name_pose, read_code
 from app.report.words.wording import clean_text
-from fusion.comparison import WHOLE_DAY_S
+from fusion.comparison.change import WHOLE_DAY_S
+from fusion.comparison.days import ClockBand
 from fusion.conventions import FEWEST_PEOPLE
-from fusion.days import ClockBand
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS
 
@@ -85,7 +85,7 @@ class MeasuredDay:
 class ArmDays:
     """The days of one arm of one person, on one side of a change, in order of time.
 
-    ``bands``: the days overlaid by the clock (:func:`fusion.days.overlay_days`).
+    ``bands``: the days overlaid by the clock (:func:`fusion.comparison.days.overlay_days`).
     """
 
     subject: str

@@ -52,8 +52,8 @@ from app.report.words.wording import (
     find_device_name,
     load_wording,
 )
-from fusion.comparison import SOURCE
-from fusion.days import LEAST_OWN_DAYS
+from fusion.comparison.change import SOURCE
+from fusion.comparison.days import LEAST_OWN_DAYS
 from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS
 

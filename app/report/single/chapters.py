@@ -55,7 +55,7 @@ from app.report.words.wording import (
     join_clauses,
 )
 from fusion.caveats import Caveat
-from fusion.comparison import STATEMENTS, Reference, compare_with_references
+from fusion.comparison.change import STATEMENTS, Reference, compare_with_references
 from fusion.conventions import CONVENTIONS, UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartExposure, TimeAbove
 from fusion.recording import MICROSECONDS, QualityFlag

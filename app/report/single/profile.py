@@ -21,7 +21,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.wording import Language, Words, clean_text, cut_text, fill, join_clauses
 from fusion.caveats import Caveat
-from fusion.comparison import BETWEEN_DAY_SD, REFERENCES, WHOLE_DAY_S, find_detectable_change
+from fusion.comparison.change import BETWEEN_DAY_SD, REFERENCES, WHOLE_DAY_S, find_detectable_change
 from fusion.conventions import MAIN_THRESHOLD_DEG, SAID_S, UNHELD, awaits_pose
 from fusion.exposure.types import Interval, PartExposure
 from fusion.recording import MICROSECONDS

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from app.report.words.wording import Language, is_french, load_wording
 
 if TYPE_CHECKING:
-    from fusion.exposure import Interval  # the page uses this module without the science
+    from fusion.exposure.types import Interval  # the page uses this module without the science
 
 
 NARROW = "\u202f"

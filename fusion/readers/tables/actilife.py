@@ -22,8 +22,8 @@ from fusion.readers.tables.rows import (
     find_clock,
     read_table,
 )
-from fusion.readers.timebase.clock import flag_drift, hash_serial, parse_offset_s
-from fusion.readers.timebase.grid import cut_counted, cut_stamped
+from fusion.readers.time.clock import flag_drift, hash_serial, parse_offset_s
+from fusion.readers.time.grid import cut_counted, cut_stamped
 from fusion.recording import MICROSECONDS, Recording, Stated
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
@@ -81,7 +81,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
             "clock": "local",
             "time": "calendar" if has_time else "row number",
         },
-        stated=Stated(is_known=True, is_counted=not has_time),
+        stated=Stated(is_known=True, is_counted=not has_time, units_from="header", nominal_rate_hz=stated_hz),
         device="gt9x",
         serial_hash=hash_serial(header.get("Serial Number", "")),
         acc_range_g=DEVICE_RANGES[0],

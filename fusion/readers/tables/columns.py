@@ -1,29 +1,31 @@
-"""The meaning of a column's name: channel, axis, unit.
-
-The alias table was gathered from the layouts seen in the wild (libraries of Arduino, SparkFun, Adafruit,
-x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
-"""
+"""The meaning of the columns: channel, axis and unit by their names, times by their stamps."""
 
 import math
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
+from functools import lru_cache
 from itertools import pairwise
 from statistics import median
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import UnknownRate
+from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import SampleColumns
-from fusion.readers.timebase.clock import datetime_at_us, is_clock_set
-from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ
-from fusion.recording import MICROSECONDS, QualityFlag
-from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
+from fusion.readers.time.clock import datetime_at_us, is_change_of_offset, is_clock_set
+from fusion.readers.time.grid import FASTEST_HZ, SLOWEST_HZ
+from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS, MICROSECONDS, QualityFlag
+
+# The meaning of a column's name: channel, axis, unit.
+#
+# The alias table was gathered from the layouts seen in the wild (libraries of Arduino, SparkFun, Adafruit,
+# x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
 
 Channel = Literal["acc", "gyr", "linear", "gravity", "time", "counter", "other"]
 """``linear``: an acceleration from which gravity was taken out."""
@@ -342,3 +344,380 @@ def measure_roughness(values: NDArray[np.float32]) -> float:
     steps = float(np.square(np.diff(values, axis=0), dtype=np.float64).sum()) / (len(values) - 1)
     spread = float(values.var(axis=0, dtype=np.float64).sum())
     return steps / (2.0 * spread) if spread > 0.0 else 1.0
+
+
+# Stamps as people write them: `14/03/2026 08:00:00.01`, date and time in two columns, a zone at the end.
+#
+# :func:`find_dates` recognises how a table writes them; :class:`StampWriter` rewrites them to the ISO form of
+# the other tables before the rows are read.
+
+# The order of day, month and year: whether `02/03/2026` is the second of March or the third of February.
+
+DateOrder = Literal["ymd", "dmy", "mdy"]
+FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
+FIRST_OF: dict[str, DateOrder] = {"m": "mdy", "d": "dmy", "y": "ymd"}
+START_DATE = re.compile(
+    r"^\W*start(?:[ _]date)?[ :=]+(\d{1,4})[/.\-](\d{1,2})[/.\-](\d{1,4})", re.IGNORECASE | re.MULTILINE
+)
+NEAR_DAYS = 14
+"""How far the rows may begin from the start that the header tells, in a file that was cut. The two readings
+of a date lie four weeks apart or more."""
+YEAR_DIGITS = 4
+CENTURY = 2000
+"""Of a year of two digits: no recorder of this kind is older."""
+
+
+def order_dates(
+    parts: Sequence[tuple[str, ...]], head: str, order: DateOrder | None
+) -> tuple[DateOrder, bool]:
+    """Find the order of day, month and year of the dates in rows, and whether the header contradicts it.
+
+    Where the dates themselves leave it open, the order that a person gives goes first, then the header's
+    start date, if one order alone comes near it, then the header's date format. The format is last because a
+    program that saves a file again writes the dates in another form and leaves the header as it was.
+
+    Raises UnusableTime: day and month, or a year of two digits, cannot be told apart.
+    """
+    open_to = find_orders(parts)
+    if len(open_to) == 1:
+        return open_to[0], False
+    if order in open_to:
+        return order, False
+    named = FORMAT_WORDS.search(head)
+    word = FIRST_OF[named.group(1).lower()] if named else None
+    begun = _read_start(head, word)
+    near = [one for one in open_to if begun and _is_near(_read_date(parts[0], one), begun)]
+    if len(near) == 1:
+        return near[0], False
+    if word not in open_to:
+        raise UnusableTime(why="date-order")
+    return word, begun is not None and not near
+
+
+def find_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
+    """The orders of day, month and year in which all of these are dates."""
+    if len(parts[0][0]) == YEAR_DIGITS:
+        return ["ymd"]
+    orders: tuple[DateOrder, ...] = (
+        ("dmy", "mdy") if len(parts[0][2]) == YEAR_DIGITS else ("dmy", "mdy", "ymd")
+    )
+    return [one for one in orders if all(_read_date(part, one) for part in parts)]
+
+
+def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
+    """The one order in which a file's first date and its last lie near each other; None where several do.
+
+    Over midnight 03/03 becomes 04/03 by one order and 03/04 by the other; the wrong one leaps by a month.
+    """
+    spans = {one: (_read_date(first, one), _read_date(last, one)) for one in find_orders([first, last])}
+    near = [one for one, (begun, ended) in spans.items() if begun and _is_near(ended, begun)]
+    return near[0] if len(near) == 1 else None
+
+
+def _read_start(head: str, word: DateOrder | None) -> date | None:
+    """The start date of the header by the format that it names; by the other where that gives no date."""
+    found = START_DATE.search(head)
+    if found is None:
+        return None
+    orders = ["ymd"] if len(found.group(1)) == YEAR_DIGITS else [word or "", "dmy", "mdy"]
+    dates = [_read_date(found.groups(), one) for one in dict.fromkeys(orders) if one]
+    known = [one for one in dates if one is not None]
+    return known[0] if known and (word or len(known) == 1) else None
+
+
+def _read_date(parts: Sequence[str], order: str) -> date | None:
+    numbers = dict(zip(order, map(int, parts), strict=True))
+    try:
+        return date(_complete_year(numbers["y"]), numbers["m"], numbers["d"])
+    except ValueError:
+        return None
+
+
+def _complete_year(year: int) -> int:
+    return year + CENTURY if year < 100 else year
+
+
+def _is_near(day: date | None, begun: date) -> bool:
+    return day is not None and abs((day - begun).days) <= NEAR_DAYS
+
+
+FIELD_END = r"(?=[\" ]*(?:[,;\t|\r\n]|$))"
+ZONE = (
+    r"(?P<zone>Z(?![A-Za-z])|[+\-]\d{2}:?\d{2}(?!\d)|[+\-]\d{2}" + FIELD_END
+    + r"| [+\-]\d{2}:?\d{2}" + FIELD_END + r"| ?[A-Za-z]{1,5}" + FIELD_END + r")?(?:\[[\w/+\-]+\])?"
+)  # fmt: skip
+HALF = r"(?P<half> ?[AaPp]\.?[Mm]\.?(?![A-Za-z]))?"
+DATED = (
+    r"(?<![\d:/.\-])(?P<first>\d{1,4})(?P<mark>[/.\-])(?P<second>\d{1,2})(?P=mark)(?P<third>\d{1,4})"
+    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<seconds>\d{2}(?:[%s]\d+)?)"
+    + HALF + ZONE + r"(?![\d:])"
+)  # fmt: skip
+COMPACT = (
+    r"(?<![\w.])(?P<first>\d{4})(?P<second>\d{2})(?P<third>\d{2})(?P<between>T)"
+    r"(?P<hour>\d{2})(?P<minute>\d{2})(?P<seconds>\d{2}(?:[%s]\d+)?)(?P<half>(?!))?" + ZONE + r"(?![\d:])"
+)
+UNDATED = (
+    r"^(?P<before>(?:[^:\n]*[,;\t|])?[\" ]*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
+    r":(?P<seconds>\d{2}(?:[%s]\d+)?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
+)  # fmt: skip
+NO_SECONDS = re.compile(
+    r"(?<![\d:/.\-])\d{1,4}([/.\-])\d{1,2}\1\d{1,4}(?:T| +| *\"?[,;\t|]\"? *)"
+    r"\d{1,2}:\d{2}(?: ?[AaPp][Mm])?(?![\d:])"
+)
+MINUTES_ONLY = re.compile(r"(?<![\d:])\d{1,2}:\d{2}[.,]\d(?![\d:])")
+"""What Excel shows of a time of day with a fraction: `58:00.1`, the hour left out."""
+PLAIN = re.compile(r"\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?+(Z?)(?![\w:+\- \[])")
+STAMP_LIKE = re.compile(r"\d:\d\d|\dT\d|\d{1,4}([/.\-])\d{1,2}\1\d{1,4}")
+NAMED_ZONES_H = {
+    **dict.fromkeys(("Z", "UT", "UTC", "GMT"), 0),
+    **dict.fromkeys(("PST",), -8),
+    **dict.fromkeys(("MST", "PDT"), -7),
+    **dict.fromkeys(("CST", "MDT"), -6),
+    **dict.fromkeys(("EST", "CDT", "HNE"), -5),
+    **dict.fromkeys(("EDT", "HAE"), -4),
+    **dict.fromkeys(("CET",), 1),
+    **dict.fromkeys(("CEST",), 2),
+}
+"""Hours east of UTC: RFC 5322 §4.3, the French names of Eastern time, Central European time."""
+LARGEST_OFFSET_S = 14 * 3600
+SNIFFED_LINES = 400
+FIELDS_OF_A_ROW = 5
+
+
+@dataclass(frozen=True, slots=True)
+class DateDialect:
+    """How stamps are written: a pattern over lines, and the order of day, month and year.
+
+    ``offset_s``: seconds east of UTC, where the first row tells them; ``has_date``: false where the stamps
+    are a time of day only; ``is_iso``: they are as the kernels read them, nothing is to be rewritten;
+    ``is_doubtful``: day and month may be the other way round.
+    """
+
+    pattern: re.Pattern[str]
+    order: DateOrder
+    offset_s: int | None = None
+    has_date: bool = True
+    is_iso: bool = False
+    is_doubtful: bool = False
+
+
+def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
+    """Find how the rows of a table's head write date and time; None where they are ISO without an offset.
+
+    ``order``: of day, month and year, as a person gives it.
+
+    Raises UnusableTime: day and month cannot be told apart, a spreadsheet has cut the seconds off, a zone's
+    name does not tell its offset, or the stamps have a form that is not known.
+    """
+    lines = {k: line for k, line in enumerate(head.split("\n")[:SNIFFED_LINES], 1) if _is_wide(line)}
+    if not any(STAMP_LIKE.search(line) for line in lines.values()):
+        return None
+    mark = ".," if any(";" in line or "\t" in line for line in lines.values()) else "."
+    for form in (DATED, COMPACT):
+        pattern = re.compile(form % mark)
+        found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
+        if found:
+            plain = [PLAIN.search(lines[k]) for k in found]
+            if all(plain):
+                is_utc = all(match is not None and match.group(1) for match in plain)
+                return DateDialect(pattern, "ymd", 0, is_iso=True) if is_utc else None
+            parts = [(match["first"], match["second"], match["third"]) for match in found.values()]
+            order, is_doubtful = order_dates(parts, head, order)
+            return DateDialect(pattern, order, _find_offset_s(found), is_doubtful=is_doubtful)
+    cut = sum(bool(NO_SECONDS.search(line) or MINUTES_ONLY.search(line)) for line in lines.values())
+    if 2 * cut > len(lines):
+        raise UnusableTime(why="seconds")
+    pattern = re.compile(UNDATED % mark, re.MULTILINE)
+    found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
+    if 2 * len(found) > len(lines):
+        return DateDialect(pattern, "ymd", _find_offset_s(found), has_date=False)
+    strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
+    if 2 * len(strange) > len(lines):  # a clock's time or a date which nothing here understands
+        raise UnusableTime(why="form", line=strange[0])
+    return None
+
+
+@lru_cache(maxsize=2)
+def find_open_date(head: str) -> tuple[str, ...]:
+    """Day, month and year of the first row as they stand there, where their order is open; else nothing."""
+    found = _find_parts(head.split("\n")[:SNIFFED_LINES])
+    return found[0] if found and len(find_orders(found)) > 1 else ()
+
+
+def find_last_date(tail: str) -> tuple[str, ...]:
+    """The same of the last whole row of a table's tail; nothing where none is found."""
+    found = _find_parts(tail.split("\n")[1:-1])
+    return found[-1] if found else ()
+
+
+def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
+    pattern = re.compile(DATED % ".,")
+    found = (pattern.search(line) for line in lines if _is_wide(line))
+    return [match.group("first", "second", "third") for match in found if match]
+
+
+def _find_offset_s(found: dict[int, re.Match[str]]) -> int | None:
+    """The offset of the first row that tells one."""
+    for line, match in found.items():
+        if match["zone"]:
+            offset_s = parse_zone_s(match["zone"])
+            if offset_s is None:
+                raise UnusableTime(why="zone name", line=line)
+            return offset_s
+    return None
+
+
+def parse_zone_s(text: str) -> int | None:
+    """Seconds east of UTC of `-04:00`, `+0530`, `Z`, `EDT`; None for a name of more than one meaning."""
+    zone = text.strip().upper()
+    if zone in NAMED_ZONES_H:
+        return 3600 * NAMED_ZONES_H[zone]
+    if zone[0] not in "+-":
+        return None
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    offset_s = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+    return None if offset_s > LARGEST_OFFSET_S else -offset_s if zone[0] == "-" else offset_s
+
+
+def _is_wide(line: str) -> bool:
+    return max(line.count(mark) for mark in ",;\t|") >= FIELDS_OF_A_ROW
+
+
+# Stamps of any dialect are rewritten to the ISO form of the kernels, on the clock of the first row.
+#
+# A stamp with an offset from UTC is an instant. Where the offset changes, the later stamps are converted to
+# the first one, so that no hour is lost or gained, and the change is noted.
+
+NOON = 12
+DAY_S = 86_400
+LONGEST_SET_BACK_S = 3 * 3600
+"""A clock is set back by no more than this (daylight saving, a zone): what goes back further is a new day."""
+LATEST_S = 600
+"""Rows come late by no more than this."""
+FIRST_DAY = datetime(1970, 1, 2)  # noqa: DTZ001 - stands for a date that is not told
+EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - as the kernels count
+MOST_CHANGES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetChange:
+    """The first stamp with another offset, microseconds since 1970 on the first row's clock, and the offsets.
+
+    ``first_s``: that of the first row; seconds east of UTC.
+    """
+
+    at_us: int
+    before_s: int
+    after_s: int
+    first_s: int
+
+
+class StampWriter:
+    """Rewrites the stamps of one table, from its first row on.
+
+    ``changes``: where the offset from UTC changed.
+    """
+
+    def __init__(self, dialect: DateDialect) -> None:
+        self.changes: list[OffsetChange] = []
+        self._dialect = dialect
+        self._offset_s = dialect.offset_s
+        self._day = FIRST_DAY
+        self._last_s: float | None = None
+
+    def rewrite(self, text: str) -> str:
+        """Write every stamp as `2026-03-14T08:00:00.010`; a time column of its own is left empty."""
+        write = self._write if self._dialect.has_date else self._write_undated
+        return self._dialect.pattern.sub(write, text)
+
+    def _write(self, found: re.Match[str]) -> str:
+        parts, order = found.group("first", "second", "third"), self._dialect.order
+        year, month, day = (parts[order.index(letter)] for letter in "ymd")
+        clock = f"{_count_hour(found):02d}:{found['minute']}:{found['seconds']}"
+        stamp = f"{_complete_year(int(year))}-{month:0>2}-{day:0>2}T{clock}"
+        moved = self._move(stamp, found["zone"])
+        return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
+
+    def _move(self, stamp: str, zone: str | None) -> str | None:
+        """Convert a stamp to the first row's clock; None for one that no calendar has.
+
+        A stamp without a zone, among stamps with one, takes the last zone.
+        """
+        offset_s = parse_zone_s(zone) if zone else self._offset_s
+        if offset_s is None or self._dialect.offset_s is None:
+            return None if zone else stamp
+        step_s = offset_s - self._dialect.offset_s
+        if step_s == 0 and offset_s == self._offset_s:
+            return stamp
+        try:
+            moment = datetime.fromisoformat(stamp.replace(",", ".")) - timedelta(seconds=step_s)
+        except (ValueError, OverflowError):
+            return None
+        if offset_s != self._offset_s and self._offset_s is not None:
+            at_us = (moment - EPOCH) // timedelta(microseconds=1)
+            self.changes.append(OffsetChange(at_us, self._offset_s, offset_s, self._dialect.offset_s))
+        self._offset_s = offset_s
+        return moment.isoformat(timespec="microseconds")
+
+    def _write_undated(self, found: re.Match[str]) -> str:
+        """Add the date that follows on to a time of day: a step back of more than a few hours is midnight.
+
+        A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
+        """
+        hour = _count_hour(found)
+        time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["seconds"].replace(",", "."))
+        step_s = 0.0 if self._last_s is None else time_s - self._last_s
+        if step_s < -LONGEST_SET_BACK_S:
+            self._day += timedelta(days=1)
+        elif step_s > DAY_S - LATEST_S:
+            self._day -= timedelta(days=1)
+        self._last_s = time_s
+        stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{found['seconds']}"
+        moved = self._move(stamp, found["zone"])
+        return found.group() if moved is None else found["before"] + moved
+
+
+def _count_hour(found: re.Match[str]) -> int:
+    hour, half = int(found["hour"]), found["half"]
+    if half is None:
+        return hour
+    return hour % NOON + (NOON if half.strip()[0] in "Pp" else 0)
+
+
+class TextWriter(Protocol):
+    """What rewrites whole lines of text."""
+
+    def rewrite(self, text: str) -> str:
+        """Rewrite whole lines."""
+
+
+def rewrite_pieces(pieces: Iterable[bytes], writer: TextWriter | None) -> Iterator[bytes]:
+    """Rewrite pieces of any length, whole lines at a time."""
+    if writer is None:
+        yield from pieces
+        return
+    carried = b""
+    for piece in pieces:
+        cut = piece.rfind(b"\n") + 1
+        if cut:
+            yield writer.rewrite((carried + piece[:cut]).decode("latin-1")).encode("latin-1")
+            carried = b""
+        carried += piece[cut:]
+    yield writer.rewrite(carried.decode("latin-1")).encode("latin-1")
+
+
+def flag_changes(changes: Iterable[OffsetChange], first_stamp_us: int) -> tuple[QualityFlag, ...]:
+    """Flag the first 20 changes of the offset from UTC.
+
+    W-DST where the clocks of some zone changed so at about that time, W-OFFSET elsewhere.
+    """
+    flags: tuple[QualityFlag, ...] = ()
+    for change in list(changes)[:MOST_CHANGES]:
+        moment = datetime_at_us(change.at_us - change.first_s * MICROSECONDS)
+        is_daylight_saving = moment is not None and is_change_of_offset(
+            moment.replace(tzinfo=UTC), change.before_s, change.after_s
+        )
+        at_s = (change.at_us - first_stamp_us) / MICROSECONDS
+        code = Caveat.DST if is_daylight_saving else Caveat.OFFSET
+        flags += (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": change.after_s - change.before_s}),)
+    return flags

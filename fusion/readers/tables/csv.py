@@ -1,13 +1,10 @@
-"""CSV of loggers built on the ST LSM9DS1, and of look-alikes whose header names the columns.
-
-A header is needed. Units and time come from it where it states them, and from the samples where it does not
-(:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
-"""
+"""Tables of loggers built on the ST LSM9DS1, and of look-alikes: named columns, and dumps of registers."""
 
 import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import UTC
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,23 +14,25 @@ from fusion.conventions import parse_arm_axis
 from fusion.devices import find_device_name
 from fusion.diary import parse_pose_held
 from fusion.errors import NoSamples, UnknownColumns, UnknownRate
-from fusion.readers.samples import PAUSE, SampleColumns
-from fusion.readers.source import Source
-from fusion.readers.tables.csv_lines import STAMP
-from fusion.readers.tables.dates import DateOrder
+from fusion.readers.samples import PAUSE, SampleColumns, drop_blank_rows
+from fusion.readers.source import Source, read_chunks
+from fusion.readers.tables.columns import DateOrder, TimeUnit
+from fusion.readers.tables.csv_lines import IGNORED, STAMP
 from fusion.readers.tables.layout import TextLayout, flag_text, read_layout, sniff_layout
 from fusion.readers.tables.profile import ColumnProfile, apply_profile
 from fusion.readers.tables.rows import (
     PACKET_NUMBERS,
+    TableClock,
     TablePlan,
+    TimeColumn,
     add_gravity,
     build_recording,
     find_clock,
     plan_table,
     read_table,
 )
-from fusion.readers.timebase.clock import flag_drift, hash_serial
-from fusion.readers.timebase.grid import (
+from fusion.readers.time.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
+from fusion.readers.time.grid import (
     FASTEST_HZ,
     SLOWEST_HZ,
     Grid,
@@ -41,8 +40,12 @@ from fusion.readers.timebase.grid import (
     cut_stamped,
     leave_out_repeats,
 )
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated
-from fusion.units import name_unit_source
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Stated, name_unit_source
+
+# A header that names the columns.
+#
+# Units and time come from it where it states them, and from the samples where it does not
+# (:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
 
 T = TypeVar("T")
 
@@ -112,7 +115,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     repairs = time.repair(columns, rows.changes) if time.has_times else ()
     first_us = int(columns.stamps[0])
     grid = _cut_rows(plan, columns, choose_rate_hz(layout, rate_hz))
-    described, facts = _describe_columns(plan, is_in_g=is_added), layout.facts()
+    stated, facts = _read_stated(plan, is_in_g=is_added), layout.facts()
     pose, unread = _read_pose(facts)
     device = facts.get("device", "")
     separator = " " if layout.is_single_spaced else layout.delimiter
@@ -128,20 +131,15 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *_flag_rates(plan, grid, rate_hz),
         ),
         {
-            **described,
+            **_describe_columns(plan, stated),
             "time": time.describe(first_us),
             "time_exponent": str(time.unit.exponent),
             "delimiter": {"\t": "tab", " ": "space"}.get(separator, separator),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(columns.rows),
         },
-        stated=Stated(
-            described["acceleration_unit"],
-            described["angular_rate_unit"],
-            is_known=described["units_from"] == "header",
-            left_gyr_factor=round(layout.device.left_gyr_factor, 5) if layout.device else 1.0,
-            is_counted=not time.has_times,
-        ),
+        stated=stated,
+        jitter_us=float(grid.jitter_us),
         device=layout.device.device if layout.device else device if find_device_name(device) else "other",
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
         acc_range_g=read_positive(facts.get("acc_range_g")),
@@ -240,9 +238,23 @@ def _read_pose_window(text: str) -> tuple[tuple[float, float], ...]:
     return ((start_s, end_s),)
 
 
-def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
-    columns, device = plan.layout.columns, plan.layout.device
+def _read_stated(plan: TablePlan, *, is_in_g: bool) -> Stated:
+    """Return what the header states of units and time."""
+    device = plan.layout.device
     acc_unit, gyr_unit = "g" if is_in_g else plan.acceleration.unit, plan.angular_rate.unit
+    units_from = name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right"))
+    return Stated(
+        acc_unit or "",
+        gyr_unit or "",
+        is_known=units_from == "header",
+        left_gyr_factor=round(device.left_gyr_factor, 5) if device else 1.0,
+        is_counted=not plan.time.has_times,
+        units_from=units_from,
+    )
+
+
+def _describe_columns(plan: TablePlan, stated: Stated) -> dict[str, str]:
+    columns, device = plan.layout.columns, plan.layout.device
     ignored = (
         column.name
         for column, target in zip(columns, plan.targets, strict=True)
@@ -252,10 +264,97 @@ def _describe_columns(plan: TablePlan, *, is_in_g: bool) -> dict[str, str]:
         "layout": "table with header",
         "columns": ", ".join(column.name for column in columns)[:400],
         "ignored": ", ".join(ignored)[:400],
-        "acceleration_unit": acc_unit or "",
-        "angular_rate_unit": gyr_unit or "",
-        "units_from": name_unit_source(acc_unit, gyr_unit, is_known=bool(device and device.frame == "right")),
+        "acceleration_unit": stated.acc_unit,
+        "angular_rate_unit": stated.gyr_unit,
+        "units_from": stated.units_from,
     }
     if device and device.left_gyr_factor != 1.0:
         described["left_gyr_factor"] = f"{device.left_gyr_factor:.5f}"
     return described
+
+
+# Register dumps of the LSM9DS1: 26-byte binary records and headerless text, gyroscope first.
+#
+# Both are those of Raspberry Pi loggers: `u32 s, u32 us, 9 x int16` little-endian, or the same as
+# `epoch,gx,gy,gz,ax,ay,az,mx,my,mz`. The registers' frame is left-handed (measured: da/dt = -(a x w)), so the
+# x axis of both sensors is turned round here; the ranges stand nowhere and are found in
+# :mod:`fusion.checks.physics`.
+
+RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
+MIN_RECORDS = 20
+LONGEST_STEP_S = 3600
+TEXT_TARGETS = (STAMP, 4, 5, 6, 1, 2, 3, IGNORED, IGNORED, IGNORED)
+UNIX_SECONDS = TimeColumn("number", TimeUnit(6))
+
+
+def recognise_binary(source: Source) -> bool:
+    """Whether the head holds records whose microseconds and seconds behave as such."""
+    head = np.frombuffer(source.head[: len(source.head) // RECORD.itemsize * RECORD.itemsize], RECORD)
+    if len(head) < MIN_RECORDS:
+        return False
+    steps = np.diff(head["s"].astype(np.int64))
+    return bool(np.all(head["us"] < MICROSECONDS) and np.mean((steps >= 0) & (steps < LONGEST_STEP_S)) > 0.95)
+
+
+def recognise_text(source: Source) -> bool:
+    """Whether the head holds ten columns, a stamp and nine whole numbers, and no header."""
+    layout = None if b"\0" in source.head else sniff_layout(source)
+    if layout is None or layout.header is not None or layout.n_columns != len(TEXT_TARGETS):
+        return False
+    rows = layout.sample_rows[:50]
+    is_whole = all(re.fullmatch(r"-?\d{1,5}", field) for row in rows for field in row[1:])
+    return is_whole and all(re.fullmatch(r"\d{9,10}\.\d{3,9}", row[0]) for row in rows)
+
+
+def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (stamps tell it)
+    """Read 26-byte records; raises NoSamples, UnusableTime or UnknownRate."""
+    columns = SampleColumns(source)
+    carried = b""
+    for chunk in read_chunks(source):
+        content = carried + chunk
+        whole = len(content) // RECORD.itemsize * RECORD.itemsize
+        block, carried = np.frombuffer(content[:whole], RECORD), content[whole:]
+        rows = columns.extend(len(block))
+        columns.acc[rows], columns.gyr[rows] = block["acc"], block["gyr"]
+        columns.stamps[rows] = block["s"].astype(np.int64) * MICROSECONDS + block["us"]
+    columns.trim()
+    flags = drop_blank_rows(columns)
+    if carried:
+        flags += (QualityFlag(Caveat.TRUNC_TAIL, facts={"n": len(carried)}),)
+    return _build(columns, flags, "LSM9DS1 registers, 26-byte records")
+
+
+def read_text(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (stamps tell it)
+    """Read headerless register text; raises NoSamples, UnreadableRows, UnusableTime or UnknownRate."""
+    layout = sniff_layout(source)
+    assert layout is not None
+    rows = read_table(source, TablePlan(layout, TEXT_TARGETS, UNIX_SECONDS))
+    return _build(rows.columns, rows.flags, "LSM9DS1 registers, text")
+
+
+def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) -> Recording:
+    if columns.rows == 0:
+        raise NoSamples
+    columns.acc[:, 0] *= -1
+    columns.gyr[:, 0] *= -1
+    flags += UNIX_SECONDS.repair(columns)
+    moment, n_rows = datetime_at_us(int(columns.stamps[0])), columns.rows
+    grid = cut_stamped(columns)
+    start, unset = trust_clock(moment.replace(tzinfo=UTC) if moment else None)
+    mirrored = QualityFlag(Caveat.UNITS, facts={"what": "left-handed", "evidence": "layout", "turned": "x"})
+    return build_recording(
+        grid,
+        TableClock(start, "UTC+00:00" if start else None, (*unset, mirrored)),
+        (*flags, *grid.flags),
+        {
+            "layout": layout,
+            "columns": "gyroscope, accelerometer, magnetometer",
+            "acceleration_unit": "registers",
+            "angular_rate_unit": "registers",
+            "jitter_us": f"{grid.jitter_us:.1f}",
+            "samples": str(n_rows),
+        },
+        stated=Stated("registers", "registers"),
+        jitter_us=float(grid.jitter_us),
+        device="lsm9ds1",
+    )

@@ -12,28 +12,24 @@ import numpy as np
 from fusion.caveats import Caveat
 from fusion.devices import KnownDevice, find_known_device
 from fusion.errors import AmbiguousDecimal, EpochFile, UnknownColumns, UnknownFormat, UnusableTime
-from fusion.readers.archives import UnpackedFile
-from fusion.readers.source import Source, read_chunks
+from fusion.readers.source import Source, UnpackedFile, read_chunks
 from fusion.readers.tables.columns import (
     REMARKS,
     Column,
+    DateDialect,
+    DateOrder,
+    StampWriter,
     choose_vector,
+    find_dates,
+    find_last_date,
+    find_open_date,
+    find_order_by_span,
     names_epochs,
     parse_column_name,
     read_unit,
 )
 from fusion.readers.tables.csv_lines import LEAD_BYTES, TRAIL_BYTES, LinePiece
-from fusion.readers.tables.dates import (
-    DateDialect,
-    DateOrder,
-    StampWriter,
-    find_dates,
-    find_last_date,
-    find_open_date,
-    find_order_by_span,
-)
-from fusion.recording import QualityFlag
-from fusion.units import acc_scale_g
+from fusion.recording import QualityFlag, acc_scale_g
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
@@ -229,15 +225,6 @@ def _read_labels(line: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(labels), (*values, *(value for _, value in pairs))
 
 
-def _find_labels(head: str) -> LabelWriter | None:
-    """Find the names with which most rows of a text begin their values; None for any other text."""
-    lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
-    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
-    if len(named) < FEWEST_LINES or 2 * named.count(named[-1]) <= len(lines):
-        return None
-    return LabelWriter(named[-1])
-
-
 # The layout of a head.
 
 
@@ -292,14 +279,16 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     UnknownColumns
         The rows have more fields than the header has names.
     fusion.errors.UnusableTime
-        The stamps cannot be understood, as in :func:`fusion.readers.tables.dates.find_dates` (``order``: of
+        The stamps cannot be understood, as in :func:`fusion.readers.tables.columns.find_dates` (``order``: of
         day, month and year, as a person gives it).
     """
-    writer = _find_labels(head)
-    if writer is not None:
-        layout = _find_table(writer.tabulate_head(head), order)
-        return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
-    return _find_table(head, order)
+    lines = [line for line in head.split("\n")[:LABELLED_LINES] if line.strip()]
+    named = [labels for labels, _ in map(_read_labels, lines) if len(labels) >= MIN_COLUMNS]
+    if len(named) < FEWEST_LINES or 2 * named.count(named[-1]) <= len(lines):
+        return _find_table(head, order)
+    writer = LabelWriter(named[-1])  # most rows begin their values with these names
+    layout = _find_table(writer.tabulate_head(head), order)
+    return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
 
 
 def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
@@ -482,24 +471,18 @@ def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
         source.head.decode("utf-8")
     except UnicodeDecodeError as error:  # a character may be cut at the head's end
         is_utf8 = error.start >= len(source.head) - 3
+    # the acceleration has lost decimals if its steps are coarser than any sensor's
+    places = choose_vector(layout.columns, "acc") or ()
+    scale_g = acc_scale_g(layout.columns[places[0]].unit) if places else None
+    fields = [row[place] for row in layout.sample_rows for place in places if place < len(row)]
+    fractions = (re.fullmatch(r"[-+]?\d*[.,](\d+)", field) for field in fields)
+    decimals = max((len(match.group(1)) for match in fractions if match), default=0)
     found = {
         Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8,
         Caveat.LOCALE: layout.decimal == ",",
-        Caveat.PRECISION: _is_rounded(layout),
+        Caveat.PRECISION: decimals > 0 and (scale_g or 0.0) * 10.0**-decimals > COARSEST_STEP_G,
     }
     return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
-
-
-def _is_rounded(layout: TextLayout) -> bool:
-    """Whether the acceleration has lost decimals: its steps are coarser than any sensor's."""
-    places = choose_vector(layout.columns, "acc")
-    scale_g = acc_scale_g(layout.columns[places[0]].unit) if places else None
-    if places is None or scale_g is None:
-        return False
-    fields = [row[place] for row in layout.sample_rows for place in places if place < len(row)]
-    found = (re.fullmatch(r"[-+]?\d*[.,](\d+)", field) for field in fields)
-    decimals = max((len(match.group(1)) for match in found if match), default=0)
-    return decimals > 0 and scale_g * 10.0**-decimals > COARSEST_STEP_G
 
 
 # Text as pieces of whole lines in bytes, whatever its encoding and line ends.

@@ -28,17 +28,17 @@ from fusion.errors import (
     UnsafeArchive,
     UnusableTime,
 )
-from fusion.readers.archives import (
+from fusion.readers.samples import SampleColumns
+from fusion.readers.source import (
     ANGULAR_RATE,
     TOTAL,
     ZIP_MAGIC,
+    Source,
     find_pair,
     open_archive,
     read_member,
     read_text,
 )
-from fusion.readers.samples import SampleColumns
-from fusion.readers.source import Source
 from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
 from fusion.readers.tables.layout import split_fields
 from fusion.readers.tables.rows import (
@@ -49,9 +49,17 @@ from fusion.readers.tables.rows import (
     build_recording,
     read_epoch,
 )
-from fusion.readers.timebase.grid import cut_stamped
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, Stated, flag_counts
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.readers.time.grid import cut_stamped
+from fusion.recording import (
+    LONGEST_BRIDGE_US,
+    MICROSECONDS,
+    Float64Array,
+    Recording,
+    Stated,
+    acc_scale_g,
+    flag_counts,
+    gyr_scale_dps,
+)
 
 MOST_BYTES = 1 << 29
 """Of one table: eight hours at 100 Hz take 250 MB."""
@@ -124,6 +132,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
             "samples": str(columns.rows),
         },
         stated=Stated(acc.unit, gyr.unit),
+        jitter_us=float(grid.jitter_us),
         device=device.device if device else "other",
     )
 

@@ -37,9 +37,8 @@ from fusion.readers.tables.rows import (
     build_recording,
     put_back_gravity,
 )
-from fusion.readers.timebase.grid import cut_counted, cut_stamped
-from fusion.recording import QualityFlag, Recording, Stated
-from fusion.units import acc_scale_g, gyr_scale_dps, name_unit_source
+from fusion.readers.time.grid import cut_counted, cut_stamped
+from fusion.recording import QualityFlag, Recording, Stated, acc_scale_g, gyr_scale_dps, name_unit_source
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536
@@ -109,6 +108,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     grid = cut_stamped(columns) if time.has_times else cut_counted(columns, rate_hz or 0.0)
     absent = (QualityFlag(Caveat.NAN, absent_rows),) if absent_rows else ()
     clock = build_clock(time.read_start(first_us))
+    units_from = name_unit_source(acc_unit, gyr_unit)
     return build_recording(
         grid,
         TableClock(clock.start, clock.time_zone, (*clock.flags, *time.unit.flag())),
@@ -118,12 +118,13 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
             "columns": ", ".join(one.name for one in (choice.stamp, *choice.acc, *choice.gyr) if one),
             "acceleration_unit": acc_unit or "",
             "angular_rate_unit": gyr_unit or "",
-            "units_from": name_unit_source(acc_unit, gyr_unit),
+            "units_from": units_from,
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(n_rows),
             "time": "number" if time.has_times else "row number",
         },
-        stated=Stated(acc_unit or "", gyr_unit or "", is_counted=not time.has_times),
+        stated=Stated(acc_unit or "", gyr_unit or "", is_counted=not time.has_times, units_from=units_from),
+        jitter_us=float(grid.jitter_us),
     )
 
 

@@ -10,21 +10,20 @@ from typing import Any, BinaryIO, get_args
 
 from fusion.conventions import PoseHeld, check_choice
 from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
-from fusion.readers.archives import unpack
-from fusion.readers.source import open_source
+from fusion.readers.source import open_source, unpack
 from fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
     UNIT_NAMES,
     Channel,
     Column,
+    DateOrder,
     choose_vector,
     guess_exponent,
     parse_column_name,
 )
-from fusion.readers.tables.dates import DateOrder
 from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, find_sensors, split_fields
 from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
-from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
+from fusion.recording import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
 """A column by its name in the header, or by its number, counted from 1."""

@@ -18,16 +18,19 @@ from fusion.readers.tables import csv_lines
 from fusion.readers.tables.columns import (
     IN_MICROSECONDS,
     Column,
+    OffsetChange,
+    StampWriter,
     TimeUnit,
     Vector,
     choose_acceleration,
     choose_vector,
     count_from_1970,
     find_time_unit,
+    flag_changes,
     name_missing,
+    rewrite_pieces,
 )
 from fusion.readers.tables.csv_lines import IGNORED, STAMP
-from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
 from fusion.readers.tables.layout import (
     CALENDAR,
     TextLayout,
@@ -36,10 +39,9 @@ from fusion.readers.tables.layout import (
     read_line_pieces,
     read_text_pieces,
 )
-from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
-from fusion.readers.timebase.grid import Grid, repair_row_times
-from fusion.recording import QualityFlag, Recording, flag_counts
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.readers.time.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
+from fusion.readers.time.grid import Grid, repair_row_times
+from fusion.recording import QualityFlag, Recording, acc_scale_g, flag_counts, gyr_scale_dps
 
 PACKET_NUMBERS = 65_536
 """Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
@@ -86,7 +88,7 @@ class TimeColumn:
         return read_epoch(first_us) if self.kind == "number" else None
 
     def describe(self, first_us: int) -> str:
-        """Say in a word or two what the stamps are."""
+        """Return in a word or two what the stamps are."""
         if self.counts_since_1970(first_us):
             return "number since 1970"
         if self.unit.is_days:
@@ -94,7 +96,7 @@ class TimeColumn:
         return self.kind if self.has_date else "time of day"
 
     def repair(self, columns: SampleColumns, changes: Sequence[OffsetChange] = ()) -> tuple[QualityFlag, ...]:
-        """Repair the order and the stamps of the rows, in place; give the caveats.
+        """Repair the order and the stamps of the rows, in place; return the caveats.
 
         Stamps that carry an offset were put on the first row's clock as they were read, with these changes.
         Only a bare wall clock may hold the hour's step of daylight saving.
@@ -217,8 +219,9 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, TimeColumn]:
         if all(CALENDAR.fullmatch(field) for field in fields):
             return place, choose_calendar(layout)
         times = read_times(fields, layout.decimal)
-        if _is_row_number(times, layout.columns[place]):
-            continue
+        distances = {after - before for before, after in pairwise(times)}
+        if layout.columns[place].unit is None and distances == {1.0} and times[0] in (0.0, 1.0):
+            continue  # it counts the rows
         unit = find_time_unit(times, layout.columns[place].unit) if times else None
         if unit is not None:
             return place, TimeColumn("number", unit)
@@ -239,12 +242,6 @@ def choose_calendar(layout: TextLayout) -> TimeColumn:
     if dates is None:
         return TimeColumn("calendar")
     return TimeColumn("calendar", IN_MICROSECONDS, dates.offset_s, dates.has_date, dates.is_doubtful)
-
-
-def _is_row_number(times: Sequence[float], column: Column) -> bool:
-    """Whether a column without a unit counts the rows: whole numbers, each one more than the one before."""
-    steps = {after - before for before, after in pairwise(times)}
-    return column.unit is None and steps == {1.0} and times[0] in (0.0, 1.0)
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:

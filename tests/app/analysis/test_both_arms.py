@@ -22,7 +22,7 @@ from app.report.pairs import ArmPair, OnePerson, build_pair, describe_pair
 from app.report.render.pdf import render_pdf
 from app.report.words.wording import LANGUAGES, Language
 from app.request import PairRequest
-from fusion.arms import ArmShare, PairedArms, TrunkRelative
+from fusion.comparison.arms import ArmShare, PairedArms, TrunkRelative
 from fusion.conventions import MethodName
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval

@@ -17,7 +17,7 @@ from app.report.several.document import describe_profile, encode_day_table, enco
 from app.report.several.people import MeasuredDay, Stage, StudiedDays, group_days
 from app.report.several.report import build_days
 from app.report.words.wording import Language
-from fusion.days import ClockBand
+from fusion.comparison.days import ClockBand
 from fusion.exposure.types import Interval
 from tests.app.analysis.days_factory import MONDAY, change_findings, change_recording, make_day
 from tests.app.analysis_factory import make_quality

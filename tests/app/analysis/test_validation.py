@@ -17,7 +17,7 @@ from app.report.agreement import tabulate_lags, tell_drift
 from app.report.model import Table
 from app.report.words.wording import load_wording
 from app.request import Reference, ReportRequest
-from fusion.agreement.pairs import WindowLag
+from fusion.comparison.alignment import WindowLag
 from fusion.diary import TaskWindow
 from tests.simulated_mvnx import write_mvnx
 

@@ -15,7 +15,7 @@ from app.cli import app
 from app.report.agreement import build_study
 from app.report.findings import Software
 from app.report.render.html import render_html
-from fusion.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
+from fusion.comparison.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
 from tests.fusion.comparison.test_agreement import OURS, REFERENCE
 from tests.simulated_tasks import TITLES

@@ -6,7 +6,7 @@ from app.report.findings import Findings
 from app.report.model import Section, Table
 from app.report.single.report import Report, build_report
 from app.report.words.wording import Language
-from fusion.exposure import Exposure
+from fusion.exposure.types import Exposure
 from tests.app.analysis_factory import make_analysis, make_subject
 
 

@@ -11,7 +11,7 @@ from app.report.export.results import build_results
 from app.report.findings import CalibrationFacts
 from app.report.render.html import render_html
 from app.report.words.wording import LANGUAGES, Language, Part, load_wording
-from fusion.comparison import REFERENCES, SOURCE, STATEMENTS
+from fusion.comparison.change import REFERENCES, SOURCE, STATEMENTS
 from tests import ROOT
 from tests.app.analysis_factory import make_analysis, make_subject
 from tests.app.report.report_reading import report_of, section_of

@@ -41,7 +41,7 @@ from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
 from app.store.folder import KnownLogs
 from fusion.diary import DiaryEntry
-from fusion.exposure import Interval
+from fusion.exposure.types import Interval
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_quality, make_subject
 
 

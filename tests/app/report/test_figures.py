@@ -22,7 +22,7 @@ from app.report.figures import (
 )
 from app.report.findings import Findings
 from app.report.words.wording import LANGUAGES, Language, load_wording
-from fusion.exposure import Interval
+from fusion.exposure.types import Interval
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 
 

@@ -27,7 +27,7 @@ from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.single.report import Report, build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Conclusion
-from fusion.exposure import PartExposure
+from fusion.exposure.types import PartExposure
 from fusion.quality import Quality
 from fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject

@@ -15,7 +15,7 @@ from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language, Part, load_wording
 from app.request import Paper
-from fusion.exposure import PeakWindow
+from fusion.exposure.types import PeakWindow
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 from tests.app.report.test_wording import walk_texts
 

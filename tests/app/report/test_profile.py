@@ -19,7 +19,7 @@ from app.report.single.report import build_report
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Paper
 from fusion.conventions import Pose
-from fusion.exposure import Entries, Exposure, Interval
+from fusion.exposure.types import Entries, Exposure, Interval
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import (

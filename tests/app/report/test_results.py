@@ -22,8 +22,8 @@ from app.report.findings import (
 )
 from app.request import Conclusion
 from fusion.diary import read_diary
-from fusion.exposure import Interval, PeakWindow
 from fusion.exposure.periods import place_diary
+from fusion.exposure.types import Interval, PeakWindow
 from fusion.quality import Quality
 from fusion.recording import QualityFlag
 from fusion.settings import DEFAULT_SETTINGS, AnalysisSettings

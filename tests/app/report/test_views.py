@@ -8,7 +8,7 @@ import pytest
 
 from app.report.single.report import Report, build_report
 from app.report.words.wording import LANGUAGES, Language
-from fusion.exposure import Entries, Episodes, Interval, PartExposure, PeakWindow
+from fusion.exposure.types import Entries, Episodes, Interval, PartExposure, PeakWindow
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_exposure, make_quality, make_subject

@@ -26,7 +26,7 @@ from fusion import read_elevation
 from fusion.angle_files import AngleFile, read_angle_file
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile, UnusableTime
-from fusion.exposure import summarise_exposure
+from fusion.exposure.summary import summarise_exposure
 
 
 def make_segment(start_us: int, rate_hz: float, rows: int) -> ElevationSegment:

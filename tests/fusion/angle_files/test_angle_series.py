@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 
-from fusion.angle_series import read_angle_series
+from fusion.angle_files.angle_series import read_angle_series
 from fusion.elevation import Elevation
 from fusion.errors import FusionError
 from fusion.recording import QualityFlag, Recording

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.checks.physics import are_exchanged, check_physics
-from fusion.checks.rests import find_rests
+from fusion.checks.summary import find_rests
 from fusion.recording import Recording, Segment, Stated
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device

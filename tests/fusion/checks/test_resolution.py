@@ -8,8 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.checks import summary
-from fusion.checks.frame import cut_windows
-from fusion.checks.physics import check_physics
+from fusion.checks.physics import check_physics, cut_windows
 from fusion.checks.summary import find_flat_range, flag_resolution, summarise_sensor
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
@@ -18,7 +17,7 @@ from fusion.quality.time_account import account_time, find_exclusions
 from fusion.quality.verdict import flag_accelerometer_drift
 from fusion.readers import read_recording
 from fusion.recording import QualityFlag, Recording, Segment
-from fusion.sensor.accelerometer import leave_accelerometer
+from fusion.sensor.model import leave_accelerometer
 from fusion.sensor.stillness import QuietTable
 from tests.badfiles.arm import minute
 from tests.factories import record

@@ -6,15 +6,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.agreement.alignment import ClockSettings, align
-from fusion.agreement.pairs import Alignment, Run, Runs, WindowLag, interpolate, pair
-from fusion.agreement.statistics import (
+from fusion.comparison.agreement import (
     Agreement,
     find_concordance,
     find_icc,
-    find_r,
     find_repeated_limits,
     measure_agreement,
+)
+from fusion.comparison.alignment import (
+    Alignment,
+    ClockSettings,
+    Run,
+    Runs,
+    WindowLag,
+    align,
+    find_r,
+    interpolate,
+    pair,
 )
 from fusion.errors import NotAligned, NothingInCommon
 

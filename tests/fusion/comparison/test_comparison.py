@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusion.comparison import (
+from fusion.comparison.change import (
     NOT_SHIPPED,
     REFERENCES,
     STATEMENTS,
@@ -17,7 +17,8 @@ from fusion.comparison import (
     compare_with_references,
     find_detectable_change,
 )
-from fusion.exposure import Exposure, Velocity, summarise_exposure
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure, Velocity
 from tests.factories import elevate
 
 

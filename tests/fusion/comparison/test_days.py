@@ -6,8 +6,8 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from fusion.comparison import BETWEEN_DAY_SD
-from fusion.days import (
+from fusion.comparison.change import BETWEEN_DAY_SD
+from fusion.comparison.days import (
     compare_people,
     describe_days,
     describe_group,

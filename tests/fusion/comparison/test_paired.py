@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.arms import PairedArms, pair_arms, relate_to_trunk
+from fusion.comparison.arms import PairedArms, pair_arms, relate_to_trunk
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.types import Interval

@@ -11,12 +11,11 @@ from scipy.signal import butter, sosfiltfilt
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure import Exposure, summarise_exposure
-from fusion.exposure.metric_filter import filter_angle, filter_elevation
-from fusion.exposure.peaks import find_quarter_hours
+from fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
+from fusion.exposure.parts import find_quarter_hours
 from fusion.exposure.speeds import BLOCK_ROWS, SpeedTally, filter_blocks
-from fusion.exposure.types import Velocity
-from fusion.numerics.low_pass import design_filter
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure, Velocity
 from fusion.recording import MICROSECONDS, Recording, Segment
 from tests.factories import elevate
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.stats import norm
 
 from fusion.elevation import Elevation
-from fusion.exposure import Exposure, Interval, summarise_exposure, withhold_short
 from fusion.exposure.resampling import DRAWS, Resampling, find_intervals
 from fusion.exposure.speeds import SpeedTally
-from fusion.exposure.types import Velocity
+from fusion.exposure.summary import summarise_exposure, withhold_short
+from fusion.exposure.types import Exposure, Interval, Velocity
 from tests.factories import elevate
 
 

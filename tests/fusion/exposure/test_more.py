@@ -7,14 +7,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from fusion.exposure import Exposure, PartExposure, summarise_exposure
 from fusion.exposure.bins import cut_day
-from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, ShiftedStays, find_stays
-from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.peaks import ShiftedSeconds
+from fusion.exposure.parts import ShiftedSeconds
 from fusion.exposure.speeds import find_mean_power_frequency
-from fusion.exposure.types import Recovery
+from fusion.exposure.stays import LONGER_S, STAY_S, STAYS, ShiftedStays, find_stays
+from fusion.exposure.summary import describe_hours, summarise_exposure
+from fusion.exposure.types import Exposure, PartExposure, Recovery
 from tests.factories import elevate
 
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.agreement.statistics import find_icc, measure_agreement
+from fusion.comparison.agreement import find_icc, measure_agreement
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import summarise_exposure
-from fusion.exposure.cycles import RANGE_EDGES_DEG, CycleTally, count_rainflow
 from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.speeds import RANGE_EDGES_DEG, CycleTally, count_rainflow
+from fusion.exposure.summary import summarise_exposure
 from tests.fusion.exposure import slow_exposure
 
 matplotlib = pytest.importorskip("matplotlib")

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from fusion.diary import KINDS, DiaryEntry, Kind
 from fusion.errors import TooShort, UnusableDiary
-from fusion.exposure import DayDivision, PartExposure, summarise_exposure
-from fusion.exposure.intervals import describe_hours, draw_variation
+from fusion.exposure.parts import DayDivision
 from fusion.exposure.periods import Period, Placed, divide_day, place_diary
 from fusion.exposure.resampling import find_intervals
+from fusion.exposure.summary import describe_hours, draw_variation, summarise_exposure
+from fusion.exposure.types import PartExposure
 from fusion.pipeline import Analysis, analyse, analyse_angles
 from fusion.quality import TimePart
 from fusion.settings import AnalysisSettings

@@ -10,19 +10,26 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from fusion.exposure import summarise_exposure
-from fusion.exposure.cycles import CycleTally
-from fusion.exposure.eva import ANGLE_EDGES_DEG, DURATION_EDGES_S, EvaTally
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.recovery import SECONDS, SLOW_DPS, STAYS, RecoveryTally
 from fusion.exposure.resampling import draw_blocks, sum_below
-from fusion.exposure.rows import add_time
 from fusion.exposure.speeds import (
+    CycleTally,
     FrequencyTally,
     count_crossings,
     find_mean_power_frequency,
     measure_inclination,
 )
+from fusion.exposure.stays import (
+    ANGLE_EDGES_DEG,
+    DURATION_EDGES_S,
+    REST_S,
+    RESTS,
+    SLOW_DPS,
+    EvaTally,
+    RecoveryTally,
+)
+from fusion.exposure.summary import summarise_exposure
+from fusion.runs import add_time
 from tests.factories import elevate
 
 ANGLES = st.sampled_from([0.0, 12.0, 17.0, 19.5, 20.0, 21.0, 24.0, 30.0, 34.0, 60.0, 64.0, 90.0, 150.0])
@@ -96,9 +103,9 @@ def check_stays(states: NDArray[np.bool_], counted: NDArray[np.float64]) -> list
     stays = [(a, b) for state, a, b in list_stays(states.tolist()) if state and b - a >= 6]
     slow = np.zeros_like(counted)
     for first, stop in stays:
-        slow[block_of(first), STAYS] += 1
+        slow[block_of(first), RESTS] += 1
         for row in range(first, stop):
-            slow[block_of(row), SECONDS] += 0.5
+            slow[block_of(row), REST_S] += 0.5
     assert counted == pytest.approx(slow)
     return stays
 

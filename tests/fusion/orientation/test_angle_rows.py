@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fusion.conventions import MethodName
-from fusion.elevation import Elevation, estimate_elevation
-from fusion.exposure.rows import find_valid_samples
-from fusion.orientation.angle_rows import VerticalOnDemand, lay_rows, read_rows
+from fusion.elevation import Elevation, VerticalOnDemand, estimate_elevation, lay_rows, read_rows
 from fusion.orientation.smoothed import smooth_nodes
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
+from fusion.runs import find_valid_samples
 from fusion.settings import AnalysisSettings
 from tests.factories import hold, move_arm
 

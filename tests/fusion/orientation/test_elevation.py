@@ -20,8 +20,7 @@ from fusion.orientation.published import (
 from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
 from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
-from fusion.sensor.accelerometer import AccelerometerCorrection, leave_accelerometer
-from fusion.sensor.model import SensorRun
+from fusion.sensor.model import AccelerometerCorrection, SensorRun, leave_accelerometer
 from fusion.settings import AnalysisSettings
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device

@@ -10,9 +10,8 @@ from fusion.conventions import MethodName, Pose
 from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
 from fusion.pipeline import Analysis, analyse
-from fusion.pose.calibrate import calibrate
+from fusion.pose.calibrate import calibrate, share_between
 from fusion.pose.rules import score_still_period
-from fusion.pose.windows import share_between
 from fusion.quality.verdict import flag_pose, flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording, Segment
 from fusion.sensor.model import GyroBias

@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 
 from fusion.angle_files import read_angle_file
 from fusion.elevation import Elevation, ElevationSegment
-from fusion.exposure import Exposure, Interval, summarise_exposure
-from fusion.exposure.episodes import HALF_WIDTHS_DEG, LoweredEntries, find_stays
 from fusion.exposure.metric_filter import filter_elevation
 from fusion.exposure.resampling import (
     draw_blocks,
@@ -19,6 +17,9 @@ from fusion.exposure.resampling import (
     raise_angles,
     spread_errors,
 )
+from fusion.exposure.stays import HALF_WIDTHS_DEG, LoweredEntries, find_stays
+from fusion.exposure.summary import summarise_exposure
+from fusion.exposure.types import Exposure, Interval
 from fusion.pipeline import analyse, analyse_angle_file, analyse_angles
 from fusion.recording import Float64Array
 from fusion.settings import AnalysisSettings

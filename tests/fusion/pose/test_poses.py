@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from fusion.conventions import PoseHeld, parse_arm_axis
 from fusion.pipeline import adopt_stated
-from fusion.pose.axes import choose_apart, estimate_repeated_sigma
-from fusion.pose.calibrate import CalibratedSamples, calibrate
-from fusion.pose.poses import propose_poses
+from fusion.pose.calibrate import CalibratedSamples, calibrate, propose_poses
+from fusion.pose.rules import choose_apart, estimate_repeated_sigma
 from fusion.quality.verdict import flag_pose
 from fusion.recording import QualityFlag, Recording, Segment
 from fusion.settings import AnalysisSettings

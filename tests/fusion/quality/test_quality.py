@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from fusion.caveats import Caveat
 from fusion.conventions import CalibrationState, Pose
-from fusion.elevation import Elevation, ElevationSegment
+from fusion.elevation import Elevation, ElevationSegment, lay_rows
 from fusion.errors import TooShort
-from fusion.exposure import summarise_exposure
-from fusion.orientation.angle_rows import lay_rows
+from fusion.exposure.summary import summarise_exposure
 from fusion.pipeline import Analysis, analyse
 from fusion.pose.calibrate import Calibration
 from fusion.quality import Quality, TimeAccount

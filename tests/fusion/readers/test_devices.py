@@ -15,8 +15,7 @@ from fusion.devices import KNOWN_DEVICES, find_device_name, find_known_device
 from fusion.errors import NoGravity, SeveralSensors, UnknownRate
 from fusion.readers import ColumnProfile, identify_header, read_recording
 from fusion.readers.preview import Preview, preview_head
-from fusion.recording import Recording
-from fusion.units import STANDARD_GRAVITY
+from fusion.recording import STANDARD_GRAVITY, Recording
 from tests.fusion.readers.device_layouts import (
     ACC_G,
     ACC_MS2,

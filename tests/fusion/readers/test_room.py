@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.readers import room
-from fusion.readers.room import Room
+from fusion.readers import samples
+from fusion.readers.samples import Room
 
 SMALL_BYTES = 4096
 
 
 @pytest.fixture(autouse=True)
 def small_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(room, "LEAST_FILE_BYTES", SMALL_BYTES)
+    monkeypatch.setattr(samples, "LEAST_FILE_BYTES", SMALL_BYTES)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
 

@@ -14,7 +14,7 @@ from fusion.checks.faults import leave_out_zeros
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
-from fusion.readers.tables.registers import RECORD
+from fusion.readers.tables.csv import RECORD
 from fusion.recording import QualityFlag, Recording
 from tests import factories
 from tests.badfiles import gt3x_files as g

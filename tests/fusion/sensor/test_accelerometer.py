@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.sensor.accelerometer import calibrate_accelerometer
+from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import QuietTable
 
 OFFSET_G = np.array([0.03, -0.02, 0.04])

@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusion.orientation import estimate_vertical
-from fusion.sensor.accelerometer import (
+from fusion.sensor.model import Nodes, SensorRun, leave_accelerometer
+from fusion.sensor.self_calibration import (
     MovingReadings,
+    bridge_saturation,
     calibrate_accelerometer,
-    leave_accelerometer,
+    read_while_moving,
     sees_few_directions,
 )
-from fusion.sensor.model import SensorRun
-from fusion.sensor.nodes import Nodes
-from fusion.sensor.self_calibration import bridge_saturation, read_while_moving
 from fusion.sensor.stillness import QuietTable, reduce_run
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
+from fusion.recording import STANDARD_GRAVITY
 from fusion.simulation.activities import Choreography
 from fusion.simulation.body import Body, Channel, Motion, feel, play
 from fusion.simulation.shift import plan_day
-from fusion.units import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from fusion.conventions import MAIN_THRESHOLD_DEG
 
 HIGHEST = 10
 LEAST_S = 0.5
-"""As of every episode (fusion.exposure.episodes): shorter ones are none, shorter gaps do not end one."""
+"""As of every episode (fusion.exposure.stays): shorter ones are none, shorter gaps do not end one."""
 AROUND_S = 5.0
 """Shown before and after an episode."""
 

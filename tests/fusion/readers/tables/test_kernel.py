@@ -16,7 +16,7 @@ from fusion.readers.source import HashedFile, open_source
 from fusion.readers.tables.csv_lines import NOT_PLAIN, fold_words, gather_words, spread_mark, take_plain
 from fusion.readers.tables.layout import decode_head, find_layout, read_line_pieces
 from fusion.readers.tables.rows import plan_table, read_table
-from fusion.readers.timebase.grid import fit_line
+from fusion.readers.time.grid import fit_line
 from tests.fusion.readers.tables.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)

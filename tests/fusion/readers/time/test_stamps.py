@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fusion.errors import UnusableTime
 from fusion.readers import read_recording
 from fusion.readers.samples import SampleColumns
-from fusion.readers.timebase.grid import leave_out_stopped
+from fusion.readers.time.grid import leave_out_stopped
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
 from tests.badfiles.order_files import CALENDAR, stray

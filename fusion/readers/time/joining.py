@@ -8,8 +8,8 @@ from datetime import datetime, timedelta
 from fusion.caveats import Caveat
 from fusion.checks.faults import cut_rows
 from fusion.errors import UnusableJoin
-from fusion.readers.timebase.clock import flag_days, is_change_of_offset
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_spans
+from fusion.readers.time.clock import flag_days, is_change_of_offset
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 
 LONGEST_OVERLAP_US = 2 * MICROSECONDS
 """Two files of one logger may share a second at the seam; more is not one shift."""
@@ -70,9 +70,12 @@ def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
         raise UnusableJoin(why="overlap")
     if offset_us + later.duration_us > LONGEST_SPAN_US:
         raise UnusableJoin(why="span")
-    moved = [replace(segment, start_us=segment.start_us + offset_us) for segment in later.segments]
-    kept = tuple(piece for segment in moved for piece in _start_after(segment, joined.duration_us))
-    segments = (*joined.segments, *kept)
+    segments = list(joined.segments)
+    for segment in later.segments:
+        moved = replace(segment, start_us=segment.start_us + offset_us)
+        early_us = joined.duration_us - moved.start_us  # rows that begin in this time are dropped
+        rows = -int(-early_us // (MICROSECONDS / moved.rate_hz))
+        segments += cut_rows(moved, [(0, min(len(moved), rows))]) if early_us > 0 else [moved]
     excluded = (
         *joined.excluded,
         *(replace(span, start_us=span.start_us + offset_us) for span in later.excluded),
@@ -86,7 +89,7 @@ def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
         flags += (
             QualityFlag(Caveat.DUP, 1, overlap_us / MICROSECONDS, at_s, joined.duration_us / MICROSECONDS),
         )
-    return replace(joined, segments=segments, excluded=excluded, duration_us=duration_us, flags=flags)
+    return replace(joined, segments=tuple(segments), excluded=excluded, duration_us=duration_us, flags=flags)
 
 
 def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[QualityFlag, ...]:
@@ -96,15 +99,6 @@ def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[Qual
     code = Caveat.DST if is_change_of_offset(start, *offsets_s) else Caveat.OFFSET
     at_s = offset_us / MICROSECONDS
     return (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": offsets_s[1] - offsets_s[0]}),)
-
-
-def _start_after(segment: Segment, end_us: int) -> list[Segment]:
-    """Drop the rows that begin before ``end_us``."""
-    if segment.start_us >= end_us:
-        return [segment]
-    period_us = MICROSECONDS / segment.rate_hz
-    rows = min(len(segment), -int(-(end_us - segment.start_us) // period_us))
-    return cut_rows(segment, [(0, rows)])
 
 
 def _move_flag(flag: QualityFlag, offset_us: int) -> QualityFlag:

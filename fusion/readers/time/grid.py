@@ -15,7 +15,7 @@ from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.numba_kernels import njit
 from fusion.readers.samples import PAUSE, SampleColumns
-from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
+from fusion.readers.time.clock import datetime_at_us, is_change_of_wall_clock
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
@@ -695,7 +695,7 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
 def repair_row_times(
     columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
 ) -> tuple[QualityFlag, ...]:
-    """Mend the stamps of rows, in place, or leave rows out; give the caveats.
+    """Mend the stamps of rows, in place, or leave rows out; return the caveats.
 
     A table whose stamps only advance is passed once and left as it is.
 

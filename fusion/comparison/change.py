@@ -7,12 +7,15 @@ Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage poin
 3.4 deg for the median. Another kind of work may vary more or less; the report says so with the verdict.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from math import sqrt
 from typing import Literal, get_args
 
-from fusion.exposure.types import Exposure  # not from the package: a report must not wait for the compiler
+import numpy as np
+
+from fusion.exposure.types import Exposure
 
 # Published values as data: value, source, what it applies to, and how far it is confirmed.
 #
@@ -202,13 +205,21 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
     """Compare two days; what NO_TWO_DAYS names, or an unconfirmed pose, keep any change from being judged."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
-    changes = tuple(_compare(name, first[name], second[name]) for name in first if name in second)
     differences = _find_differences(before, after)
-    if set(NO_TWO_DAYS) & set(differences):
-        changes = tuple(replace(change, detectable=None, verdict="no two days") for change in changes)
-    elif "unconfirmed pose" in differences:
-        changes = tuple(replace(change, detectable=None, verdict="unconfirmed pose") for change in changes)
-    return DayComparison(changes, differences)
+    changes = []
+    for name in (name for name in first if name in second):
+        change = second[name] - first[name]
+        detectable: float | None = None
+        verdict: Verdict = "unknown"
+        if set(NO_TWO_DAYS) & set(differences):
+            verdict = "no two days"
+        elif "unconfirmed pose" in differences:
+            verdict = "unconfirmed pose"
+        elif name in BETWEEN_DAY_SD:
+            detectable = find_detectable_change(BETWEEN_DAY_SD[name])
+            verdict = "larger" if abs(change) > detectable else "not larger"
+        changes.append(FigureChange(name, first[name], second[name], change, detectable, verdict))
+    return DayComparison(tuple(changes), differences)
 
 
 def _list_figures(exposure: Exposure) -> dict[str, float]:
@@ -222,17 +233,12 @@ def _list_figures(exposure: Exposure) -> dict[str, float]:
     return {**above, **percentiles, **entries}
 
 
-def _compare(name: str, before: float, after: float) -> FigureChange:
-    change = after - before
-    if name not in BETWEEN_DAY_SD:
-        return FigureChange(name, before, after, change, None, "unknown")
-    detectable = find_detectable_change(BETWEEN_DAY_SD[name])
-    verdict: Verdict = "larger" if abs(change) > detectable else "not larger"
-    return FigureChange(name, before, after, change, detectable, verdict)
-
-
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
-    later_s = _find_delay_s(before, after)
+    first, second, later_s = before.start, after.start, None
+    if first is not None and second is not None:
+        if first.tzinfo is None or second.tzinfo is None:  # both are taken for clocks of the same place
+            first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
+        later_s = (second - first).total_seconds()
     same = before.sha256 == after.sha256 != ""
     overlaps = later_s is not None and -after.duration_s < later_s < before.duration_s
     unlike: dict[Difference, bool] = {
@@ -251,14 +257,51 @@ def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Differen
     return tuple(name for name in get_args(Difference) if unlike[name])
 
 
-def _find_delay_s(before: ComparedDay, after: ComparedDay) -> float | None:
-    """Return by how much the later day began after the earlier; None where a clock is missing.
+# Table 1 of the source paper: what others can set their own figures beside.
 
-    Where only one states its zone, both are taken for clocks of the same place.
-    """
-    first, second = before.start, after.start
-    if first is None or second is None:
-        return None
-    if first.tzinfo is None or second.tzinfo is None:
-        first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
-    return (second - first).total_seconds()
+QUASI_STATIC = (2, 5, 7)
+"""Where elevation hardly changes, so that the paper gives no r."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFigures:
+    """Correlation, root mean square error and mean absolute error."""
+
+    r: float
+    rmse_deg: float
+    absolute_deg: float
+
+    @staticmethod
+    def mean(found: Sequence["TaskFigures"]) -> "TaskFigures":
+        """Return the mean of each statistic, as the paper does over people."""
+        r, rmse, absolute = np.mean([(a.r, a.rmse_deg, a.absolute_deg) for a in found], axis=0)
+        return TaskFigures(float(r), float(rmse), float(absolute))
+
+
+TABLE_1: Mapping[str, Mapping[int, TaskFigures]] = {
+    "gt9x": {
+        1: TaskFigures(0.986, 4.47, 3.61),
+        2: TaskFigures(np.nan, 2.20, 1.86),
+        3: TaskFigures(0.964, 9.95, 7.73),
+        4: TaskFigures(0.998, 3.05, 2.48),
+        5: TaskFigures(np.nan, 2.13, 1.87),
+        6: TaskFigures(0.982, 7.44, 5.47),
+        7: TaskFigures(np.nan, 3.74, 3.18),
+        8: TaskFigures(0.996, 3.37, 2.78),
+        9: TaskFigures(0.995, 3.88, 3.25),
+        10: TaskFigures(0.894, 11.25, 8.00),
+    },
+    "lsm9ds1": {
+        1: TaskFigures(0.998, 2.91, 2.47),
+        2: TaskFigures(np.nan, 1.66, 1.23),
+        3: TaskFigures(0.973, 9.25, 7.18),
+        4: TaskFigures(0.998, 2.37, 1.75),
+        5: TaskFigures(np.nan, 1.87, 1.59),
+        6: TaskFigures(0.988, 6.23, 4.50),
+        7: TaskFigures(np.nan, 2.91, 2.33),
+        8: TaskFigures(0.993, 3.62, 2.93),
+        9: TaskFigures(0.995, 3.70, 3.12),
+        10: TaskFigures(0.900, 11.24, 7.50),
+    },
+}
+"""Boyer, Frasie, Bouyer, Roy, Poitras, Campeau-Lecours: mean of five adults against Xsens MVN."""

@@ -90,7 +90,7 @@ class PairedArms:
     ratio_above_60: float | None
     ratio_p50: float | None
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """By name (:func:`fusion.arms.draw_pair`); empty where the error of an angle is not known, and
+    """By name (:func:`fusion.comparison.arms.draw_pair`); empty where the error of an angle is not known, and
     under half an hour."""
 
 

@@ -1,1 +1,0 @@
-"""Small pieces of mathematics that several steps share, each written once."""
