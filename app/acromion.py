@@ -50,7 +50,7 @@ def run_command() -> None:
     except PackageClash as clash:
         sys.stderr.write(f"{clash}\n")
         raise SystemExit(3) from None
-    import_module("app.__main__").main()
+    import_module("app.start").main()
 
 
 def _find_cause(name: str, found: Path | None) -> str:

@@ -33,7 +33,7 @@ WRITE_TABLES = (
     "steps",
     [
         [
-            ("import app.__main__", {"typer", "app.cli", "app.settings", "numpy"}),
+            ("import app.start", {"typer", "app.cli", "app.settings", "numpy"}),
             ("import app.cli", COMPILED | OF_THE_COMMAND),
             ("import app.batch.tables", {"numpy", "pydantic"}),
             ("import app.main, app.queue.worker", COMPILED),
