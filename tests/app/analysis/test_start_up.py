@@ -49,6 +49,7 @@ WRITE_TABLES = (
 )
 def test_a_process_loads_only_what_it_needs(steps: list[tuple[str, set[str]]]) -> None:
     """Each step adds to what the process has loaded."""
+    numba_kernels.make_ready()  # compiled once, as after the first start: the compiler loads more
     look = "print(*sorted({heavy} & set(sys.modules)))"
     program = "\n".join(f"{step}\n{look.format(heavy=heavy)}" for step, heavy in steps)
 
