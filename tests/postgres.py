@@ -70,5 +70,5 @@ class PostgresServer:
         assert BINARIES is not None
         command = [str(BINARIES / program), "-D", str(self.folder / "cluster"), *arguments]
         subprocess.run(
-            command, check=True, user=self._user, cwd=self.folder, stdout=subprocess.DEVNULL, timeout=60
+            command, check=True, user=self._user, cwd=self.folder, stdout=subprocess.DEVNULL, timeout=300
         )

@@ -85,7 +85,7 @@ class SwiftServer:
         self._log = (self.folder / "log").open("ab")
         *stores, proxy, memcache = (find_free_port() for _ in range(5))
         rings = ["/usr/bin/python3", "-c", _RINGS, str(self.folder)]  # Debian keeps Swift in its own Python
-        subprocess.run([*rings, *map(str, stores)], check=True, timeout=60)
+        subprocess.run([*rings, *map(str, stores)], check=True, timeout=300)
         self._processes = [self._launch("memcached", "-l", "127.0.0.1", "-p", str(memcache), "-u", _user())]
         for kind, port in zip(("account", "container", "object"), stores, strict=True):
             self._start(kind, _STORE, kind=kind, port=port)
@@ -110,12 +110,12 @@ class SwiftServer:
         asked = urllib.request.Request(
             f"{self.endpoint}/auth/v1.0", headers={"X-Auth-User": ACCESS_KEY, "X-Auth-Key": SECRET_KEY}
         )
-        with urllib.request.urlopen(asked, timeout=10) as answer:
+        with urllib.request.urlopen(asked, timeout=60) as answer:
             address, token = answer.headers["X-Storage-Url"], answer.headers["X-Auth-Token"]
         made = urllib.request.Request(
             f"{address}/{name}", method="PUT", headers={"X-Auth-Token": token}, data=b""
         )
-        urllib.request.urlopen(made, timeout=10).close()
+        urllib.request.urlopen(made, timeout=60).close()
         return f"s3://{name}"
 
     def pause(self) -> None:

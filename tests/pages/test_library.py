@@ -193,7 +193,7 @@ def test_a_report_of_an_older_method_is_marked_and_analysed_again_by_one_click(
 
 def age_report(server: RunningServer, analysis_id: str) -> None:
     """Write in the database that a report was made by the method before today's."""
-    with closing(sqlite3.connect(server.data / "acromion.sqlite3", timeout=30)) as database, database:
+    with closing(sqlite3.connect(server.data / "acromion.sqlite3", timeout=120)) as database, database:
         change = "UPDATE answers SET method_version = method_version - 1 WHERE analysis_id = ?"
         assert database.execute(change, (analysis_id,)).rowcount == 1
 

@@ -36,7 +36,7 @@ class PatientClient:
 
     def __init__(self, proxy: BadProxy, content: bytes, checksum: bool) -> None:
         host, port = proxy.address
-        self._caller = httpx2.Client(base_url=f"http://{host}:{port}", timeout=20, trust_env=False)
+        self._caller = httpx2.Client(base_url=f"http://{host}:{port}", timeout=120, trust_env=False)
         self._content, self._checksum = content, checksum
         self.offsets = [0]
 

@@ -167,6 +167,16 @@ def test_a_link_sets_a_password_once_and_does_not_pass_by_the_second_factor(
     assert 'name="code"' in visitor.give_password("clara", "five yellow umbrellas").text
 
 
+def test_a_password_set_by_a_link_ends_every_session(
+    person: Person, logins: Logins, enter: Enter, visit: Visit
+) -> None:
+    signed_in = enter()
+
+    visit().post(f"/login/link/{logins.make_link(person.id, 3600)}", password="five yellow umbrellas")
+
+    assert signed_in.client.get("/api/v1/version").status_code == 401
+
+
 def test_a_link_ends_after_its_time_and_with_a_new_one(
     person: Person, logins: Logins, visit: Visit, clock: Clock
 ) -> None:

@@ -175,6 +175,15 @@ def test_a_living_worker_keeps_its_job_when_the_time_jumps(store: JobStore, add_
     assert store.get(job.id).interruptions == 0
 
 
+def test_a_cancelled_analysis_is_queued_again(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    store.cancel(job.id)
+
+    again = store.retry(job.id)
+
+    assert (again.id == job.id, again.state) == (False, JobState.QUEUED)
+
+
 @on_both_databases
 @pytest.mark.parametrize("source", tuple(JobState))
 def test_a_state_follows_another_only_where_the_table_says_so(

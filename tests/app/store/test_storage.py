@@ -10,7 +10,7 @@ import pytest
 
 from app.errors import DiskFull, FolderTaken
 from app.settings import Settings
-from app.store.folder import FolderLock, FolderUpload, Storage, describe_files
+from app.store.folder import LEDGER_FILE, FolderLock, FolderUpload, Storage, describe_files
 
 
 @pytest.fixture
@@ -107,3 +107,13 @@ def test_a_folder_has_one_server_at_a_time(storage: Storage) -> None:
 
     first.release()
     FolderLock(storage.root).release()
+
+
+def test_a_line_that_a_power_cut_tore_swallows_no_later_erasure(storage: Storage) -> None:
+    storage.add_erased(["rec_1"])
+    ledger = storage.root / LEDGER_FILE
+    ledger.write_bytes(ledger.read_bytes() + b'{"id": "rec_')
+
+    storage.add_erased(["rec_2"])
+
+    assert storage.find_erased() == {"rec_1", "rec_2"}
