@@ -234,7 +234,10 @@ class LineReader:
             self._carried = b""
             self.torn += 1
         for line in lines:
-            yield line.decode("utf-8", "replace").strip("\r\0 ")
+            if len(line) > LONGEST_LINE_BYTES:
+                self.torn += 1
+            else:
+                yield line.decode("utf-8", "replace").strip("\r\0 ")
 
     def _take(self, line: str, arrived_us: int) -> Iterator[Row]:
         """Return the row of a line, after any rows that arrived before the header was understood."""

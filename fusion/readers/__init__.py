@@ -259,7 +259,7 @@ MAGIC = (
     (b"\x7fELF", "ELF"),
     (b"MZ", "Windows (.exe)"),
 )
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_COMMENT = re.compile(rb"<!--.*?(?:-->|\Z)", re.DOTALL)
 TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
 DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 

@@ -66,6 +66,8 @@ COUNTER_STEMS = frozenset(
     | {"compteur", "echantillon", "numero", "ligne", "paquet"}
 )
 AXIS_WORDS = ("axis", "axe")
+LONGEST_NAME = 200
+"""Of a column's name so much is looked at."""
 AXIS_SUFFIX = re.compile(r"(?:[ _.\-]*axis)?(?:[ _.\-]+([a-z0-9/_.\-]+))?")
 PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated", "motion")
 
@@ -119,18 +121,25 @@ def parse_column_name(name: str) -> Column:
 
 
 def _tidy(name: str) -> str:
-    text = name.strip().strip('"').strip().lower()
+    text = name[:LONGEST_NAME].strip().strip('"').strip().lower()
     for old, new in (("µ", "u"), ("μ", "u"), ("²", "2"), ("^", ""), ("°", "deg"), ("**", ""), ("·", ".")):
         text = text.replace(old, new)
     return "".join(sign for sign in unicodedata.normalize("NFD", text) if not unicodedata.combining(sign))
 
 
 def _split_bracketed(text: str) -> tuple[str, str | None]:
-    found = re.search(r"[\(\[\{]\s*((?:\([^\)]*\)|[^\)\]\}])*?)\s*[\)\]\}]", text)
-    if found is None:
+    opened = re.search(r"[(\[{]", text)
+    closings = [
+        found.start() for found in re.finditer(r"[)\]}]", text) if opened and found.start() > opened.start()
+    ]
+    if opened is None or not closings:
         return text, None
-    unit = re.sub(r"[\s()]+", "", found.group(1))
-    return (text[: found.start()] + text[found.end() :]).strip(), unit.replace("_per_", "/").replace("_", "")
+    end = opened.end()
+    while text[end] not in ")]}":
+        inner = text.find(")", end) if text[end] == "(" else -1
+        end = inner + 1 if 0 <= inner < closings[-1] else end + 1
+    unit = re.sub(r"[\s()]+", "", text[opened.end() : end])
+    return (text[: opened.start()] + text[end + 1 :]).strip(), unit.replace("_per_", "/").replace("_", "")
 
 
 def read_unit(field: str) -> str | None:
@@ -357,7 +366,8 @@ DateOrder = Literal["ymd", "dmy", "mdy"]
 FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
 FIRST_OF: dict[str, DateOrder] = {"m": "mdy", "d": "dmy", "y": "ymd"}
 START_DATE = re.compile(
-    r"^\W*start(?:[ _]date)?[ :=]+(\d{1,4})[/.\-](\d{1,2})[/.\-](\d{1,4})", re.IGNORECASE | re.MULTILINE
+    r"^[^\w\n]*+start(?:[ _]date)?[ :=]++(\d{1,4})[/.\-](\d{1,2})[/.\-](\d{1,4})",
+    re.IGNORECASE | re.MULTILINE,
 )
 NEAR_DAYS = 14
 """How far the rows may begin from the start that the header tells, in a file that was cut. The two readings

@@ -53,7 +53,7 @@ ARDUINO_BURST_ROWS, ARDUINO_RATE_HZ = 119, 119.0
 """Arduino's example sketch for the Nano 33 BLE Sense writes bursts of one second of the library's fixed rate,
 and a blank line after each."""
 STATED_RATE = re.compile(
-    r"\b(?:rate_hz|odr_hz|odr|(?:sampl\w+|data|update|output)[ _]?(?:rate|freq\w*)(?:_hz)?|rate)"
+    r"\b(?:rate_hz|odr_hz|odr|(?:sampl\w{1,30}|data|update|output)[ _]?(?:rate|freq\w{0,30})(?:_hz)?|rate)"
     r"\W{1,4}(\d+(?:\.\d+)?)",
     re.IGNORECASE,
 )

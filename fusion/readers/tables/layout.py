@@ -36,9 +36,11 @@ SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
 
 # Which lines are rows of values.
 
-NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
-CALENDAR = re.compile(r"\s*\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}([.,]\d+)?Z?\"?\s*")
+NUMBER = re.compile(r"\s*+\"?\s*+[-+]?(?:\d++(?:[.,]\d*+)?|[.,]\d++)(?:[eE][-+]?\d++)?\s*+\"?\s*+")
+CALENDAR = re.compile(r"\s*+\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?Z?\"?\s*+")
 WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+")
+FILLERS = ',;" \t\r\n\f\v\u00a0'
+"""What a spreadsheet leaves behind the value of a preamble line."""
 WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
 MIN_COLUMNS = 6
 
@@ -186,8 +188,10 @@ def _split_sensor(column: Column) -> Column:
 # (`12:30:01.123 -> ax: ...`) becomes a column.
 
 PAIR = re.compile(
-    r"([A-Za-z_][\w .]*?(?: ?\([^)\n]*\))?) ?[:=] *([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
+    r"([A-Za-z_][\w .]{0,60}?(?: ?\([^)\n]{0,40}\))?) ?[:=] *+"
+    r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)(?![\w:.])"
 )
+"""A name of 61 characters at most and a unit of 40: searching takes time in proportion to the line."""
 ARRIVED = re.compile(r"^(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
 LABELLED_LINES, FEWEST_LINES = 40, 3
 
@@ -259,11 +263,10 @@ class TextLayout:
 
     def facts(self) -> dict[str, str]:
         """`key: value` and `key = value` lines of the preamble, keys in lower case."""
-        found = [
-            re.match(r"[\s#/;%\"]*([A-Za-z][\w \-]{0,40}?)\s*[:=]\s*(.+?)[,;\s\"]*$", x)
-            for x in self.preamble
-        ]
-        return {m.group(1).lower().replace(" ", "_"): m.group(2) for m in found if m}
+        found = (
+            re.match(r"[\s#/;%\"]*+([A-Za-z][\w \-]{0,40}?)\s*+[:=]\s*+(.)(.*)$", x) for x in self.preamble
+        )
+        return {m[1].lower().replace(" ", "_"): m[2] + m[3].rstrip(FILLERS) for m in found if m}
 
 
 @lru_cache(maxsize=2)
