@@ -1,0 +1,56 @@
+"""A megabyte of the worst text ends soon: the time to read grows with its length, not with its square."""
+
+import io
+
+import pytest
+
+from fusion import read_recording
+from fusion.errors import FusionError
+from fusion.live.lines import LONGEST_LINE_BYTES, LineReader
+
+SIZE_BYTES = 1 << 20
+HEADER = b"time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
+ROWS = b"".join(b"%d,0.0%d,0.02,1.0,0.1,0.2,0.3\n" % (10_000 * k, k % 9) for k in range(300))
+REPEATED = [
+    b"a",
+    b"x",
+    b"(",
+    b"0 ",
+    b"a b",
+    b"ax: 0 ",
+    b'" ',
+    b", ",
+    b"-\n",
+    b"sampl",
+    b"freq",
+    b"<!--",
+    b"1:1:1 ",
+    b"\xff",
+]
+
+
+def fill(piece: bytes) -> bytes:
+    return piece * (SIZE_BYTES // len(piece))
+
+
+@pytest.mark.parametrize("piece", REPEATED, ids=repr)
+@pytest.mark.parametrize("place", ["line above", "name", "value"])
+def test_a_file_with_a_megabyte_of_one_text_is_read_or_refused(piece: bytes, place: str) -> None:
+    text = fill(piece)
+    content = {
+        "line above": text + b"\n" + HEADER + b"\n" + ROWS,
+        "name": HEADER + b"," + text.replace(b"\n", b" ") + b"\n" + ROWS,
+        "value": HEADER + b"\n" + ROWS + b"3000000," + text + b"\n" + ROWS,
+    }[place]
+
+    with pytest.raises(FusionError):
+        read_recording(io.BytesIO(content))
+
+
+@pytest.mark.parametrize("piece", [b"a", b"ax: 0 ", b"(", b'"'], ids=repr)
+def test_a_line_of_a_board_that_is_too_long_is_torn(piece: bytes) -> None:
+    reader = LineReader()
+
+    reader.feed(piece * (1 + LONGEST_LINE_BYTES // len(piece)) + b"\n", 0)
+
+    assert reader.torn == 1
