@@ -13,6 +13,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,8 @@ SHARED = ROOT.parent / "shared" / "data"
 HOLD_REVISION = "import app.version\napp.version._source_files = lambda: []\n"
 PASSING = frozenset({"run.json", "done.json"})
 """Files that hold the time of the run, or the folder that it wrote into."""
+END_TIME = re.compile(rb'"endTime": "[^"]*"')
+"""The time of the run in the RO-Crate."""
 
 SIMULATED: Mapping[str, tuple[str, ...]] = {
     "gt9x": ("--device", "gt9x", "--hours", "0.75", "--seed", "1"),
@@ -77,7 +80,7 @@ def freeze(folder: Path) -> dict[str, str]:
     found |= {f"samples/{path.relative_to(SHARED)}": digest_samples(path) for path in list_shared()}
     for path in sorted(work.rglob("*")):
         if path.is_file() and path.name not in PASSING:
-            found[path.relative_to(work).as_posix()] = _hash(path.read_bytes())
+            found[path.relative_to(work).as_posix()] = _hash(END_TIME.sub(b"", path.read_bytes()))
     return found
 
 
