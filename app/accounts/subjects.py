@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Permission = Literal[
-    "upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail", "own"
-]
+Granted = Literal["upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail"]
+"""What a person grants to a token."""
+Permission = Literal[Granted, "own"]
 """What a route asks for.
 
 ``upload`` a recording and ask for its analysis; ``read`` figures and reports on the page; ``correct`` what is

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import JSONResponse, StreamingResponse
@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection
 
 from app.accounts.accounts import DAYS, MOST_DAYS, Token, format_end, make_token
-from app.accounts.subjects import Permission, Subject
+from app.accounts.subjects import Granted, Permission, Subject
 from app.errors import NotPermitted
 from app.http.api.library.files import MEDIA_TYPES, respond_with_file
 from app.http.middleware.access import UsedSubject
@@ -239,7 +239,6 @@ def find_export(services: Services, asked: AuditQuery) -> Iterator[AuditLine]:
 
 token_router = APIRouter(prefix="/api/v1/tokens", responses=PROBLEM_RESPONSES, tags=["tokens"])
 LONGEST_NAME = 100
-Granted = Literal["upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail"]
 
 
 def find_person(subject: UsedSubject) -> Subject:
