@@ -16,7 +16,7 @@ from app.accounts.accounts import AccountStore, Person
 from app.settings import Settings
 from tests.ways_in.servers import RunningServer
 
-MOST_S = 60.0
+MOST_S = 5.0
 
 
 @pytest.fixture(scope="module")

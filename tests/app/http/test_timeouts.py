@@ -24,7 +24,7 @@ def patience_s() -> float:
 
 
 def read_all(line: socket.socket) -> bytes:
-    line.settimeout(60)
+    line.settimeout(5)
     parts = []
     try:
         while part := line.recv(65536):
@@ -38,8 +38,10 @@ def read_all(line: socket.socket) -> bytes:
 def test_a_head_that_does_not_come_is_hung_up_on(address: tuple[str, int], begun: bytes) -> None:
     with closing(socket.create_connection(address)) as line:
         line.sendall(begun)
+        began_s = time.monotonic()
 
         assert read_all(line) == b""
+        assert time.monotonic() - began_s < 4 * PATIENCE_S
 
 
 def test_a_body_that_stops_is_answered_with_408_and_hung_up_on(address: tuple[str, int]) -> None:
@@ -67,7 +69,7 @@ def test_an_upload_that_is_broken_off_leaves_nothing_and_is_no_bug(
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 60
+    end_s = time.monotonic() + 5
     while not holds():
         assert time.monotonic() < end_s
         time.sleep(0.005)
