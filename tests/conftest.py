@@ -30,7 +30,7 @@ os.environ["ACROMION_NO_SECRET"] = "1"
 
 SHARED_DATA = ROOT.parent / "shared" / "data"
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-"""Whichever comes first: the shell has no windows, and takes a seventh less processor time."""
+"""The first one that is installed is used. The headless shell needs a seventh less processor time."""
 MEMORY = Path("/dev/shm")
 MEMORY_NEEDED_BYTES = 4 << 30
 

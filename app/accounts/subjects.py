@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 Granted = Literal["upload", "read", "correct", "release", "export", "erase", "aggregate", "people", "trail"]
-"""What a person grants to a token."""
+"""The permissions that a token can have."""
 Permission = Literal[Granted, "own"]
 """What a route asks for.
 

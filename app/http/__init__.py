@@ -1,1 +1,1 @@
-"""What speaks HTTP: the API, the pages, and what stands before both."""
+"""The HTTP interface: API, pages and the middleware of both."""

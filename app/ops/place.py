@@ -1,4 +1,4 @@
-"""What an installation holds: whether it was ever used, who may sign in, whether its secret is theirs."""
+"""The state of an installation: whether it was ever used, its accounts, and whether its secret fits them."""
 
 import json
 import logging

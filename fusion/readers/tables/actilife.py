@@ -26,7 +26,7 @@ from fusion.readers.time.clock import flag_drift, hash_serial, parse_offset_s
 from fusion.readers.time.grid import cut_counted, cut_stamped
 from fusion.recording import MICROSECONDS, Recording, Stated
 
-FIRST_LINE = re.compile(r"^\W{0,40}?-{5,60}\s*+Data (Table )?File Created By ActiGraph", re.IGNORECASE)
+FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
 HEADER_LINE = re.compile(r"(Serial Number|Start Time|Start Date|Epoch Period \(hh:mm:ss\)):?\s+(.*)")
 DEVICE_RANGES = (16.0, 2000.0)
 DATE_ORDERS = {"m": "%m %d %Y", "d": "%d %m %Y", "y": "%Y %m %d"}

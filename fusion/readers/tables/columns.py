@@ -67,7 +67,7 @@ COUNTER_STEMS = frozenset(
 )
 AXIS_WORDS = ("axis", "axe")
 LONGEST_NAME = 200
-"""Of a column's name so much is looked at."""
+"""Only these first characters of a column's name are read."""
 AXIS_SUFFIX = re.compile(r"(?:[ _.\-]*axis)?(?:[ _.\-]+([a-z0-9/_.\-]+))?")
 PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated", "motion")
 
@@ -129,15 +129,13 @@ def _tidy(name: str) -> str:
 
 def _split_bracketed(text: str) -> tuple[str, str | None]:
     opened = re.search(r"[(\[{]", text)
-    closings = [
-        found.start() for found in re.finditer(r"[)\]}]", text) if opened and found.start() > opened.start()
-    ]
-    if opened is None or not closings:
+    last = max(text.rfind(mark) for mark in ")]}")
+    if opened is None or last < opened.start():
         return text, None
     end = opened.end()
     while text[end] not in ")]}":
         inner = text.find(")", end) if text[end] == "(" else -1
-        end = inner + 1 if 0 <= inner < closings[-1] else end + 1
+        end = inner + 1 if 0 <= inner < last else end + 1
     unit = re.sub(r"[\s()]+", "", text[opened.end() : end])
     return (text[: opened.start()] + text[end + 1 :]).strip(), unit.replace("_per_", "/").replace("_", "")
 

@@ -40,7 +40,7 @@ NUMBER = re.compile(r"\s*+\"?\s*+[-+]?(?:\d++(?:[.,]\d*+)?|[.,]\d++)(?:[eE][-+]?
 CALENDAR = re.compile(r"\s*+\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?Z?\"?\s*+")
 WHOLE, WITH_COMMA = re.compile(r"[-+]?\d*"), re.compile(r"[-+]?\d*,\d+")
 FILLERS = ',;" \t\r\n\f\v\u00a0'
-"""What a spreadsheet leaves behind the value of a preamble line."""
+"""Characters that spreadsheets append to the value of a preamble line."""
 WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
 MIN_COLUMNS = 6
 
@@ -191,7 +191,7 @@ PAIR = re.compile(
     r"([A-Za-z_][\w .]{0,60}?(?: ?\([^)\n]{0,40}\))?) ?[:=] *+"
     r"([-+]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][-+]?\d++)?+)(?![\w:.])"
 )
-"""A name of 61 characters at most and a unit of 40: searching takes time in proportion to the line."""
+"""A name has at most 61 characters and its unit 40: the search takes time in proportion to the line."""
 ARRIVED = re.compile(r"^(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
 LABELLED_LINES, FEWEST_LINES = 40, 3
 
