@@ -32,12 +32,12 @@ class LineFormatter(logging.Formatter):
     """Escapes each record; the lines of a traceback begin with a bar, so that none looks like a record."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Give the line, and below it those of a traceback."""
+        """Return the line, and below it those of a traceback."""
         record.exc_text = None  # another formatter may have cached its own text there
         return super().format(record)
 
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802, ARG002
-        """Give the time in UTC, with its zone, whatever that of the computer is."""
+        """Return the time in UTC, with its zone, whatever that of the computer is."""
         return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name
@@ -49,11 +49,11 @@ class LineFormatter(logging.Formatter):
     def formatException(  # noqa: N802
         self, ei: tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
     ) -> str:
-        """Give the lines of a traceback."""
+        """Return the lines of a traceback."""
         return _bar_lines(super().formatException(ei))
 
     def formatStack(self, stack_info: str) -> str:  # noqa: N802
-        """Give the lines of a stack."""
+        """Return the lines of a stack."""
         return _bar_lines(super().formatStack(stack_info))
 
 

@@ -268,7 +268,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         reconcile(services)
         services.inspector.sweep()
         services.pairs.sweep()
-        if count := live.take_in_cut(services):
+        if count := live.import_interrupted_sessions(services):
             logger.warning(
                 "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
             )

@@ -190,7 +190,7 @@ UsedServices = Annotated[Services, Depends(find_services)]
 UsedLanguage = Annotated[Language, Depends(choose_language)]
 
 
-def find_way_in(request: Request) -> WayIn:
+def get_request_origin(request: Request) -> WayIn:
     """Return whether a drop on the page, which goes first, or a script sends a recording.
 
     A person's session is a page; a token is a script. At the machine nobody logs in: there the browser says
@@ -203,4 +203,4 @@ def find_way_in(request: Request) -> WayIn:
     return "web" if from_page else "api"
 
 
-UsedWayIn = Annotated[WayIn, Depends(find_way_in)]
+UsedWayIn = Annotated[WayIn, Depends(get_request_origin)]

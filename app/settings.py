@@ -148,6 +148,6 @@ class Settings(BaseSettings):
         return self.database_url == _build_database_url({"data_dir": self.data_dir})
 
     def as_environment(self) -> dict[str, str]:
-        """Give every setting that was chosen, as a worker process reads it, but for how people log in."""
+        """Return every setting that was chosen, as a worker process reads it, but for how people log in."""
         chosen = {name: getattr(self, name) for name in self.model_fields_set if not name.startswith("oidc_")}
         return {f"ACROMION_{name.upper()}": str(value) for name, value in chosen.items() if value is not None}

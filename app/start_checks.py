@@ -36,7 +36,7 @@ def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
 
 
 def is_own_address(host: str) -> bool:
-    """Tell whether only this computer reaches an address."""
+    """Return whether only this computer reaches an address."""
     try:
         return host == "localhost" or host.startswith(SOCKET_PREFIX) or ip_address(host).is_loopback
     except ValueError:

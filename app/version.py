@@ -13,7 +13,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 @cache
 def software_version() -> str:
-    """Give the installed version, or "0" when run from a bare checkout."""
+    """Return the installed version, or "0" when run from a bare checkout."""
     try:
         return version("acromion")
     except PackageNotFoundError:
@@ -36,7 +36,7 @@ def software_revision() -> str:
 
 @cache
 def installed_readers() -> tuple[tuple[str, str], ...]:
-    """Give the name and the version of every reader that another package adds."""
+    """Return the name and the version of every reader that another package adds."""
     return tuple((entry.name, find_version(entry)) for entry in find_entry_points())
 
 

@@ -44,7 +44,7 @@ def add_people(logins: Logins) -> None:
 
 
 def measure_names(logins: Logins) -> tuple[float, float]:
-    """Give the medians of tries with known and unknown names, taken in turn, each first every other time."""
+    """Return the median times for known and unknown names, tried alternately."""
     known_s: list[float] = []
     unknown_s: list[float] = []
     for number in range(PAIRS + 1):

@@ -61,7 +61,7 @@ Told beside a file, never raised: {bare}.
 
 
 def write_document() -> str:
-    """Give the page."""
+    """Return the page."""
     refusals = list_refusals()
     return PAGE.format(
         status=REFUSED_BY_THE_SCIENCE.status,
@@ -110,7 +110,7 @@ def _describe_others(refusals: tuple[type[FusionError] | type[AppError], ...]) -
 
 
 def find_own_facts(kind: type[FusionError] | type[AppError]) -> Mapping[str, str]:
-    """Give the facts that a class declares itself; it does not take over its parent's."""
+    """Return the facts that a class declares itself; it does not take over its parent's."""
     own: Mapping[str, str] = vars(kind).get("fact_meanings", {})
     return own
 

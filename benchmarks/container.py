@@ -43,7 +43,7 @@ class Stage:
 
 
 def read_steps(text: str) -> Iterator[tuple[str, str]]:
-    """Give each instruction and its words, without remarks, lines that go on joined."""
+    """Return each instruction and its words, without remarks, lines that go on joined."""
     bare = re.sub(r"^\s*#.*\n", "", text, flags=re.MULTILINE)
     for line in re.sub(r"\\\n\s*", " ", bare).splitlines():
         if line.strip():

@@ -73,11 +73,11 @@ class Plan:
     commits_core_s: float = 500.0
 
     def per_s(self, each: float) -> float:
-        """Give a cost of one shift as a rate at the peak."""
+        """Return a cost of one shift as a rate at the peak."""
         return each * self.shifts_a_day / DAY_S * self.peak
 
     def count_cores(self, cost: Cost) -> dict[str, int]:
-        """Give the cores of workers, web servers and database that bear the peak."""
+        """Return the cores of workers, web servers and database that bear the peak."""
         if self.shifts_a_day <= ONE_MACHINE:
             return {"worker": 2, "web": 2, "database": 0}
         webs = math.ceil(self.per_s(cost.recording_bytes) / self.web_bytes_s)

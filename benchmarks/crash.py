@@ -51,7 +51,7 @@ class Tally:
             print("   ", line)
 
     def row(self) -> str:
-        """Give a row of the table."""
+        """Return a row of the table."""
         return (
             f"| {self.what} | {self.rounds} | {self.acknowledged} | {self.cut} | {self.set_aside} "
             f"| {self.blamed} | {self.broken} | {self.rounds_broken} | {self.seconds:.0f} |"

@@ -26,7 +26,7 @@ def find_part(document: str, name: str) -> str:
 
 
 def replace_part(document: str, name: str, text: str) -> str:
-    """Give the document with one part written anew."""
+    """Return the document with one part written anew."""
     return re.sub(
         _make_pattern(name),
         lambda _: f"<!-- {name} -->\n{text}\n<!-- end of {name} -->",
@@ -53,7 +53,7 @@ def tell_cost() -> Iterator[str]:
 
 
 def tell_part(asked: list[str]) -> tuple[str, Iterator[str]]:
-    """Give the name and the lines of the part that was asked for."""
+    """Return the name and the lines of the part that was asked for."""
     if asked == ["oracles"]:
         return "oracles", tell_oracles(list_oracles())
     if asked == ["cost"]:

@@ -165,7 +165,7 @@ CHECKS = (
 
 
 def list_oracles() -> list[Oracle]:
-    """Give every figure in the order of the oracles."""
+    """Return every figure in the order of the oracles."""
     return sorted((oracle for check in CHECKS for oracle in check()), key=lambda o: int(o.number))
 
 

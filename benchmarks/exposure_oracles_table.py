@@ -25,7 +25,7 @@ class Oracle:
 
     @property
     def is_met(self) -> bool:
-        """Say whether the figure lies within the tolerance."""
+        """Return whether the figure lies within the tolerance."""
         return abs(self.got - self.expected) <= self.tolerance
 
 

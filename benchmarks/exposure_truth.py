@@ -44,7 +44,7 @@ class Compared:
 
     @property
     def is_inside(self) -> bool:
-        """Say whether the range holds the truth."""
+        """Return whether the range holds the truth."""
         return self.interval is not None and self.interval.low <= self.true <= self.interval.high
 
 

@@ -112,7 +112,7 @@ def digest_samples(path: Path) -> str:
 
 
 def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
-    """Give every command in order; later ones use what earlier ones have written."""
+    """Return every command in order; later ones use what earlier ones have written."""
     for name, options in SIMULATED.items():
         yield f"simulate_{name}", ["simulate", name, *options]
     for name, path in RECORDINGS.items():

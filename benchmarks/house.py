@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fusion.simulation import simulate_shift, write_shift
+from tests.docs.test_plain_words import count_idioms
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("app", "fusion")
@@ -124,6 +125,10 @@ def main() -> None:
         ),
         f"files touched to add a figure (those that name {FIGURE})": count_figure_files(),
         "words in docs/ outside tables": count_words(),
+        "idioms in code, docs and wording": count_idioms(),
+        "docstrings that begin with Give, Tell or Say": sum(
+            len(re.findall(r'"""(?:Give|Tell|Say)s?\b', text)) for text in sources.values()
+        ),
     }
     print("| | now |", "|---|---|", *(f"| {name} | {value:,} |" for name, value in rows.items()), sep="\n")
 
@@ -162,7 +167,7 @@ def trace(folder: Path, command: list[str]) -> int:
 
 
 def measure_chain(trees: dict[Path, ast.Module]) -> int:
-    """Give the length of the longest chain of imports between rooms: folders, or loose files, of fusion/."""
+    """Return the length of the longest import chain between the folders or single files of fusion/."""
     imports: dict[str, set[str]] = {}
     for path, tree in trees.items():
         room = _name_room(path.relative_to(ROOT).with_suffix("").parts)
@@ -218,7 +223,7 @@ def share_with_unit(
     types: tuple[str, ...] = ("float", "int"),
     units: frozenset[str] = UNITS,
 ) -> int:
-    """Give the percentage of numbers (parameters and fields) whose name ends in, or holds, a unit."""
+    """Return the percentage of numbers (parameters and fields) whose name ends in, or holds, a unit."""
     names = [name for tree in trees.values() for name in _list_numbers(tree, types)]
     return round(100 * sum(not units.isdisjoint(name.lower().split("_")) for name in names) / len(names))
 

@@ -38,20 +38,20 @@ def fill(settings: Settings, count: int) -> None:
 
 
 def tell_moment(k: int) -> str:
-    """Give a moment that grows with the number."""
+    """Return a moment that grows with the number."""
     moment = datetime(2026, 1, 1, 6, tzinfo=UTC) + timedelta(minutes=5 * k)
     return moment.isoformat(timespec="microseconds")
 
 
 def make_recording(k: int) -> dict[str, object]:
-    """Give the row of one recording."""
+    """Return the row of one recording."""
     told = {"subject": f"S{k % 500:03d}", "external_id": f"visit-{k}", "start": tell_moment(k)[:19]}
     stored = {"sha256": f"{k:064x}", "size_bytes": 1_000_000, "file_name": f"{k}.gt3x", "state": "stored"}
     return {"id": f"rec_{k:016x}", "created_at": tell_moment(k), **told, **stored}
 
 
 def make_analysis(k: int, request: str) -> dict[str, object]:
-    """Give the row of its analysis."""
+    """Return the row of its analysis."""
     ended = {"state": "succeeded" if k % 20 else "failed", "progress": 1.0, "attempts": 1, "beats": 9}
     known = {
         "recording_id": f"rec_{k:016x}",

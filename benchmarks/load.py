@@ -117,7 +117,7 @@ def _repeat(stopping: Event, load: Callable[[], object]) -> None:
 
 
 def read_peak_mb(pid: int) -> float:
-    """Give the largest resident memory a process ever had."""
+    """Return the largest resident memory a process ever had."""
     status = Path(f"/proc/{pid}/status").read_text()
     return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
 

@@ -55,7 +55,7 @@ def wait_for_all(store: JobStore, names: list[str]) -> None:
 
 
 def measure(settings: Settings, shift: Path, cores: list[int], jobs: int) -> float:
-    """Give the analyses per second, from the first that began to the last that ended."""
+    """Return the analyses per second, from the first that began to the last that ended."""
     store = JobStore(settings)
     workers = [start_worker(settings, core) for core in cores]
     try:

@@ -254,7 +254,7 @@ def measure(name: str, title: str, run: Callable[[], Part]) -> Part:
 
 
 def render(page: Page) -> str:
-    """Give the page as one HTML file that needs nothing else."""
+    """Return the page as one HTML file that needs nothing else."""
     folder = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template("public.html.j2").render(page=page)

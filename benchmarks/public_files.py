@@ -42,7 +42,7 @@ class Outcome:
 
 
 def find_files(folder: Path) -> Iterator[Path]:
-    """Give the recordings of a source, in order."""
+    """Return the recordings of a source, in order."""
     for path in sorted(folder.iterdir()):
         is_licence = path.name in LEFT_ASIDE or path.name.upper().startswith("LICENSE")
         if path.is_file() and not is_licence and path.suffix.lower() not in OTHER_SUFFIXES:
@@ -70,7 +70,7 @@ def inspect(path: Path, answers: dict[str, Any]) -> Outcome:
 
 
 def answer_columns(path: Path, answer: dict[str, Any]) -> ColumnProfile | None:
-    """Give the columns as the page proposes them, with the sensor and the units of the answer."""
+    """Return the columns as the page proposes them, with the sensor and the units of the answer."""
     stated = {name: value for name, value in answer.items() if name != "rate_hz"}
     if not stated or "sensor" in stated:
         return ColumnProfile(**stated) if stated else None
@@ -79,7 +79,7 @@ def answer_columns(path: Path, answer: dict[str, Any]) -> ColumnProfile | None:
 
 
 def describe_refusal(refusal: FusionError) -> Outcome:
-    """Give the code, with the facts that name the cause."""
+    """Return the code, with the facts that name the cause."""
     facts = ", ".join(
         f"{name} {value}" for name, value in refusal.facts.items() if name in {"kind", "g", "dps"}
     )
@@ -87,7 +87,7 @@ def describe_refusal(refusal: FusionError) -> Outcome:
 
 
 def describe(recording: Recording) -> Outcome:
-    """Give the device, where each unit came from, and what was changed in the samples."""
+    """Return the device, where each unit came from, and what was changed in the samples."""
     device = find_device_name(recording.device) or recording.device
     sources = [find_source(recording, name) for name in ("acceleration", "angular rate")]
     units = ", ".join(dict.fromkeys(sources))

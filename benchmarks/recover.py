@@ -48,7 +48,7 @@ class Tried:
     broken: list[str] = field(default_factory=list)
 
     def row(self) -> str:
-        """Give a row of the table."""
+        """Return a row of the table."""
         counts = f"{self.recordings} | {self.trashed} | {self.reports} | {self.back}"
         return f"| {self.what} | {counts} | {self.seconds:.0f} | {len(self.broken)} |"
 
@@ -78,7 +78,7 @@ def fill(client: httpx2.Client, number: int, seed: int) -> None:
 
 
 def read_all(client: httpx2.Client) -> Views:
-    """Give all that the API says of recordings, periods, trash and analyses."""
+    """Return all that the API says of recordings, periods, trash and analyses."""
     found: Views = {}
     for view in _list_all(client, "/recordings"):
         periods = client.get(f"/recordings/{view['id']}/periods").raise_for_status().json()

@@ -40,7 +40,7 @@ class NotReady(Exception):
 
 
 def read_version(root: Path) -> str:
-    """Give the version of ``pyproject.toml``."""
+    """Return the version of ``pyproject.toml``."""
     version: str = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"]["version"]
     return version
 

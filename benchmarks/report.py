@@ -50,7 +50,7 @@ def keep_shift(folder: Path, hours: float) -> tuple[Findings, ReportSubject]:
 
 
 def time_warm(findings: Findings, subject: ReportSubject, runs: int) -> dict[str, float]:
-    """Give the median milliseconds of each part of a report."""
+    """Return the median milliseconds of each part of a report."""
     took: dict[str, list[float]] = {"values": [], "HTML": [], "PDF": [], "tables": []}
     for _ in range(runs + 1):
         moments = [time.perf_counter()]
@@ -68,7 +68,7 @@ def time_warm(findings: Findings, subject: ReportSubject, runs: int) -> dict[str
 
 
 def time_cold(folder: Path, runs: int) -> float:
-    """Give the median seconds of a new process that makes HTML and PDF of a finished analysis."""
+    """Return the median seconds of a new process that makes HTML and PDF of a finished analysis."""
     took = []
     for _ in range(runs + 1):
         began = time.perf_counter()

@@ -136,7 +136,7 @@ def keep_bytecode() -> dict[str, str]:
 
 
 def list_processes(session: int) -> Iterator[tuple[str, int]]:
-    """Give process number and processor ticks of each process of a session."""
+    """Return process number and processor ticks of each process of a session."""
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
@@ -147,7 +147,7 @@ def list_processes(session: int) -> Iterator[tuple[str, int]]:
 
 
 def measure_memory_kib(pid: str) -> int:
-    """Give the anonymous part of a process's proportional set size; 0 for one that has gone."""
+    """Return the anonymous part of a process's proportional set size; 0 for one that has gone."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
@@ -213,7 +213,7 @@ def report_lines(out: Path, arguments: argparse.Namespace) -> None:
 
 
 def find_log(road: Road, made: Path) -> Path:
-    """Give the recording of the wanted format among those simulated."""
+    """Return the recording of the wanted format among those simulated."""
     return next(path for path in sorted(made.iterdir()) if path.suffix == road.ending)
 
 
@@ -227,7 +227,7 @@ def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1
 
 
 def simulate(road: Road, folder: Path, seed: int) -> Path:
-    """Give the folder of the simulated recordings, made if it is not there."""
+    """Return the folder of the simulated recordings, made if it is not there."""
     made = folder / f"{road.device}_{road.hours:g}h_{seed}"
     if not made.exists():
         began = time.perf_counter()
@@ -269,13 +269,13 @@ def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> 
 
 
 def measure_further(log: Path, out: Path, method: str, one_cpu_s: float, runs: int) -> float:
-    """Give the processor time that each further recording of a run takes beyond the first."""
+    """Return the processor time that each further recording of a run takes beyond the first."""
     costs = [run_batch(log, out / f"batch-{turn}", method, FURTHER + 1).cpu_s for turn in range(runs)]
     return (median(costs) - one_cpu_s) / FURTHER
 
 
 def tell(costs: Sequence[Cost]) -> str:
-    """Give the median wall time with its range, and the median processor time."""
+    """Return the median wall time with its range, and the median processor time."""
     walls_s = sorted(cost.wall_s for cost in costs)
     cpu_s = median(cost.cpu_s for cost in costs)
     return f"wall {median(walls_s):.2f} s ({walls_s[0]:.2f} to {walls_s[-1]:.2f}), cpu {cpu_s:.2f} s"

@@ -59,7 +59,7 @@ class Package(NamedTuple):
 
     @property
     def may_be_shipped(self) -> bool:
-        """Tell whether each part of the licence, or one of those to choose from, is accepted."""
+        """Return whether each part of the licence, or one of those to choose from, is accepted."""
         parts = (part.strip("() ").split(" OR ") for part in self.licence.split(" AND "))
         return all(not ACCEPTED.isdisjoint(choices) for choices in parts)
 

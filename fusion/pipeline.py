@@ -137,7 +137,7 @@ def analyse(
     """
     if not isinstance(recording, Recording):
         recording = read_recording(recording)
-    settings = adopt_stated(recording, settings or AnalysisSettings())
+    settings = apply_file_settings(recording, settings or AnalysisSettings())
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
     refuse_short(recording)
@@ -172,7 +172,7 @@ def analyse(
     )
 
 
-def adopt_stated(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
+def apply_file_settings(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
     """Take the poses of the diary, or what the file states of pose or axis, if the person gives neither."""
     poses_s = find_diary_poses(settings.diary, recording.start, recording.duration_us)
     if poses_s:
@@ -214,7 +214,7 @@ def fuse_recording(
 
     Raises UnusableRecording: no usable calibration.
     """
-    settings = adopt_stated(recording, settings)
+    settings = apply_file_settings(recording, settings)
     blocks = reduce_recording(recording)
     exclusions = find_exclusions(recording, blocks)
     on_step("calibrating")

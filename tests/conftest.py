@@ -45,7 +45,7 @@ def pytest_configure() -> None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Callable[[str], Path]:
-    """Give the path of a real recording, or skip by name where it is absent."""
+    """Return the path of a real recording, or skip by name where it is absent."""
 
     def find(name: str) -> Path:
         path = SHARED_DATA / name

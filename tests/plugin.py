@@ -23,7 +23,7 @@ START = 1_772_438_400  # 2026-03-02T08:00:00Z
 
 
 def read_blocks() -> tuple[str, str]:
-    """Give ``pyproject.toml`` and the module as the page prints them."""
+    """Return ``pyproject.toml`` and the module as the page prints them."""
     settings, module = re.findall(r"```(?:toml|python)\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     return settings, module
 

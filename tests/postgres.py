@@ -10,7 +10,7 @@ from sqlalchemy import create_engine, text
 
 
 def find_binaries() -> Path | None:
-    """Give the folder of PostgreSQL's programs; Debian keeps them out of the path."""
+    """Return the folder of PostgreSQL's programs; Debian keeps them out of the path."""
     found = shutil.which("initdb")
     installed = sorted(Path("/usr/lib/postgresql").glob("*/bin"))
     return Path(found).parent if found else next(reversed(installed), None)

@@ -71,7 +71,7 @@ location = us-east-1
 
 
 def find_programs() -> bool:
-    """Tell whether Swift and memcached are installed."""
+    """Return whether Swift and memcached are installed."""
     return sys.platform == "linux" and all(shutil.which(name) for name in (*PROGRAMS, "memcached"))
 
 
@@ -157,7 +157,7 @@ class SwiftServer:
 
 
 def find_free_port() -> int:
-    """Give a port that nobody listens on."""
+    """Return a port that nobody listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

@@ -330,7 +330,7 @@ class AccountStore:
         return cookie
 
     def is_confirmed(self, subject: Subject) -> bool:
-        """Tell whether the person of a session gave the password a short time ago."""
+        """Return whether the person of a session gave the password a short time ago."""
         query = select(sessions.c.confirmed_s).where(sessions.c.hash == subject.session)
         confirmed_s = self.database.read_value(query)
         return confirmed_s is not None and self.clock() - confirmed_s < CONFIRMED_S
@@ -409,7 +409,7 @@ class AccountStore:
         return Subject("token", row.token_id, row.token_name, held & granted, row.token_id)
 
     def is_alive(self, subject: Subject) -> bool:
-        """Tell whether the subject's session or token still holds; counts as no use of it."""
+        """Return whether the subject's session or token still holds; counts as no use of it."""
         if subject.kind == "token":
             query: Select[Any] = _select_tokens(self.clock()).where(tokens.c.id == subject.session)
         else:

@@ -35,7 +35,7 @@ class StartSecret:
         return hmac.digest(self.bearer.encode(), b"cookie", "sha256").hex()
 
     def matches(self, bearer: str, cookie: str) -> bool:
-        """Tell whether a request brings the secret or the cookie."""
+        """Return whether a request brings the secret or the cookie."""
         by_secret = hmac.compare_digest(bearer.encode(), self.bearer.encode())
         by_cookie = hmac.compare_digest(cookie.encode(), self.cookie.encode())
         return by_secret or by_cookie
@@ -104,11 +104,11 @@ class Gate:
         return None
 
     def is_alive(self, subject: Subject) -> bool:
-        """Tell whether a subject may still go on with what it began."""
+        """Return whether a subject may still go on with what it began."""
         if subject.id == MACHINE:
             return not self.needs_accounts
         return self.accounts.is_alive(subject)
 
     def is_confirmed(self, subject: Subject) -> bool:
-        """Tell whether what cannot be undone may be done now; of scripts nobody can ask a password again."""
+        """Return whether an irreversible act is allowed now; scripts are never asked for a password."""
         return subject.kind != "person" or self.accounts.is_confirmed(subject)

@@ -155,7 +155,7 @@ class CredentialStore:
         return int(self._database.read_value(select(func.count()).select_from(recovery_codes).where(mine)))
 
     def knows_browser(self, browser: str, person_id: str) -> bool:
-        """Tell whether a person has logged in in this browser before."""
+        """Return whether a person has logged in in this browser before."""
         is_it = (known_browsers.c.hash == hash_secret(browser), known_browsers.c.person_id == person_id)
         recent = known_browsers.c.used_s > self._clock() - BROWSER_TERM_S
         return self._database.read_one(select(known_browsers).where(*is_it, recent)) is not None
@@ -592,7 +592,7 @@ class Logins:
             raise SecondFactorLost
 
     def _is_code(self, found: Credentials, code: str) -> bool:
-        """Tell whether a code is right, and use it up."""
+        """Return whether a code is right, and use it up."""
         typed = code.replace(" ", "")
         if _is_step(code):
             now_s = self.accounts.clock()
@@ -602,6 +602,6 @@ class Logins:
 
 
 def _is_step(code: str) -> bool:
-    """Tell whether a code is an authenticator's, and no recovery code."""
+    """Return whether a code is an authenticator's, and no recovery code."""
     typed = code.replace(" ", "")
     return len(typed) == STEP_DIGITS and typed.isdecimal()

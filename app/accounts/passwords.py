@@ -57,7 +57,7 @@ def hash_password(password: str) -> str:
 
 
 def verify_password(kept: str | None, password: str) -> bool:
-    """Tell whether a password is that of a hash; without any it takes as long, and is wrong."""
+    """Return whether a password is that of a hash; without any it takes as long, and is wrong."""
     if len(password) > MOST:
         return False
     with _TURNS:
@@ -68,7 +68,7 @@ def verify_password(kept: str | None, password: str) -> bool:
 
 
 def needs_rehash(kept: str) -> bool:
-    """Tell whether a hash was made by other parameters than today's."""
+    """Return whether a hash was made by other parameters than today's."""
     return _HASHER.check_needs_rehash(kept)
 
 

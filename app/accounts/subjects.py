@@ -44,7 +44,7 @@ class Subject:
     session: str = ""
 
     def may(self, permission: Permission) -> bool:
-        """Tell whether the subject has a permission."""
+        """Return whether the subject has a permission."""
         return permission in self.permissions
 
 

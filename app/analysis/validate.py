@@ -184,7 +184,7 @@ class StudyFile:
     paper_task: int | None
 
     def name(self, study: Path) -> str:
-        """Give its place within the study."""
+        """Return its place within the study."""
         return self.log.relative_to(study).as_posix()
 
 
@@ -238,7 +238,7 @@ def _is_recording(path: Path) -> bool:
 
 
 def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
-    """Give the request for one recording of the study.
+    """Return the request for one recording of the study.
 
     Raises UnusableTasks if its list of tasks cannot be read.
     """

@@ -131,7 +131,7 @@ def identify_place(log: Path) -> str:
 
 
 def format_folder_name(log: Path) -> str:
-    """Give the file's stem, as a name that can only be a folder directly below the results."""
+    """Return the file's stem, as a name that can only be a folder directly below the results."""
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
     return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
@@ -175,7 +175,7 @@ def plan_tasks(
     *,
     force: bool,
 ) -> list[Task]:
-    """Give each recording a folder named after its stem; equal stems get a number."""
+    """Return each recording a folder named after its stem; equal stems get a number."""
     known = list(logs)
     return [
         Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
@@ -226,7 +226,7 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
 
 
 def _lay_out(path: Path) -> Path:
-    """Give the whole path without following links: a recording is where it was named."""
+    """Return the whole path without following links: a recording is where it was named."""
     return Path(os.path.normpath(path.absolute()))
 
 
@@ -384,7 +384,7 @@ def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
 
 
 def switch_language(folder: Path, marker: Marker, language: Language) -> None:
-    """Give the plain names to the files of another language, and note it in the marker."""
+    """Return the plain names to the files of another language, and note it in the marker."""
     if language == marker.language:
         return
     for name in _REPORT_FILES:
@@ -422,7 +422,7 @@ def restore_earlier(folder: Path, figures: str = "results.json") -> None:
 
 
 def find_last_version(folder: Path) -> int:
-    """Give the number of the last version kept inside; 0 for none."""
+    """Return the number of the last version kept inside; 0 for none."""
     return max((int(path.name[1:]) for path in _find_versions(folder)), default=0)
 
 
@@ -432,7 +432,7 @@ def _find_versions(folder: Path) -> list[Path]:
 
 @contextmanager
 def open_staging(folder: Path) -> Iterator[Path]:
-    """Give an empty staging folder next to ``folder``; it is removed at the end.
+    """Return an empty staging folder next to ``folder``; it is removed at the end.
 
     Raises BlockingIOError if another run makes the same products just now.
     """
@@ -485,5 +485,5 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
 
 
 def find_earlier(folder: Path) -> Path:
-    """Give the place next to a folder to which its former contents move."""
+    """Return the place next to a folder to which its former contents move."""
     return folder.with_name(f".{folder.name}.earlier")

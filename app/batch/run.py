@@ -234,7 +234,7 @@ class Shard:
     count: int
 
     def select(self, tasks: Sequence[Task]) -> list[Task]:
-        """Give every N-th task in the order of their paths: slices differ by one recording at most."""
+        """Return every N-th task in the order of their paths: slices differ by one recording at most."""
         ordered = sorted(tasks, key=lambda task: (task.name, task.folder.name))
         return ordered[self.number - 1 :: self.count]
 

@@ -306,7 +306,7 @@ def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
 
 
 def find_settings(data: Path | None) -> "Settings":
-    """Give the settings of a data folder, else those of the environment."""
+    """Return the settings of a data folder, else those of the environment."""
     from app.settings import Settings  # noqa: PLC0415
 
     return Settings() if data is None else Settings(data_dir=data)
@@ -624,7 +624,7 @@ def list_people(data: DataOption = None, lang: LanguageOption = "en") -> None:
 def roles(
     login: LoginArgument, role: RolesOption, data: DataOption = None, lang: LanguageOption = "en"
 ) -> None:
-    """Give a person these roles in place of those before."""
+    """Return a person these roles in place of those before."""
     with _open(data, lang) as desk:
         given = frozenset(_read_known("--role", role, ROLES))
         desk.logins.accounts.set_roles(desk.find(login).id, given)

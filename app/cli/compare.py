@@ -104,7 +104,7 @@ def _refuse_nobody(refusal: AppError, paths: Iterable[Path | None], asked: Repor
 
 
 def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
-    """Give the folder of a finished analysis: the one named, or that of the recording, once analysed."""
+    """Return the folder of a finished analysis: the one named, or that of the recording, once analysed."""
     if path.is_dir():
         return path
     tasks = plan_tasks([path], out, request, force=False)
@@ -243,7 +243,7 @@ def profile(
 
 
 def _find_all(paths: list[Path], out: Path) -> list[Path]:
-    """Give the folders of finished analyses at the paths and below them; earlier versions are left aside.
+    """Return the folders of finished analyses at the paths and below them; earlier versions are left aside.
 
     Raises CannotProfile if a path leads to none, or all lead to one and the same.
     Raises FileNotFoundError if there is nothing at a path.

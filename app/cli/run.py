@@ -207,7 +207,7 @@ def exposure(
     diary: DiaryOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Give the exposure of a ready angle series (an empty angle is missing)."""
+    """Return the exposure of a ready angle series (an empty angle is missing)."""
     entries = read_diary_file(diary, lang)
     request = ReportRequest(
         path.name, parse_subject(subject), side, languages=(lang,), source="angles", diary=entries

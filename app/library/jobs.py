@@ -378,7 +378,7 @@ class JobStore(RowStore):
         return True
 
     def is_published(self, analysis_id: str, token: str) -> bool:
-        """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
+        """Return whether this attempt's files are the report (asked when the reply to a commit was lost)."""
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
         query = select(analyses.c.id).where(*mine, analyses.c.state == JobState.SUCCEEDED)
         return self._read_value(query) is not None
@@ -447,7 +447,7 @@ class JobStore(RowStore):
         self._write(change)
 
     def may_hold(self, recording_id: str) -> bool:
-        """Tell whether a recording has a row; True when the database does not answer."""
+        """Return whether a recording has a row; True when the database does not answer."""
         try:
             return self._read_one(select(recordings.c.id).where(recordings.c.id == recording_id)) is not None
         except OperationalError:
@@ -468,7 +468,7 @@ class JobStore(RowStore):
         return int(self._read_value(query) or 0)
 
     def is_kept(self, recording_id: str) -> bool:
-        """Tell whether a recording is neither in the trash nor being purged."""
+        """Return whether a recording is neither in the trash nor being purged."""
         gone = recordings.c.state.in_((TRASHED, PURGING))
         query = select(recordings.c.id).where(recordings.c.id == recording_id, ~gone)
         return self._read_one(query) is not None

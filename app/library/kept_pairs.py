@@ -186,7 +186,7 @@ class PairReports:
 
 
 def _is_whole(report: PairReport) -> bool:
-    """Tell whether every file of an entry is there and has the bytes that were made."""
+    """Return whether every file of an entry is there and has the bytes that were made."""
     try:
         digests = json.loads((report.folder / DIGESTS).read_bytes())
         return all(hash_file(report.folder / name) == sha256 for name, sha256 in digests.items())

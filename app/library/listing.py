@@ -216,7 +216,7 @@ class Library(RowStore):
         return self._read(query.order_by(*_newest_first()))
 
     def find_took(self) -> tuple[Took, ...]:
-        """Say how long the last analyses took, by which the time left of others is judged."""
+        """Return how long the last analyses took, by which the time left of others is judged."""
         query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
         jobs = [read_job(row) for row in self._read_all(query.limit(JUDGED_BY))]
         return tuple(

@@ -112,7 +112,7 @@ class MappingStore(RowStore):
         return read_job(row)
 
     def adopt(self, analysis_id: str, token: str, header: str) -> ReportRequest | None:
-        """Give a running analysis the confirmed columns of a header; None where there are none.
+        """Return a running analysis the confirmed columns of a header; None where there are none.
 
         The request in its row states them from then on, as if they had been asked for.
         """

@@ -95,7 +95,7 @@ def find_or_add(
 
 
 def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:
-    """Tell whether a file of a finished analysis is missing or altered."""
+    """Return whether a file of a finished analysis is missing or altered."""
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return False
     token, files = job.token, store.find_files(job.id)
@@ -129,7 +129,7 @@ def regenerate(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Jo
 
 
 def can_regenerate(store: JobStore, storage: Storage, job: Job) -> bool:
-    """Tell whether the recording of an analysis, and its reference where it has one, are whole."""
+    """Return whether the recording of an analysis, and its reference where it has one, are whole."""
     reference = job.request.reference
     others = () if reference is None else ((reference.path, store.find_sha256(reference.path)),)
     sources = ((job.recording_id, job.sha256), *others)

@@ -147,7 +147,7 @@ class RunningSession:
             self._asked_pose_s = countdown_s
 
     def pause_cues(self, *, paused: bool) -> None:
-        """Give no cues, or give them again."""
+        """Return no cues, or give them again."""
         self.recorder.are_cues_paused = paused
         with self._lock:
             self._send({"type": "cues", "paused": paused})

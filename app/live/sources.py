@@ -17,7 +17,7 @@ from app.live.ports import EarlyFile, EarlyPort, Port, open_port
 from fusion.errors import FusionError, UnusableRecording
 from fusion.live import Frames, LiveSession, replay_frames
 from fusion.live.lines import LineReader
-from fusion.pipeline import adopt_stated
+from fusion.pipeline import apply_file_settings
 from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
 from fusion.recording import MICROSECONDS, Float64Array, Recording
@@ -220,7 +220,7 @@ def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
 def find_axis(recording: Recording) -> Float64Array | None:
     """Find the arm's axis as an analysis of the recording does."""
     try:
-        return calibrate(recording, adopt_stated(recording, AnalysisSettings())).calibration.arm_axis
+        return calibrate(recording, apply_file_settings(recording, AnalysisSettings())).calibration.arm_axis
     except UnusableRecording:
         return None
 

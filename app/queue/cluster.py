@@ -24,7 +24,7 @@ from app.analysis.attempt import MakeReport
 from app.analysis.fork_server import warm_up_and_wait
 from app.library.database.connect import connect, lock_tables
 from app.queue.leader import REVIVAL, Leader
-from app.queue.worker import TROUBLE_S, Bench, open_bench, return_expired, run_next_patiently
+from app.queue.worker import TROUBLE_S, WorkerContext, open_worker_context, return_expired, run_next_patiently
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
@@ -70,46 +70,46 @@ def run_cluster_worker(
 
     ``make`` replaces the science where it is given.
     """
-    bench = open_bench(settings, make)
+    worker = open_worker_context(settings, make)
     warm_up_and_wait()
     try:
-        asyncio.run(_work(bench, parent_pid))
+        asyncio.run(_work(worker, parent_pid))
     finally:
-        bench.store.close()
+        worker.store.close()
 
 
-async def _work(bench: Bench, parent_pid: int | None) -> None:
+async def _work(worker: WorkerContext, parent_pid: int | None) -> None:
     """Listen for jobs until the worker is stopped, or its parent is gone."""
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, bench.stopping.set)
-    listener = asyncio.create_task(_listen_on(bench))
+        asyncio.get_running_loop().add_signal_handler(number, worker.stopping.set)
+    listener = asyncio.create_task(_listen_on(worker))
     try:
-        while not bench.stopping.is_set():
+        while not worker.stopping.is_set():
             if parent_pid is not None and os.getppid() != parent_pid:
-                bench.stopping.set()
+                worker.stopping.set()
             await asyncio.sleep(0.2)
     finally:
         listener.cancel()
         await asyncio.gather(listener, return_exceptions=True)
 
 
-async def _listen_on(bench: Bench) -> None:
+async def _listen_on(worker: WorkerContext) -> None:
     """Listen for jobs; start again when the database was away."""
-    address = make_url(bench.settings.database_url).set(drivername="postgresql")
+    address = make_url(worker.settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)  # it does one job at a time
-    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, worker))
     while True:
         try:
-            await asyncio.to_thread(install, bench.settings.database_url)
+            await asyncio.to_thread(install, worker.settings.database_url)
             async with engine.open_async():
-                await _listen(bench, engine)
+                await _listen(worker, engine)
         except (ConnectorException, OperationalError, OSError):
             logger.exception("the database does not answer; listening again soon")
             await asyncio.sleep(TROUBLE_S)
 
 
-async def _listen(bench: Bench, engine: App) -> None:
+async def _listen(worker: WorkerContext, engine: App) -> None:
     listener = asyncio.create_task(
         engine.run_worker_async(
             queues=[QUEUE],
@@ -119,8 +119,8 @@ async def _listen(bench: Bench, engine: App) -> None:
             update_heartbeat_interval=BEAT_S,
         )
     )
-    leader = Leader(bench.store.engine, REVIVAL, LEADER_SILENCE_S)
-    tasks = (listener, asyncio.create_task(_revive_for_ever(bench, engine, leader)))
+    leader = Leader(worker.store.engine, REVIVAL, LEADER_SILENCE_S)
+    tasks = (listener, asyncio.create_task(_revive_for_ever(worker, engine, leader)))
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -132,20 +132,20 @@ async def _listen(bench: Bench, engine: App) -> None:
         task.result()
 
 
-def revive_if_leading(bench: Bench, leader: Leader) -> bool:
+def revive_if_leading(worker: WorkerContext, leader: Leader) -> bool:
     """Where this worker leads, put back the rows of dead workers, and wake a worker for lost wake-ups."""
     if not leader.is_leader():
         return False
-    return_expired(bench)
-    bench.store.run(_TOP_UP)
+    return_expired(worker)
+    worker.store.run(_TOP_UP)
     return True
 
 
-async def _revive_for_ever(bench: Bench, engine: App, leader: Leader) -> None:
+async def _revive_for_ever(worker: WorkerContext, engine: App, leader: Leader) -> None:
     """Put back what dead workers held, every ``REVIVE_S``."""
     while True:
         try:
-            if await asyncio.to_thread(revive_if_leading, bench, leader):
+            if await asyncio.to_thread(revive_if_leading, worker, leader):
                 manager = engine.job_manager
                 stalled = await manager.get_stalled_jobs(queue=QUEUE, seconds_since_heartbeat=STALLED_S)
                 for job in stalled:  # those of dead workers wait again

@@ -40,7 +40,7 @@ class Leader:
     _connection: Connection | None = None
 
     def is_leader(self) -> bool:
-        """Tell whether this process leads; it becomes the leader where there is none.
+        """Return whether this process leads; it becomes the leader where there is none.
 
         Raises OperationalError: the connection is cut; this process leads no more.
         """

@@ -111,7 +111,7 @@ class Lease:
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class WorkerContext:
     """Everything that a worker needs; ``make`` replaces the science where it is given."""
 
     store: JobStore
@@ -122,7 +122,7 @@ class Bench:
     make: MakeReport | None = None
 
 
-def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
+def open_worker_context(settings: Settings, make: MakeReport | None = None) -> WorkerContext:
     """Open database and store for one worker; ``make`` replaces the science.
 
     Raises ServerRefused, DatabaseAway, StoreAway, DiskFull.
@@ -134,48 +134,48 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
         store = JobStore(settings)
         store.check_belongs(storage.identify())
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
-    return Bench(store, storage, settings, threading.Event(), cache, make)
+    return WorkerContext(store, storage, settings, threading.Event(), cache, make)
 
 
-def run_next(bench: Bench) -> bool:
+def run_next(worker: WorkerContext) -> bool:
     """Do one job, from claim to published report; False when nothing waits."""
-    return_expired(bench)
-    job = bench.store.claim()
+    return_expired(worker)
+    job = worker.store.claim()
     if job is None or job.token is None:
         return False
-    started_s, lease = time.monotonic(), Lease(bench.store, job.id, job.token)
-    outcome = _attempt_or_delay(bench, job, job.token, lease)
+    started_s, lease = time.monotonic(), Lease(worker.store, job.id, job.token)
+    outcome = _attempt_or_delay(worker, job, job.token, lease)
     while True:
         try:
-            _publish(bench, job, job.token, outcome, lease)
+            _publish(worker, job, job.token, outcome, lease)
             break
         except (OperationalError, StoreAway):  # a finished analysis is worth the wait
             logger.exception("database or store does not answer; trying again")
             lease.renew(None, 0.0)
-            if bench.stopping.wait(TROUBLE_S):
+            if worker.stopping.wait(TROUBLE_S):
                 raise
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
 
 
-def return_expired(bench: Bench) -> None:
+def return_expired(worker: WorkerContext) -> None:
     """Put back what workers held that are gone, and remove what they left half made."""
-    for analysis_id, token in bench.store.return_expired():
+    for analysis_id, token in worker.store.return_expired():
         logger.warning("%s: its worker is gone", analysis_id)
-        bench.storage.drop_attempt(analysis_id, token)
+        worker.storage.drop_attempt(analysis_id, token)
 
 
 def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None) -> None:
     """Run jobs until SIGTERM or SIGINT or, between two jobs, until the parent is gone."""
-    bench = open_bench(settings, make)
+    worker = open_worker_context(settings, make)
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: bench.stopping.set())
+        signal.signal(number, lambda *_: worker.stopping.set())
     warm_up_and_wait()
-    while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-        if not run_next_patiently(bench):
-            bench.stopping.wait(IDLE_S)
-    bench.store.close()
+    while not worker.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
+        if not run_next_patiently(worker):
+            worker.stopping.wait(IDLE_S)
+    worker.store.close()
 
 
 def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
@@ -191,22 +191,22 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None) -> None:
             cluster.run_cluster_worker(settings, parent_pid=parent_pid)
 
 
-def run_next_patiently(bench: Bench) -> bool:
+def run_next_patiently(worker: WorkerContext) -> bool:
     """Do one job, and wait where the database does not answer; the row remains the truth meanwhile."""
     try:
-        return run_next(bench)
+        return run_next(worker)
     except OperationalError:
         logger.exception("the database does not answer; trying again")
-        bench.stopping.wait(TROUBLE_S)
+        worker.stopping.wait(TROUBLE_S)
         return False
 
 
-def _attempt_or_delay(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
+def _attempt_or_delay(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outcome:
     """Make the attempt; where the store or the disk fails, delay the job and put it back, uncounted."""
     try:
-        outcome = _attempt(bench, job, token, lease)
+        outcome = _attempt(worker, job, token, lease)
     except StoreAway as trouble:
-        return _delay(bench, job, lease, trouble.code, TROUBLE_S)
+        return _delay(worker, job, lease, trouble.code, TROUBLE_S)
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
     except StoreDamaged as damaged:
@@ -214,103 +214,107 @@ def _attempt_or_delay(bench: Bench, job: Job, token: str, lease: Lease) -> Outco
         return Refused(damaged.code, damaged.facts)
     if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
         return outcome
-    bench.storage.drop_attempt(job.id, token)  # its files fill the disk, too
-    if job.put_backs >= bench.settings.max_put_backs:
+    worker.storage.drop_attempt(job.id, token)  # its files fill the disk, too
+    if job.put_backs >= worker.settings.max_put_backs:
         return Refused(DiskFull.code, {"tries": job.put_backs + 1})
     pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
     job = replace(job, put_backs=job.put_backs + 1)
-    return _delay(bench, job, lease, DiskFull.code, pause_s)
+    return _delay(worker, job, lease, DiskFull.code, pause_s)
 
 
-def _delay(bench: Bench, job: Job, lease: Lease, code: str, pause_s: float) -> Outcome:
+def _delay(worker: WorkerContext, job: Job, lease: Lease, code: str, pause_s: float) -> Outcome:
     """Record the delay, and keep the job for a while: a peer on the same disk would meet the same trouble."""
     logger.warning("%s: held up for %.0f s, then put back: %s", job.id, pause_s, code)
     with suppress(OperationalError):  # the database may lie on the disk that is full
-        bench.store.record_delay(job.id, str(job.token), code, job.put_backs)
+        worker.store.record_delay(job.id, str(job.token), code, job.put_backs)
     end_s = time.monotonic() + pause_s
-    while time.monotonic() < end_s and _renew_unless_stopping(bench, lease, None, 0.0):
-        bench.stopping.wait(IDLE_S)
+    while time.monotonic() < end_s and _renew_unless_stopping(worker, lease, None, 0.0):
+        worker.stopping.wait(IDLE_S)
     return Stopped()
 
 
-def _attempt(bench: Bench, job: Job, token: str, lease: Lease) -> Outcome:
-    bench.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
-    out = bench.storage.open_attempt(job.id, token)
-    limits = choose_limits(bench.settings, job.size_bytes)
+def _attempt(worker: WorkerContext, job: Job, token: str, lease: Lease) -> Outcome:
+    worker.storage.drop_temporary(TEMPORARY_S)  # a killed worker may have left copies from a bucket
+    out = worker.storage.open_attempt(job.id, token)
+    limits = choose_limits(worker.settings, job.size_bytes)
     # the digest that is verified now: the child need not compute it again
     digests = () if job.request.joined else (job.sha256,)
-    known = KnownLogs(digests, replace(bench.cache, recording_id=job.recording_id))
-    make = bench.make or partial(load_and_make_report, known=known)
+    known = KnownLogs(digests, replace(worker.cache, recording_id=job.recording_id))
+    make = worker.make or partial(load_and_make_report, known=known)
     with ExitStack() as stack:
-        own = borrow_recording(bench.storage, job.recording_id, job.sha256)
+        own = borrow_recording(worker.storage, job.recording_id, job.sha256)
         log = lease.keep_during(partial(stack.enter_context, own), limits.wall_s)
-        reference = _borrow_reference(bench, job)
+        reference = _borrow_reference(worker, job)
         request = lease.keep_during(partial(stack.enter_context, reference), limits.wall_s)
         attempt = Attempt(log, request, out, make, limits, gives_way=True)
-        on_progress = partial(_renew_unless_stopping, bench, lease)
+        on_progress = partial(_renew_unless_stopping, worker, lease)
         outcome = run_attempt(attempt, on_progress)
         header = outcome.facts.get("header") if isinstance(outcome, Refused) else None
         if header is None or job.request.profile:
             return outcome
         # the columns confirmed for the header of a table that was refused
-        asked = MappingStore(bench.store.engine, bench.store.reader).adopt(job.id, token, str(header))
+        asked = MappingStore(worker.store.engine, worker.store.reader).adopt(job.id, token, str(header))
         if asked is None:
             return outcome
         named = replace(asked, reference=request.reference)
         return run_attempt(replace(attempt, request=named), on_progress)
 
 
-def _renew_unless_stopping(bench: Bench, lease: Lease, stage: str | None, fraction: float) -> bool:
+def _renew_unless_stopping(worker: WorkerContext, lease: Lease, stage: str | None, fraction: float) -> bool:
     """Renew the lease; False when the job was cancelled or taken, or this worker is to stop."""
-    return not bench.stopping.is_set() and lease.renew(stage, fraction)
+    return not worker.stopping.is_set() and lease.renew(stage, fraction)
 
 
 @contextmanager
-def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
+def _borrow_reference(worker: WorkerContext, job: Job) -> Iterator[ReportRequest]:
     """Return the request with the path of its reference, which the row knows by its id."""
     reference = job.request.reference
     if reference is None:
         yield job.request
         return
     try:
-        sha256 = bench.store.find_sha256(reference.path)
+        sha256 = worker.store.find_sha256(reference.path)
     except NotHere as gone:  # deleted with its recording meanwhile
         raise StoreDamaged from gone
-    with borrow_recording(bench.storage, reference.path, sha256) as path:
+    with borrow_recording(worker.storage, reference.path, sha256) as path:
         yield replace(job.request, reference=replace(reference, path=str(path)))
 
 
-def _publish(bench: Bench, job: Job, token: str, outcome: Outcome, lease: Lease) -> None:
+def _publish(worker: WorkerContext, job: Job, token: str, outcome: Outcome, lease: Lease) -> None:
     kept = False
     if isinstance(outcome, Finished):
-        limit_s = choose_limits(bench.settings, job.size_bytes).wall_s
-        lease.keep_during(lambda: bench.storage.keep_attempt(job.id, token), limit_s)
-        won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
-        kept = won or bench.store.is_published(job.id, token)
+        limit_s = choose_limits(worker.settings, job.size_bytes).wall_s
+        lease.keep_during(lambda: worker.storage.keep_attempt(job.id, token), limit_s)
+        won = worker.store.finish(
+            job.id, token, outcome.files, _read_headline(worker, job.id, token, outcome)
+        )
+        kept = won or worker.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
-        bench.store.fail(job.id, token, outcome.code, outcome.facts)
-    elif isinstance(outcome, Died) and not bench.stopping.wait(DEATH_GRACE_S):
+        worker.store.fail(job.id, token, outcome.code, outcome.facts)
+    elif isinstance(outcome, Died) and not worker.stopping.wait(DEATH_GRACE_S):
         logger.warning("%s: the analysis died (exit code %s)", job.id, outcome.exit_code)
-        if job.attempts < bench.settings.max_attempts:
-            bench.store.release(job.id, token)
+        if job.attempts < worker.settings.max_attempts:
+            worker.store.release(job.id, token)
         else:
             crashed = Crashed(attempts=job.attempts)
-            bench.store.fail(job.id, token, crashed.code, crashed.facts)
-    elif isinstance(outcome, Unstarted) and not bench.stopping.wait(TROUBLE_S):
-        bench.store.interrupt(job.id, token)
+            worker.store.fail(job.id, token, crashed.code, crashed.facts)
+    elif isinstance(outcome, Unstarted) and not worker.stopping.wait(TROUBLE_S):
+        worker.store.interrupt(job.id, token)
     else:
-        bench.store.release(job.id, token, forgiven=True)
+        worker.store.release(job.id, token, forgiven=True)
     if not kept:
-        bench.storage.drop_attempt(job.id, token)
+        worker.storage.drop_attempt(job.id, token)
 
 
-def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
+def _read_headline(
+    worker: WorkerContext, analysis_id: str, token: str, made: Finished
+) -> HeadlineFigures | None:
     """Read the headline figures of a finished attempt; a comparison with a reference has none."""
     file = next((file for file in made.files if file.name == "results.json"), None)
     if file is None:
         return None
     try:
-        with borrow_result(bench.storage, analysis_id, token, file) as results:
+        with borrow_result(worker.storage, analysis_id, token, file) as results:
             return read_headline(results)
     except ResultDamaged:  # every reader of the file gets this error
         return None

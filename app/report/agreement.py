@@ -278,7 +278,7 @@ def tell_agreement(validation: Mapping[str, Any], language: Language) -> bytes:
 
 
 def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[str, ...]:
-    """Say how far the two agree, and how their clocks were aligned."""
+    """Return how far the two agree, and how their clocks were aligned."""
     words = load_wording(language, "agreement")["sentence"]
     overall, alignment = validation["overall"], validation["alignment"]
     facts = {

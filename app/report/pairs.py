@@ -94,7 +94,7 @@ def name_pose(findings: Findings) -> str:
 
 
 def are_mixed(every: Iterable[Kept]) -> bool:
-    """Tell whether several methods, or versions of one, made the figures."""
+    """Return whether several methods, or versions of one, made the figures."""
     return len({name_method(kept.findings) for kept in every}) > 1
 
 
@@ -136,7 +136,7 @@ def format_start(kept: Kept, language: Language) -> str:
 
 
 def format_cautions(sides: Sequence[PairSide], language: Language) -> str:
-    """Say which of the two has the one-sided error of the N-pose, and what that does to the difference."""
+    """Return which of the two has the one-sided error of the N-pose, and what that does to the difference."""
     words, entry = load_wording(language), load_pair_words(language)["pose_error"]
     posed = [side for side in sides if format_pose_caution(side.kept.findings, words)]
     if not posed:

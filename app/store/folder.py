@@ -137,7 +137,7 @@ class VerifiedFiles:
         self._whole: dict[str, tuple[str, Mark, float]] = {}
 
     def is_known(self, name: str, sha256: str, mark: Mark) -> bool:
-        """Tell whether the file was verified within the last hour and has not changed since."""
+        """Return whether the file was verified within the last hour and has not changed since."""
         with self._lock:
             known = self._whole.get(name)
         return (
@@ -483,12 +483,12 @@ def read_recording(storage: Storage, recording_id: str, first_byte: int, count: 
 
 
 def is_result_whole(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> bool:
-    """Tell whether a result is there and matches its row; reads it unless a verification is remembered."""
+    """Return whether a result is there and matches its row; reads it unless a verification is remembered."""
     return _is_whole(storage, format_result_name(analysis_id, token, file.name), file.sha256)
 
 
 def is_recording_whole(storage: Storage, recording_id: str, sha256: str) -> bool:
-    """Tell whether a recording is there and matches its row; reads it unless a verification is remembered."""
+    """Return whether a recording exists and matches its row; reads it unless a verification is cached."""
     return _is_whole(storage, format_recording_name(recording_id), sha256)
 
 

@@ -55,7 +55,7 @@ def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
 
 
 def is_readable_by_others(path: Path) -> bool:
-    """Tell whether anybody else may read it; False where there are no such modes, and for a link."""
+    """Return whether anybody else may read it; False where there are no such modes, and for a link."""
     if sys.platform == "win32":
         return False
     mode = path.lstat().st_mode

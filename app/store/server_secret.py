@@ -50,7 +50,7 @@ class ServerSecret:
             raise SecretUnreadable(file=str(self.file)) from None
 
     def can_decrypt(self, token: str, about: str) -> bool:
-        """Tell whether this secret has encrypted a text."""
+        """Return whether this secret has encrypted a text."""
         try:
             self.decrypt(token, about)
         except SecretUnreadable:

@@ -20,7 +20,7 @@ COMPILED = re.compile(r"^@(njit|kernel|inner)\b", re.MULTILINE)
 
 
 def make_target(name: str) -> Callable[[bytes], None]:
-    """Give the function that libFuzzer calls with each input."""
+    """Return the function that libFuzzer calls with each input."""
     readers = importlib.import_module("fusion.readers")
     errors = importlib.import_module("fusion.errors")
     outcome = importlib.import_module("benchmarks.fuzz.outcome")

@@ -22,7 +22,7 @@ MENDING = {"gt3x log, checksums mended": mutate_records, "cwa, checksums mended"
 
 
 def damage(name: str, random: Random) -> bytes:
-    """Give a damaged file of a format."""
+    """Return a damaged file of a format."""
     return wrap(name, MENDING.get(name, mutate)(SEEDS[name], random))
 
 

@@ -41,7 +41,7 @@ def draw_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def render_section(name: str, section: Section, made_with: str) -> str:
-    """Give the section's text between the marks by which it is found again."""
+    """Return the section's text between the marks by which it is found again."""
     goals = [draw_goals(section.goals)] if section.goals else []
     parts = [f"### {section.title}", *section.shown, *goals, f"Made with {made_with}."]
     return "\n\n".join([_begin(name), *parts, _end(name)])

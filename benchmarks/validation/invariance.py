@@ -60,7 +60,7 @@ def compare_changes() -> Section:
 
 
 def change_all(recording: Recording) -> dict[str, Angle]:
-    """Give the difference from the unchanged recording, by change, at each sample kept."""
+    """Return the difference from the unchanged recording, by change, at each sample kept."""
     samples = calibrate(recording)
     whole = fuse(samples)
     return {
@@ -72,7 +72,7 @@ def change_all(recording: Recording) -> dict[str, Angle]:
 
 
 def strap_on(recording: Recording) -> Angle:
-    """Give the difference that the worst of some random rotations makes."""
+    """Return the difference that the worst of some random rotations makes."""
     whole = fuse(calibrate(recording))
     rotations = Rotation.random(MOUNTINGS, rng=np.random.default_rng(SEED)).as_matrix()
     turned = [fuse(calibrate(turn(recording, rotation))) - whole for rotation in rotations]
@@ -126,7 +126,7 @@ def _count_per_row(segment: Segment) -> int:
 
 
 def halve_rate(recording: Recording, whole: Angle) -> Angle:
-    """Give the difference that half the rate makes, at its rows."""
+    """Return the difference that half the rate makes, at its rows."""
     halved = fuse(calibrate(halve(recording)))
     time_s = np.arange(len(halved)) * (len(whole) / len(halved))
     return halved - interpolate(Run(0.0, 1.0, whole), np.minimum(time_s, len(whole) - 1.0))

@@ -43,12 +43,12 @@ Ranged = tuple[str, Interval, float]
 
 
 def lower_with_angle(true_deg: Float64Array) -> Float64Array:
-    """Give the error that grows with the angle, deg."""
+    """Return the error that grows with the angle, deg."""
     return np.asarray(NPOSE_ERROR_DEG * np.minimum(1.0, true_deg / FULL_AT_DEG))
 
 
 def lower_everywhere(true_deg: Float64Array) -> Float64Array:
-    """Give the error that is the same at every angle, deg."""
+    """Return the error that is the same at every angle, deg."""
     return np.full_like(true_deg, NPOSE_ERROR_DEG)
 
 

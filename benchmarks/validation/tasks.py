@@ -73,7 +73,7 @@ def wear_sessions(device: Device, *, seated: bool) -> tuple[Worn, ...]:
 
 
 def play_sessions(*, seated: bool) -> Iterable[Results]:
-    """Give each person's results for each device."""
+    """Return each person's results for each device."""
     for device in DEVICES:
         for worn in wear_sessions(device, seated=seated):
             yield measure(worn, {number: f"repetition {number}" for number in TASKS})

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fusion.elevation import Elevation, measure_elevation
 from fusion.orientation.live import LiveParameters, LiveVertical
-from fusion.pose.rules import RULES, object_to_window
+from fusion.pose.rules import RULES, window_rejection_reason
 from fusion.readers.samples import open_rows
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
 from fusion.sensor.model import RADIANS, check_arrays, check_direction, check_gravity
@@ -136,7 +136,8 @@ class LiveStatus:
     ``is_frame_doubtful``: whether gravity turns against the gyroscope (:class:`FrameWatch`): the angle is
     then wrong while the arm moves.
     ``pose``, ``pose_left_s``, ``pose_refused``, ``still_g``: where the pose stands; seconds until it is asked
-    for or has been held; why the last one was refused (:func:`fusion.pose.rules.object_to_window`, "hole");
+    for or has been held; why the last one was refused (:func:`fusion.pose.rules.window_rejection_reason`,
+    "hole");
     the largest standard deviation of an accelerometer axis in the last second.
     """
 
@@ -417,7 +418,7 @@ class _Pose:
             return None
         gravity_g = acc.mean(axis=0, dtype=np.float64)
         acc_sd_g, gyro_sd_dps = (float(rows.astype(np.float64).std(axis=0).max()) for rows in (acc, gyr))
-        self.refused = object_to_window(HOLD_S, acc_sd_g, gravity_g, gyro_sd_dps)
+        self.refused = window_rejection_reason(HOLD_S, acc_sd_g, gravity_g, gyro_sd_dps)
         return None if self.refused else np.asarray(gravity_g / np.linalg.norm(gravity_g))
 
     def describe(self, now_us: int, *, is_known: bool) -> tuple[PoseState, float]:

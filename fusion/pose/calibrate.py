@@ -23,9 +23,9 @@ from fusion.pose.rules import (
     estimate_held_sigma,
     estimate_repeated_sigma,
     find_spread_deg,
-    object_to_window,
     point_along,
     score_still_period,
+    window_rejection_reason,
 )
 from fusion.pose.wear import (
     MOVED_SHARE,
@@ -195,7 +195,7 @@ def _measure(
     acc, gyr = segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64)
     duration_s, gravity_g, acc_sd_g = end_s - start_s, acc.mean(axis=0), float(acc.std(axis=0).max())
     gyro_sd_dps = float(gyr.std(axis=0).max())
-    why = object_to_window(duration_s, acc_sd_g, gravity_g, gyro_sd_dps) if refuses_motion else ""
+    why = window_rejection_reason(duration_s, acc_sd_g, gravity_g, gyro_sd_dps) if refuses_motion else ""
     if why:
         raise UnusableCalibration(why=why, start_s=start_s, end_s=start_s + duration_s)
     is_moving = acc_sd_g > RULES.quiet_acc_sd_g or gyro_sd_dps > RULES.quiet_gyro_sd_dps

@@ -40,7 +40,7 @@ WINDOW_FAULTS = ("short", "hole", "moving", "gravity")
 """Why a window that a person chose is refused, within the recording."""
 
 
-def object_to_window(
+def window_rejection_reason(
     duration_s: float, acc_sd_g: float, gravity_g: Float64Array, gyro_sd_dps: float = 0.0
 ) -> str:
     """Return why a window that a person chose is refused by its length and motion; "" if it is not.

@@ -662,7 +662,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
         take_samples(buffer, starts[fits], layouts, scales, (columns.acc[room], columns.gyr[room]))
         log.parts.append(heads[fits])
         if columns.rows and to_come:
-            columns.foresee(len(buffer), to_come)
+            columns.reserve(len(buffer), to_come)
             to_come = 0
     log.columns.trim()
     return log

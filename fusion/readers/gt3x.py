@@ -872,7 +872,7 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | No
         for part in np.split(watched, schemas):  # each but the first begins with a schema
             _take_records(log, buffer, part)
         if log.columns.rows and to_come:
-            log.columns.foresee(len(buffer), to_come)
+            log.columns.reserve(len(buffer), to_come)
             to_come = 0
     log.columns.trim()
     return log

@@ -195,7 +195,7 @@ class SampleColumns:
             self._resize(max(self.rows, capacity + capacity // 16))
         return slice(first, self.rows)
 
-    def foresee(self, read_bytes: int, to_come_bytes: int) -> None:
+    def reserve(self, read_bytes: int, to_come_bytes: int) -> None:
         """Take room for what is to come, if it holds as many rows a byte as what was read.
 
         Room costs memory only as it is filled.

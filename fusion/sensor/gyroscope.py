@@ -26,7 +26,7 @@ from fusion.sensor.model import (
     RADIANS,
     AccelerometerCorrection,
     GyroBias,
-    Hats,
+    LinearInterpolator,
     Nodes,
     SensorRun,
     carry,
@@ -239,7 +239,10 @@ def _solve(
     overlap = max(1.0, BIAS.window_s / windows.every_s)
     variance = BIAS.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
     bias = GyroBias(knots_s, start_dps, len(stills), len(windows.time_s))
-    in_windows, in_stills = Hats(knots_s, windows.time_s), Hats(knots_s, stills.middle_s)
+    in_windows, in_stills = (
+        LinearInterpolator(knots_s, windows.time_s),
+        LinearInterpolator(knots_s, stills.middle_s),
+    )
     for _ in range(5):
         weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
         off_dps = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)

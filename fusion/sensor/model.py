@@ -141,7 +141,7 @@ def _solve_band(band, right):  # type: ignore[no-untyped-def] # pragma: no cover
     return True
 
 
-class Hats:
+class LinearInterpolator:
     """Shares observations at given times between the two knots about each."""
 
     def __init__(self, knots_s: Float64Array, time_s: Float64Array) -> None:

@@ -27,7 +27,7 @@ from fusion.sensor.model import (
     PART_OFFSET_G,
     AccelerometerCorrection,
     GyroBias,
-    Hats,
+    LinearInterpolator,
     Nodes,
     SensorRun,
     correct_nodes,
@@ -180,7 +180,7 @@ class _Cells:
     reading_g: Float64Array
     variance: Float64Array
     directions: int
-    hats: Hats = field(repr=False)
+    hats: LinearInterpolator = field(repr=False)
 
 
 def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
@@ -206,7 +206,9 @@ def _average_cells(stills: QuietTable, moving: MovingReadings | None) -> _Cells:
     moves = is_moving[order][first]
     common_g = np.where(moves, SETTINGS.moving_cell_g, SETTINGS.cell_g)
     variance = common_g**2 + np.where(moves, SETTINGS.moving_g, SETTINGS.still_g) ** 2 / count
-    return _Cells(knots_s, reading_g, variance, int(direction.max()) + 1, Hats(knots_s, middle_s))
+    return _Cells(
+        knots_s, reading_g, variance, int(direction.max()) + 1, LinearInterpolator(knots_s, middle_s)
+    )
 
 
 def _fit(cells: _Cells) -> tuple[Float64Array, Float64Array]:

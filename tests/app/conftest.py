@@ -17,7 +17,7 @@ from app.library.rows import Job
 from app.main import configure_server, create_app
 from app.ops import verify
 from app.queue import worker
-from app.queue.worker import Bench, open_bench, run_next
+from app.queue.worker import WorkerContext, open_worker_context, run_next
 from app.request import ReportRequest
 from app.services import Services
 from app.settings import Settings
@@ -27,7 +27,7 @@ from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 
 AddJob = Callable[..., Job]
-OpenBench = Callable[..., Bench]
+OpenBench = Callable[..., WorkerContext]
 
 on_both_set_ups = pytest.mark.parametrize(
     ("database", "objects"),
@@ -53,7 +53,7 @@ def serving(settings: Settings, **changes: object) -> Iterator[TestClient]:
         yield client
 
 
-def do_next(bench: Bench) -> bool:
+def do_next(bench: WorkerContext) -> bool:
     """Do the next job beside a running server: a worker passes over a row that the server is writing."""
     for _ in range(200):
         if run_next(bench):
@@ -154,10 +154,10 @@ def add_job(store: JobStore, storage: Storage) -> AddJob:
 @pytest.fixture
 def bench(settings: Settings) -> Iterator[OpenBench]:
     """Open worker's benches over the folder, with a stand-in for the science."""
-    opened: list[Bench] = []
+    opened: list[WorkerContext] = []
 
-    def make(make_report: MakeReport | None, **changes: object) -> Bench:
-        opened.append(open_bench(settings.model_copy(update=changes), make_report))
+    def make(make_report: MakeReport | None, **changes: object) -> WorkerContext:
+        opened.append(open_worker_context(settings.model_copy(update=changes), make_report))
         return opened[-1]
 
     yield make

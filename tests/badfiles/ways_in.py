@@ -6,7 +6,7 @@ from functools import cache
 
 from fastapi.testclient import TestClient
 
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.report.words.wording import Language
 from app.settings import Settings
 from fusion.angle_files import read_angle_file, recognise_layout
@@ -39,7 +39,7 @@ class Server:
     def send(self, bad: BadFile) -> str:
         """Send a file, let a worker do it, and give the address of what became of it."""
         answer = self.client.post("/api/v1/analyze", content=content_of(bad), params={"file_name": bad.name})
-        bench = open_bench(self.settings)
+        bench = open_worker_context(self.settings)
         run_next(bench)
         bench.store.close()
         return str(answer.headers["location"])

@@ -141,7 +141,7 @@ def make_stock(folder: Path) -> Stock:
 
 
 def list_cells() -> Iterator[Cell]:
-    """Give every cell, the meaningless ones too."""
+    """Return every cell, the meaningless ones too."""
     for part in PARTS:
         for damage in DAMAGES:
             for action in ACTIONS:
@@ -329,7 +329,7 @@ def _serve(scene: Scene) -> None:
 
 
 def _ask_everything(scene: Scene, server: Server) -> list[str]:
-    """Give the codes of the problem answers; what is answered with 200 is as it was before the damage."""
+    """Return the codes of the problem answers; what is answered with 200 is as it was before the damage."""
     problems = []
     for path in _list_addresses(scene.store):
         answer = scene.ask(server, "GET", path)
@@ -522,7 +522,7 @@ def _list_addresses(store: Store) -> list[str]:
 
 
 def _may_differ(cell: Cell, path: str) -> bool:
-    """Tell whether other bytes may be right: rows of an older database are older."""
+    """Return whether other bytes may be right: rows of an older database are older."""
     return cell.part == "database" or path.rpartition("/")[2].startswith(("rec_", "an_"))
 
 

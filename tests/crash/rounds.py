@@ -50,7 +50,7 @@ class Result:
 
 
 def can_cut_power() -> bool:
-    """Tell whether a disk can be made and mounted here (Linux, root, loop devices)."""
+    """Return whether a disk can be made and mounted here (Linux, root, loop devices)."""
     tools = all(shutil.which(name) for name in ("mkfs.ext4", "mount", "umount"))
     return sys.platform == "linux" and os.geteuid() == 0 and tools and Path("/dev/loop-control").exists()
 

@@ -3,12 +3,12 @@
 import sys
 from pathlib import Path
 
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.settings import Settings
 from tests.crash.program import write_digest
 
 if __name__ == "__main__":
-    bench = open_bench(Settings(data_dir=Path(sys.argv[1])), write_digest)
+    bench = open_worker_context(Settings(data_dir=Path(sys.argv[1])), write_digest)
     done = run_next(bench)
     bench.store.close()
     sys.exit(not done)

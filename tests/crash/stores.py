@@ -139,7 +139,7 @@ class Server:
         return self._answers() or not self.runs
 
     def _answers(self) -> bool:
-        """Tell whether it takes requests: its address is printed a moment before."""
+        """Return whether it takes requests: its address is printed a moment before."""
         found = re.search(r"Acromion is at (http://\S+?)/ ", self.read_log())
         try:
             return found is not None and httpx2.get(f"{found[1]}/healthz").status_code == 200

@@ -72,7 +72,7 @@ def test_every_name_that_a_block_imports_exists(block: Block) -> None:
 
 
 def split_commands(body: str) -> Iterator[list[str]]:
-    """Give the words of each command: lines that end in a backslash go on, && and | end one."""
+    """Return the words of each command: lines that end in a backslash go on, && and | end one."""
     for line in body.replace("\\\n", " ").splitlines():
         for words in _split_line(line):
             if words:

@@ -69,7 +69,7 @@ def wait_for_curve(page: Page) -> None:
 
 
 def read_view(page: Page) -> tuple[float, float]:
-    """Give the seconds in view."""
+    """Return the seconds in view."""
     told: list[float] = page.evaluate("[acromionDay.view.fromS, acromionDay.view.toS]")
     return told[0], told[1]
 

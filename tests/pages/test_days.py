@@ -48,7 +48,7 @@ def visits(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> t
         )
         file = write_shift(folder / name, shift, actilife_csv=False)[0].rename(folder / f"{name}.gt3x")
         made.append(
-            finish(server, file, subject="S077", side="right", study="Bench moved", pose_held="start")
+            finish(server, file, subject="S077", side="right", study="WorkerContext moved", pose_held="start")
         )
     return made[0], made[1]
 

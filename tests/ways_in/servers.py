@@ -52,7 +52,7 @@ class RunningServer:
         return view
 
     def find_workers(self) -> list[int]:
-        """Give the process numbers of the workers that live."""
+        """Return the process numbers of the workers that live."""
         return [pid for pid in list_children(self.process.pid) if "app.queue.worker" in read_command(pid)]
 
     def kill(self) -> None:
@@ -70,13 +70,13 @@ class RunningServer:
 
 
 def list_children(parent: int) -> list[int]:
-    """Give the processes whose parent this is."""
+    """Return the processes whose parent this is."""
     stats = {int(path.parent.name): read_stat(path) for path in Path("/proc").glob("[0-9]*/stat")}
     return [pid for pid, fields in stats.items() if fields[1:2] == [str(parent)]]
 
 
 def read_stat(path: Path) -> list[str]:
-    """Give the fields after the process's name; none when it has just ended."""
+    """Return the fields after the process's name; none when it has just ended."""
     try:
         return path.read_text().rpartition(")")[2].split()
     except OSError:
@@ -84,7 +84,7 @@ def read_stat(path: Path) -> list[str]:
 
 
 def read_command(pid: int) -> str:
-    """Give the command line of a process."""
+    """Return the command line of a process."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     except OSError:
@@ -92,7 +92,7 @@ def read_command(pid: int) -> str:
 
 
 def is_alive(pid: int) -> bool:
-    """Tell whether a process runs (a zombie does not)."""
+    """Return whether a process runs (a zombie does not)."""
     return read_stat(Path(f"/proc/{pid}/stat"))[:1] not in ([], ["Z"])
 
 

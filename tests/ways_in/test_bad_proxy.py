@@ -41,7 +41,7 @@ class PatientClient:
         self.offsets = [0]
 
     def send(self) -> str:
-        """Give the recording's id."""
+        """Return the recording's id."""
         head = TUS | {"upload-length": str(len(self._content))}
         address = self._caller.post("/api/v1/uploads", headers=head).headers["location"]
         while True:

@@ -47,7 +47,7 @@ def server(start_server: StartServer, generator: Path, tmp_path: Path) -> Iterat
 
 
 def find_ended(analysis: Any) -> Any:
-    """Give the analysis once it is over."""
+    """Return the analysis once it is over."""
     return analysis if analysis.state in ("succeeded", "failed", "cancelled") else None
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from app.library.jobs import JobStore
 from app.library.rows import Job, JobState
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import open_storage
@@ -45,7 +45,7 @@ class Slow:
 
     def finish(self) -> tuple[JobState, int, int]:
         """Have another worker do what it left; return what became of it."""
-        bench = open_bench(self.settings, write_report)
+        bench = open_worker_context(self.settings, write_report)
         wait_for(lambda: run_next(bench))
         bench.store.close()
         return self.job.state, self.job.attempts, self.job.interruptions

@@ -29,6 +29,6 @@ def test_no_line_of_the_log_holds_a_subject_code_or_a_file_name(tmp_path: Path) 
 
 
 def find_end(server: RunningServer, analysis_id: str) -> str | None:
-    """Give the state of an analysis that is over."""
+    """Return the state of an analysis that is over."""
     state: str = server.see(analysis_id, wait=60)["state"]
     return state if state in {"succeeded", "failed"} else None

@@ -15,7 +15,7 @@ from tests.ways_in.servers import RunningServer
 
 
 def sha256_at(server: RunningServer, address: str) -> str:
-    """Give the hash of the recording that an upload became."""
+    """Return the hash of the recording that an upload became."""
     upload = server.client.get(address).json()
     recording = server.client.get(upload["links"]["recording"]).json()
     assert recording["file_name"] == "shift.gt3x"
@@ -44,7 +44,7 @@ def test_tuspy_brings_a_recording_in_two_goes_between_which_the_server_was_kille
 
 
 def find_tus_js_client(folder: Path) -> Path:
-    """Give the folder whose ``node_modules`` holds tus-js-client, installed now where it is absent."""
+    """Return the folder whose ``node_modules`` holds tus-js-client, installed now where it is absent."""
     installed = os.environ.get("ACROMION_NODE_FOLDER")
     if installed:
         return Path(installed)

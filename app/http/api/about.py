@@ -70,7 +70,7 @@ class Dictionary(BaseModel):
 
 @router.get("/formats")
 def list_formats() -> FormatList:
-    """Say which kinds of file are taken, those of the plug-ins that are installed last."""
+    """Return which kinds of file are taken, those of the plug-ins that are installed last."""
     return FormatList(items=[FormatView(**asdict(kind)) for kind in (*FORMATS, *find_added_formats())])
 
 
@@ -97,7 +97,7 @@ def get_problem(code: str, language: UsedLanguage) -> ProblemView:
 
 @router.get("/version")
 def get_version() -> VersionView:
-    """Say which software answers."""
+    """Return which software answers."""
     readers = [ReaderView(name=name, version=version) for name, version in installed_readers()]
     return VersionView(
         name="acromion", version=software_version(), revision=software_revision(), readers=readers
@@ -117,7 +117,7 @@ def healthz() -> dict[str, str]:
 
 @health_router.get("/readyz")
 async def readyz(services: UsedServices) -> JSONResponse:
-    """Say whether uploads are taken: 200, or 503 with the code of each check that fails."""
+    """Return whether uploads are taken: 200, or 503 with the code of each check that fails."""
     checks = await services.readiness.check()
     if set(checks.values()) != {GOOD}:
         body = {"status": "unready", "checks": checks}

@@ -57,7 +57,7 @@ async def keep_house(services: Services) -> None:
                 await sender.start_due(now_s - looked_s)
                 looked_s = now_s
                 if now_s - aged_s > AGE_S:
-                    await run_to_end(grow_older, services, now_s - aged_s)
+                    await run_to_end(apply_retention, services, now_s - aged_s)
                     aged_s = now_s
                     await run_to_end(keep_daily_copy, services.settings, services.store.engine)
             except OperationalError:
@@ -137,7 +137,7 @@ def _finish_dropped(services: Services) -> int:
     return len(dropped)
 
 
-def grow_older(services: Services, elapsed_s: float) -> None:
+def apply_retention(services: Services, elapsed_s: float) -> None:
     """Age uploads and trash by ``elapsed_s``; delete what has reached its term."""
     settings = services.settings
     for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):

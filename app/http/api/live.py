@@ -94,7 +94,7 @@ class LiveLibrary:
         self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
 
 
-def take_in_cut(services: Services) -> int:
+def import_interrupted_sessions(services: Services) -> int:
     """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
     folder = services.settings.data_dir / LIVE_FOLDER
     for path in folder.glob(f"{PLAYED}*{RAW}"):

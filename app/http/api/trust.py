@@ -98,7 +98,7 @@ class HoldView(BaseModel):
 
 @router.get("/recordings/{recording_id}/hold", tags=["recordings"])
 def get_hold(recording_id: str, services: UsedServices) -> HoldView:
-    """Say whether a recording is on hold."""
+    """Return whether a recording is on hold."""
     row = services.recordings.get(recording_id, trashed=True)
     return HoldView(recording_id=row.id, reason=row.hold or None, held_by=row.hold_by or None)
 
@@ -127,7 +127,7 @@ class TermView(BaseModel):
 
 @router.get("/retention", tags=["recordings"])
 def get_terms(services: UsedServices) -> dict[str, int | None]:
-    """Give the term of each kind."""
+    """Return the term of each kind."""
     return {str(kind): days for kind, days in services.retention.find_all().items()}
 
 
@@ -212,7 +212,7 @@ def get_trail(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> 
 
 @router.get("/trail/trail.csv", tags=["trail"])
 def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
-    """Give the lines as a table."""
+    """Return the lines as a table."""
     rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
     body = encode_table(AUDIT_COLUMNS, rows, INTERNATIONAL)
     return respond_with_file(body, MEDIA_TYPES["csv"], "audit_log.csv")
@@ -220,7 +220,7 @@ def export_csv(services: UsedServices, asked: Annotated[AuditQuery, Query()]) ->
 
 @router.get("/trail/trail.jsonl", tags=["trail"])
 def export_lines(services: UsedServices, asked: Annotated[AuditQuery, Query()]) -> Response:
-    """Give the lines as JSON, one each."""
+    """Return the lines as JSON, one each."""
 
     def write() -> Iterator[bytes]:
         for line in find_export(services, asked):
@@ -291,7 +291,7 @@ def create_token(body: TokenWish, connection: HTTPConnection, person: UsedPerson
 
 @token_router.get("", response_model_exclude_none=True)
 def list_tokens(connection: HTTPConnection, person: UsedPerson) -> TokenList:
-    """Give the tokens that hold."""
+    """Return the tokens that hold."""
     return TokenList(
         items=[_view(token) for token in find_logins(connection).accounts.find_tokens(person.id)]
     )

@@ -103,7 +103,7 @@ async def add_validation(request: Request, services: UsedServices, language: Use
 
 @router.get("/validations/{validation_id}")
 def get_validation(validation_id: str, services: UsedServices, language: UsedLanguage) -> ValidationView:
-    """Give one comparison."""
+    """Return one comparison."""
     return view_validation(find_validation(services, validation_id), language)
 
 

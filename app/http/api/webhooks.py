@@ -228,7 +228,7 @@ def create_webhook(body: WebhookWish, services: UsedServices) -> WebhookView:
 
 @router.get("", response_model_exclude_none=True)
 def list_webhooks(services: UsedServices) -> WebhookList:
-    """Give every webhook, without its secret."""
+    """Return every webhook, without its secret."""
     return WebhookList(items=[_view(hook) for hook in services.webhooks.find_all()])
 
 

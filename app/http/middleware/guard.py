@@ -72,7 +72,7 @@ def name_cookie(connection: HTTPConnection, name: str) -> str:
 
 
 def set_cookie(connection: HTTPConnection, response: Response, name: str, value: str, age_s: int) -> None:
-    """Give the browser a cookie that no script reads."""
+    """Return the browser a cookie that no script reads."""
     response.set_cookie(
         name_cookie(connection, name),
         value,

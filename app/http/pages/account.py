@@ -181,7 +181,7 @@ def invite(page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
 
 @router.post("/people/{person_id}/roles")
 def set_roles(person_id: str, page: UsedPage, form: UsedForm, subject: UsedPerson) -> Response:
-    """Give a person other roles; nobody changes his own."""
+    """Return a person other roles; nobody changes his own."""
     person = _get_other(page, subject, person_id)
     if person.issuer is not None:
         raise NotPermitted(permission="provided")  # the provider says them at each login

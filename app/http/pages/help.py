@@ -93,7 +93,7 @@ def show_reading(page: UsedPage) -> Response:
 
 @router.get("/help/export")
 def show_export(page: UsedPage) -> Response:
-    """Say which file to take from the device's own software."""
+    """Return which file to take from the device's own software."""
     return page.render(
         "help/export.html", known=[one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
     )

@@ -163,7 +163,7 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
 
 
 def _tell_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
-    """Say whether the last day differs from the first by more than single days do."""
+    """Return whether the last day differs from the first by more than single days do."""
     trend, entry = follow_days(arm), sentence["trend"]
     starts = [day.start for day in arm.counted if day.start]
     if trend is None:

@@ -319,7 +319,7 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
         found[csv_lines.FIRST_BAD_LINE] = found[csv_lines.LAST_BAD_LINE] = 0
         tally += found
         if done_bytes <= FORECAST_BYTES < done_bytes + piece_bytes:
-            columns.foresee(done_bytes + piece_bytes, source.size_bytes)
+            columns.reserve(done_bytes + piece_bytes, source.size_bytes)
         done_bytes += piece_bytes
     columns.trim()
     if plan.time.unit.is_days:

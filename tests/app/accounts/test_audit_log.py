@@ -26,7 +26,7 @@ from app.library.database.tables import facts, sessions
 from app.library.jobs import JobStore
 from app.library.rows import Job
 from app.logs import LineFormatter
-from app.queue.worker import Bench, open_bench, run_next
+from app.queue.worker import WorkerContext, open_worker_context, run_next
 from app.report.words.wording import LANGUAGES, load_wording
 from app.request import ReportRequest
 from app.settings import Settings
@@ -48,7 +48,7 @@ def list_acts(store: JobStore) -> list[str]:
     return [line.act for line in read(store)]
 
 
-def do_one_job(bench: Callable[..., Bench], add_job: AddJob) -> Job:
+def do_one_job(bench: Callable[..., WorkerContext], add_job: AddJob) -> Job:
     job = add_job()
     assert do_next(bench(write_digest))
     return job
@@ -71,7 +71,7 @@ def test_a_rollback_drops_the_line_with_the_act_and_logs_nothing(
 
 
 def test_a_worker_s_report_is_an_act_of_the_system(
-    store: JobStore, bench: Callable[..., Bench], add_job: AddJob
+    store: JobStore, bench: Callable[..., WorkerContext], add_job: AddJob
 ) -> None:
     job = do_one_job(bench, add_job)
 
@@ -401,7 +401,7 @@ def _store_job(house: House, subject: str = "", content: bytes = b"recording") -
 def _finish_job(house: House) -> Job:
     """Store a recording whose report is made, by a stand-in for the science."""
     job = _store_job(house)
-    bench = open_bench(house.services.settings, stand_ins.write_report)
+    bench = open_worker_context(house.services.settings, stand_ins.write_report)
     assert run_next(bench)
     bench.store.close()
     return job

@@ -9,7 +9,7 @@ from starlette.requests import Request
 
 from app.accounts.accounts import AccountStore, Person
 from app.accounts.subjects import AT_THE_MACHINE, Permission, Subject
-from app.services import find_way_in
+from app.services import get_request_origin
 from tests.app.accounts.conftest import AddPerson, Clock, Enter, Visit, Visitor
 
 DAY_S = 86400.0
@@ -161,7 +161,7 @@ def test_a_token_is_made_and_revoked_on_the_page(visitor: Visitor, visit: Visit)
 
 
 def find_way(subject: Subject, *headers: tuple[bytes, bytes]) -> str:
-    return find_way_in(Request({"type": "http", "headers": headers, "acromion.subject": subject}))
+    return get_request_origin(Request({"type": "http", "headers": headers, "acromion.subject": subject}))
 
 
 def of_kind(kind: Any, permissions: Sequence[Permission] = ()) -> Subject:

@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import insert, update
 
-from app.http.api.housekeeping import grow_older, write_side_files
+from app.http.api.housekeeping import apply_retention, write_side_files
 from app.library.audit_log import AuditQuestion, find_lines
 from app.library.batches import identify_study
 from app.library.database.tables import analyses, answers
@@ -17,7 +17,7 @@ from app.library.governance import DAY_S, AggregateStore, ReleaseStore, Retentio
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
 from app.library.rows import Job
-from app.queue.worker import Bench
+from app.queue.worker import WorkerContext
 from app.request import ReportRequest
 from app.services import Services
 from app.store.folder import Storage
@@ -32,7 +32,7 @@ def find_acts(services: Services, act: str) -> list[tuple[str, str, str]]:
     return [(line.who, line.recording_id, line.analysis_id) for line in lines]
 
 
-def finish(job: Job, bench: Callable[..., Bench]) -> None:
+def finish(job: Job, bench: Callable[..., WorkerContext]) -> None:
     assert do_next(bench(write_digest)), job.id
 
 
@@ -40,7 +40,7 @@ def finish(job: Job, bench: Callable[..., Bench]) -> None:
 
 
 def test_a_report_is_released_and_taken_back_by_further_rows(
-    store: JobStore, add_job: AddJob, bench: Callable[..., Bench]
+    store: JobStore, add_job: AddJob, bench: Callable[..., WorkerContext]
 ) -> None:
     job = add_job()
     finish(job, bench)
@@ -59,7 +59,7 @@ def test_a_report_is_released_and_taken_back_by_further_rows(
 
 
 def test_a_later_version_is_not_released_by_it(
-    house: House, caller: TestClient, bench: Callable[..., Bench]
+    house: House, caller: TestClient, bench: Callable[..., WorkerContext]
 ) -> None:
     clinician = dict(house.log_in("clinician"))
     first = ask(caller, clinician)
@@ -104,7 +104,7 @@ def test_neither_a_person_nor_the_trash_nor_retention_purges_what_is_on_hold(
 
     by_api = caller.delete(f"/api/v1/recordings/{recording_id}?purge=true", headers=clinician)
     by_page = caller.post(f"/recordings/{recording_id}/purge", headers=clinician)
-    grow_older(house.services, 400 * DAY_S)
+    apply_retention(house.services, 400 * DAY_S)
 
     assert (by_api.status_code, by_api.json()["code"], by_page.status_code) == (409, "E-HOLD", 409)
     assert house.services.recordings.get(recording_id).hold == "legal"
@@ -113,7 +113,7 @@ def test_neither_a_person_nor_the_trash_nor_retention_purges_what_is_on_hold(
     assert json.loads(side or b"")["rows"]["recordings"][0]["hold"] == "legal"
 
     caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
-    grow_older(house.services, 400 * DAY_S)
+    apply_retention(house.services, 400 * DAY_S)
     assert house.services.recordings.get(recording_id, trashed=True).state == "trashed"
 
 
@@ -188,12 +188,12 @@ def test_a_term_makes_a_trash_where_the_server_has_none(house: House, caller: Te
 def test_a_recording_goes_when_the_server_has_run_for_its_term(house: House, caller: TestClient) -> None:
     clinician = dict(house.log_in("clinician"))
     old = ask(caller, clinician)["recording_id"]
-    grow_older(house.services, 29 * DAY_S)
+    apply_retention(house.services, 29 * DAY_S)
     is_there = house.services.store.may_hold(old)
     house.services.retention.put("recordings", 30)
     new = caller.post("/api/v1/recordings", content=b"newer", headers=clinician).json()["id"]
 
-    grow_older(house.services, 1 * DAY_S)
+    apply_retention(house.services, 1 * DAY_S)
 
     assert is_there
     assert [house.services.store.may_hold(one) for one in (old, new)] == [False, True]
@@ -206,20 +206,20 @@ def test_the_trash_has_a_term(house: House, caller: TestClient) -> None:
     caller.delete(f"/api/v1/recordings/{recording_id}", headers=clinician)
     house.services.retention.put("trash", 2)
 
-    grow_older(house.services, 2 * DAY_S)
+    apply_retention(house.services, 2 * DAY_S)
 
     assert not house.services.store.may_hold(recording_id)
 
 
 def test_a_result_goes_by_its_term_and_the_recording_stays(
-    house: House, caller: TestClient, bench: Callable[..., Bench]
+    house: House, caller: TestClient, bench: Callable[..., WorkerContext]
 ) -> None:
     clinician = dict(house.log_in("clinician"))
     job = ask(caller, clinician)
     do_next(bench(write_digest))
     house.services.retention.put("results", 10)
 
-    grow_older(house.services, 10 * DAY_S)
+    apply_retention(house.services, 10 * DAY_S)
 
     assert caller.get(f"/api/v1/analyses/{job['id']}", headers=clinician).status_code == 404
     assert caller.get(f"/api/v1/recordings/{job['recording_id']}", headers=clinician).status_code == 200

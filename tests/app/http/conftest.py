@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.main import create_app
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.settings import Settings
 from tests.app import stand_ins
 
@@ -41,7 +41,7 @@ def finished(shared_server: TestClient, shared_settings: Settings) -> str:
     """Return the address of a finished analysis of the shared server."""
     wishes = {"file_name": "Équipe 1.gt3x", "lang": "fr"}
     sent = shared_server.post("/api/v1/analyze", content=b"<b>recording", params=wishes)
-    bench = open_bench(shared_settings, stand_ins.write_report)
+    bench = open_worker_context(shared_settings, stand_ins.write_report)
     assert run_next(bench)
     bench.store.close()
     return sent.headers["location"]

@@ -9,7 +9,7 @@ from openapi_spec_validator import validate
 
 from app.errors import list_refusals
 from app.formats import FORMATS
-from app.http.api.housekeeping import grow_older
+from app.http.api.housekeeping import apply_retention
 from app.report.words.messages import find_flag_codes
 from fusion.readers import READERS
 from tests.app.conftest import services_of
@@ -117,9 +117,9 @@ def test_an_upload_that_nobody_goes_on_with_expires(client: TestClient) -> None:
     address = client.post("/api/v1/uploads", headers=TUS).headers["location"]
     services = services_of(client)
 
-    grow_older(services, services.settings.upload_term_s - 1)
+    apply_retention(services, services.settings.upload_term_s - 1)
     assert client.get(address).status_code == 200
-    grow_older(services, 1)
+    apply_retention(services, 1)
 
     assert client.get(address).status_code == 404
 
@@ -129,7 +129,7 @@ def test_what_is_in_the_trash_goes_for_good_after_its_term(client: TestClient) -
     client.delete(f"/api/v1/recordings/{recording}")
     services = services_of(client)
 
-    grow_older(services, services.settings.trash_term_s)
+    apply_retention(services, services.settings.trash_term_s)
 
     assert client.post(f"/api/v1/recordings/{recording}/restore").status_code == 404
     assert list((services.settings.data_dir / "recordings").iterdir()) == []

@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from app.analysis.pair import make_profile
 from app.http.api.pairs import ProfileView
 from app.library.batches import identify_study
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.request import ProfileRequest
 from app.settings import Settings
 from tests.app.analysis.days_factory import write_day
@@ -22,7 +22,7 @@ Finished = tuple[str, str]
 def add_days(client: TestClient, settings: Settings) -> Finished:
     """Analyse two days of a right arm, 4 and 8 % of the time above 60 deg."""
     ids = send(client, b"0 4.0", "right"), send(client, b"1 8.0", "right")
-    at_work = open_bench(settings, write_day)
+    at_work = open_worker_context(settings, write_day)
     assert run_next(at_work)
     assert run_next(at_work)
     at_work.store.close()
@@ -146,7 +146,7 @@ STUDY_ID = identify_study(STUDY)
 @pytest.fixture(scope="module")
 def group(shared_server: TestClient, shared_settings: Settings) -> str:
     """Make a study of five people, each with a Monday and a Friday 2.0 to 4.0 points higher."""
-    at_work = open_bench(shared_settings, write_day)
+    at_work = open_worker_context(shared_settings, write_day)
     shares = {"A": (4, 6), "B": (8, 12), "C": (4, 6), "D": (8, 12), "E": (6, 9)}
     days = [(subject, f"{4 * k} {both[k]}") for subject, both in shares.items() for k in (0, 1)]
     for k, (subject, content) in enumerate(days):

@@ -13,7 +13,7 @@ from app.analysis.pair import make_report_of_two
 from app.http.api.pairs import ChangeView, PairView
 from app.library import kept_pairs as pairs
 from app.main import create_app
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.request import PairRequest
 from app.settings import Settings
 from tests.app import stand_ins
@@ -35,7 +35,7 @@ def analysed(
     """A left arm and a right one of one person, and a right one without a subject code."""
     left = send(shared_server, shift_gt3x.read_bytes(), "left")
     rights = [send(shared_server, small_gt3x, "right", subject) for subject in ("S012", "")]
-    at_work = open_bench(shared_settings, load_and_make_report)
+    at_work = open_worker_context(shared_settings, load_and_make_report)
     assert all(run_next(at_work) for _ in range(3))
     at_work.store.close()
     return left, rights[0], rights[1]

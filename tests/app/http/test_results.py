@@ -14,7 +14,7 @@ from rocrate.rocrate import ROCrate
 
 from app.analysis.attempt import MakeReport, load_and_make_report
 from app.batch.settings_file import read_settings
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.report.export.crate import CRATE
 from app.settings import Settings
 from tests.app import stand_ins
@@ -178,7 +178,7 @@ def analysed(shared_server: TestClient, shared_settings: Settings, shift_gt3x: P
     """Return the address of the analysis of a left arm."""
     asked = {"side": "left", "file_name": "a.gt3x"}
     made = shared_server.post("/api/v1/analyze", params=asked, content=shift_gt3x.read_bytes())
-    bench = open_bench(shared_settings, load_and_make_report)
+    bench = open_worker_context(shared_settings, load_and_make_report)
     assert run_next(bench)
     bench.store.close()
     return str(made.headers["location"])

@@ -14,7 +14,7 @@ from app.cli import app
 from app.library.batches import identify_study
 from app.library.jobs import JobStore
 from app.ops.recover import Unknown, find_unknown
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.settings import Settings
 from app.store.folder import Storage
 from tests.app import stand_ins
@@ -31,7 +31,7 @@ def compare(client: TestClient, settings: Settings, **wishes: str) -> str:
     """Send a pair and let a worker take it; returns the address of the comparison."""
     sent = client.post("/api/v1/validations", files=FILES, data=wishes)
     assert sent.status_code == 202, sent.text
-    at_work = open_bench(settings, None)  # the worker's own way
+    at_work = open_worker_context(settings, None)  # the worker's own way
     assert run_next(at_work)
     at_work.store.close()
     return sent.headers["location"]

@@ -292,11 +292,11 @@ def test_terms_pass_while_one_never_answers(
     monkeypatch.setattr(housekeeping, "LOOK_S", 0.01)
     monkeypatch.setattr(housekeeping, "AGE_S", 0.0)
 
-    def grow_older(*_: object) -> None:
+    def apply_retention(*_: object) -> None:
         if connected.is_set():
             aged.set()
 
-    monkeypatch.setattr(housekeeping, "grow_older", grow_older)
+    monkeypatch.setattr(housekeeping, "apply_retention", apply_retention)
 
     async def keep_house() -> None:
         house = asyncio.create_task(housekeeping.keep_house(services))

@@ -16,7 +16,7 @@ from sqlalchemy import select
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.http.api.housekeeping import grow_older
+from app.http.api.housekeeping import apply_retention
 from app.library.database.tables import metadata
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingStore
@@ -164,7 +164,7 @@ def test_samples_that_were_written_after_their_recording_was_purged_go_too(
 ) -> None:
     folder = keep_samples(settings, "rec_of_nobody")
 
-    grow_older(services, 60.0)
+    apply_retention(services, 60.0)
 
     assert list(folder.iterdir()) == []
 

@@ -13,7 +13,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.accounts.accounts import AccountStore
-from app.http.api.housekeeping import grow_older
+from app.http.api.housekeeping import apply_retention
 from app.library.jobs import JobStore
 from app.library.recordings import RecordingFilter, RecordingStore
 from app.main import create_app
@@ -176,7 +176,7 @@ def test_an_erasure_whose_copy_cannot_be_written_is_unfinished_and_goes_on(
     assert find_copies(settings) == ()
     assert client.app.state.services.recordings.find_purging() == (gone,)  # type: ignore[attr-defined]
 
-    grow_older(client.app.state.services, 60.0)  # type: ignore[attr-defined]
+    apply_retention(client.app.state.services, 60.0)  # type: ignore[attr-defined]
 
     assert client.app.state.services.recordings.find_purging() == ()  # type: ignore[attr-defined]
     assert read_subjects(find_copies(settings)[0]) == []

@@ -17,7 +17,7 @@ from app.library.database.connect import connect
 from app.library.jobs import JobStore
 from app.library.side_files import decode_side_file
 from app.ops.recover import read_side_file
-from app.queue.worker import open_bench, run_next
+from app.queue.worker import open_worker_context, run_next
 from app.settings import Settings
 from app.store.folder import Storage, format_side_file_name, read_recording
 from tests.app import stand_ins
@@ -33,7 +33,7 @@ def upload(client: TestClient, content: bytes, **said: str) -> str:
 def analyse(settings: Settings, client: TestClient, recording_id: str) -> str:
     """Have a stored recording analysed by a stand-in for the science."""
     asked = client.post("/api/v1/analyses", json={"recording_ids": [recording_id]})
-    bench = open_bench(settings, stand_ins.write_report)
+    bench = open_worker_context(settings, stand_ins.write_report)
     assert run_next(bench)
     bench.store.close()
     return str(asked.json()["items"][0]["id"])
@@ -393,7 +393,7 @@ def test_a_report_that_an_older_database_does_not_know_stays_and_recover_brings_
         asked = client.post("/api/v1/analyses", json={"recording_ids": [upload(client, b"one")]}).json()
     put_back = keep_older_copy(settings)
     with serving(settings):
-        bench = open_bench(settings, stand_ins.write_report)
+        bench = open_worker_context(settings, stand_ins.write_report)
         run_next(bench)
         bench.store.close()
     before = read_every_byte(storage)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.errors import DatabaseLocked
 from app.library.database import connect as database_module
-from app.queue.worker import open_bench
+from app.queue.worker import open_worker_context
 from app.request import ReportRequest
 from app.settings import Settings
 from app.store.folder import StoredRecording
@@ -66,7 +66,7 @@ def data(tmp_path: Path) -> Path:
     """A data folder with a database of some rows, closed."""
     folder = tmp_path / "data"
     settings = Settings(data_dir=folder)
-    bench = open_bench(settings)
+    bench = open_worker_context(settings)
     for number in range(50):
         recording = StoredRecording(f"rec_{number}", "0" * 64, 1)
         bench.store.add(recording, ReportRequest("shift.gt3x"))

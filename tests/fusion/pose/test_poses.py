@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.conventions import PoseHeld, parse_arm_axis
-from fusion.pipeline import adopt_stated
+from fusion.pipeline import apply_file_settings
 from fusion.pose.calibrate import CalibratedSamples, calibrate, propose_poses
 from fusion.pose.rules import choose_apart, estimate_repeated_sigma
 from fusion.quality.verdict import flag_pose
@@ -201,7 +201,7 @@ def test_without_a_stillness_within_a_minute_the_statement_does_not_hold() -> No
 def test_a_person_may_say_that_what_the_file_states_does_not_hold() -> None:
     stated = replace(Course().hold(10.0).move(60.0).record(), pose_held="start")
 
-    settings = adopt_stated(stated, AnalysisSettings(pose_held="no"))
+    settings = apply_file_settings(stated, AnalysisSettings(pose_held="no"))
 
     assert settings.pose_held == "no"
     assert calibrate(stated, settings).calibration.state == "assumed"

@@ -299,7 +299,7 @@ def list_analyses(
     language: UsedLanguage,
     wanted: Annotated[AnalysisQuery, Query()],
 ) -> AnalysisList:
-    """Give the newest analyses, page by page."""
+    """Return the newest analyses, page by page."""
     asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
     found = services.store.find_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
     jobs, following = cut_page(
@@ -320,7 +320,7 @@ async def get_analysis(
     language: UsedLanguage,
     wait: Annotated[float, Query(ge=0, le=LONGEST_WAIT_S, description="Seconds to wait for its end.")] = 0,
 ) -> AnalysisView:
-    """Give one analysis; with ``wait``, as soon as it ends."""
+    """Return one analysis; with ``wait``, as soon as it ends."""
     return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)
 
 

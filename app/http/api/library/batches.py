@@ -97,7 +97,7 @@ def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage
 
 @router.get("/{batch_id}")
 def get_batch(batch_id: str, services: UsedServices) -> BatchView:
-    """Say how far a batch is."""
+    """Return how far a batch is."""
     return view_batch(services.batches.get(batch_id))
 
 

@@ -45,20 +45,20 @@ class MappingPatch(BaseModel):
 
 @router.get("")
 def list_column_mappings(services: UsedServices) -> MappingList:
-    """Give every mapping."""
+    """Return every mapping."""
     every = services.mappings.find_all()
     return MappingList(items=[MappingView.model_validate(one, from_attributes=True) for one in every])
 
 
 @router.get("/{header}")
 def get_column_mapping(header: str, services: UsedServices) -> MappingView:
-    """Give the mapping of one header."""
+    """Return the mapping of one header."""
     return MappingView.model_validate(services.mappings.get(header), from_attributes=True)
 
 
 @router.get("/{header}/profile.json", response_class=Response)
 def export_column_mapping(header: str, services: UsedServices) -> Response:
-    """Give the mapping as a file that `acromion run --profile` takes."""
+    """Return the mapping as a file that `acromion run --profile` takes."""
     mapping = services.mappings.get(header)
     profile = {"name": mapping.name} | json.loads(mapping.profile)
     body = json.dumps(profile, ensure_ascii=False, indent=1).encode() + b"\n"

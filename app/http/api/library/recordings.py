@@ -119,7 +119,7 @@ def _add(services: Services, stored: StoredRecording, about: Description) -> tup
 def list_recordings(
     request: Request, answer: Response, services: UsedServices, asked: Annotated[RecordingQuery, Query()]
 ) -> RecordingList:
-    """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
+    """Return the recordings stored last; ``from`` and ``to`` compare the device clock at the first sample."""
     limit = asked.limit
     wanted = asked.wanted()
     found = services.recordings.find_page(wanted, limit + 1, read_cursor(asked.cursor))
@@ -129,7 +129,7 @@ def list_recordings(
 
 @router.get("/{recording_id}")
 def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
-    """Give one recording, with its ETag; ``damage`` tells where its bytes are gone or altered."""
+    """Return one recording, with its ETag; ``damage`` tells where its bytes are gone or altered."""
     row = services.recordings.get(recording_id)
     is_whole = seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
     view = view_recording(row).model_copy(update={} if is_whole else {"damage": StoreDamaged.code})

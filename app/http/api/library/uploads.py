@@ -44,7 +44,7 @@ from app.http.middleware.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_j
 from app.library.claims import WayIn
 from app.library.recordings import PURGED, UploadRow
 from app.request import ReportRequest
-from app.services import Services, UsedServices, find_way_in
+from app.services import Services, UsedServices, get_request_origin
 from app.store.folder import StoredRecording, Upload, read_recording, too_large
 from app.store.incoming import GrowingFile, name_recording
 from fusion.errors import EmptyFile
@@ -289,7 +289,7 @@ async def append_bytes(
                 await run_in_threadpool(body.check)
             finally:
                 await run_in_threadpool(body.end)
-            return await run_in_threadpool(finish_upload, services, body.row, find_way_in(request))
+            return await run_in_threadpool(finish_upload, services, body.row, get_request_origin(request))
 
 
 @contextmanager
@@ -548,7 +548,7 @@ class HeadView(BaseModel):
 @router.options("", status_code=204)
 @router.options("/{upload_id}", status_code=204, include_in_schema=False)
 def describe_uploads(services: UsedServices) -> Response:
-    """Say which version and extensions of tus are spoken, and how large a file may be."""
+    """Return which version and extensions of tus are spoken, and how large a file may be."""
     about = {
         "Tus-Extension": EXTENSIONS,
         "Tus-Max-Size": str(services.settings.max_upload_bytes),
@@ -578,7 +578,7 @@ async def create_upload(request: Request, services: UsedServices, tus: TusReques
 
 @router.get("/{upload_id}")
 def get_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> UploadView:
-    """Say how many bytes are safe (HEAD gives the same in headers, as tus asks)."""
+    """Return how many bytes are safe (HEAD gives the same in headers, as tus asks)."""
     if tus.tus_resumable is not None:
         tus.check_protocol()
     row = finish_upload(services, get_upload_row(services, upload_id))
@@ -607,7 +607,7 @@ async def append_to_upload(
 
 @router.delete("/{upload_id}", status_code=204)
 def terminate_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> Response:
-    """Give an upload up; the recording of a finished one stays."""
+    """Return an upload up; the recording of a finished one stays."""
     tus.check_protocol()
     drop_upload(services, services.uploads.get(upload_id))
     return Response(status_code=204, headers=dict(TUS_HEADERS))

@@ -38,7 +38,7 @@ from fusion.conventions import (
 from fusion.diary import KINDS, DiaryEntry, read_diary, read_moment
 from fusion.errors import UnusableCalibration, UnusableDiary
 from fusion.exposure.periods import place_diary, place_moment
-from fusion.pose.rules import RULES, object_to_window, score_still_period
+from fusion.pose.rules import RULES, score_still_period, window_rejection_reason
 from fusion.recording import MICROSECONDS
 
 # Moments of a recording as people type and read them: on the device's clock, or in seconds without one.
@@ -268,7 +268,7 @@ def cut_curve(day: DayFile, piece: Piece) -> Response:
 
 @router.get("/stillness")
 def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) -> dict[str, Any]:
-    """Say how still the arm was in a window, and why the window would be refused.
+    """Return how still the arm was in a window, and why the window would be refused.
 
     ``score``: 0 to 1, as the calibration scores it, null in a hole; ``why``: a term of E-CALIBRATION or "".
     """
@@ -277,7 +277,10 @@ def stillness(analysis_id: str, page: UsedPage, start_s: Second, end_s: Second) 
         return {"score": None, "why": "short" if end_s - start_s < RULES.shortest_window_s else "hole"}
     gravity_g, sd_g = quiet
     score = score_still_period(end_s - start_s, sd_g, np.asarray(gravity_g))
-    return {"score": round(score, 3), "why": object_to_window(end_s - start_s, sd_g, np.asarray(gravity_g))}
+    return {
+        "score": round(score, 3),
+        "why": window_rejection_reason(end_s - start_s, sd_g, np.asarray(gravity_g)),
+    }
 
 
 @router.get("/share")
