@@ -1,4 +1,4 @@
-"""From a stored file to a report: the one pipeline of page, API and command line."""
+"""The one pipeline from a stored file to a report, for page, API and command line."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -35,11 +35,11 @@ from fusion.sensor.self_calibration import calibrate_accelerometer
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.settings import AnalysisSettings
 
-# The day of an analysis, for the page on which a person looks at it and corrects it.
+# The day of an analysis, for the page on which a person reviews and corrects it.
 
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
-    """Write the day of an analysis (:mod:`app.store.day_file`); ready angles have no samples to reduce."""
+    """Write the day of an analysis (:mod:`app.store.day_file`); computed angles have no samples to reduce."""
     by_start = {segment.start_us: segment for segment in analysis.recording.segments}
     days = []
     for run in analysis.elevation.segments:
@@ -58,7 +58,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     not_worn = propose_nonwear(recording, analysis.exclusions) if calibration else ()
     used = calibration.windows if calibration else ()
     questions: dict[str, Any] = {"asked": []}
-    if calibration is not None:  # what only a person knows: which stillness was the pose, did the sensor move
+    if calibration is not None:  # questions for a person: which stillness was the pose, did the sensor move
         questions = {
             "asked": [[still.start_s, still.end_s] for still in calibration.proposals],
             "spread_deg": calibration.spread_deg,
@@ -81,7 +81,7 @@ def _describe_facts(analysis: Analysis) -> dict[str, Any]:
 
 
 def _list_unread(analysis: Analysis) -> Iterator[list[Any]]:
-    """Return each stretch that waits for a pose, with the stillnesses at its beginning that may be one."""
+    """Return each stretch without a pose, with the stillnesses at its start that may be one."""
     duration_s = analysis.recording.duration_us / MICROSECONDS
     left_out = [part for part in analysis.axis_parts if part.arm_axis is None]
     parts = [part for part in left_out if awaits_pose(part.start_s, part.end_s)]
@@ -104,7 +104,7 @@ def _bound(span: Span) -> list[float]:
 
 FHIR = "fhir.json"
 
-# How far along each stage begins, from the share of time each takes on a long shift.
+# Start of each stage as a fraction, from its share of the time on a long shift.
 _BEGINS: dict[Stage, float] = {
     "reading": 0.0,
     "checking": 0.45,
@@ -116,11 +116,11 @@ _BEGINS: dict[Stage, float] = {
 
 
 CAPTURES = ("mvnx", "dot")
-"""Layouts whose angle needs no fusion of ours."""
+"""Layouts with computed angles, which need no fusion."""
 
 
 def ignore_stage(_stage: Stage, _fraction: float) -> None:
-    """Take the place of a listener where nobody listens."""
+    """Do nothing: the default listener."""
 
 
 def make_report(
@@ -130,16 +130,15 @@ def make_report(
     on_stage: OnStage = ignore_stage,
     known: KnownLogs = NOTHING_KNOWN,
 ) -> None:
-    """Analyse the file and write every product into the existing folder ``out``.
+    """Analyse the file and write every product to the existing folder ``out``.
 
-    ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
-    where decoded samples are kept.
+    ``known``: SHA-256 of the recording and of the files joined to it, if already computed, and the cache of
+    decoded samples.
 
     Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
-    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; where a
-    PDF is asked for, ``fhir.json`` too. With a cache, as the server has one, the day is written for the page.
-
-    Raises fusion.errors.FusionError if no number can be given; then nothing has been written.
+    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``; with a PDF
+    also ``fhir.json``. With a cache (on a server) it also writes the day for the page. Raises
+    fusion.errors.FusionError if no figure can be computed; then nothing has been written.
     """
     analysis = _analyse_file(log, request, known, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
@@ -150,7 +149,7 @@ def make_report(
     results = load_results(content)
 
     def write_angle(path: Path) -> None:
-        """Have the disk take the angle while the pages are drawn."""
+        """Write the angles to disk while the pages are rendered."""
         write_elevation(analysis.elevation, path)
         sync_file(path)
 
@@ -158,12 +157,12 @@ def make_report(
         for name, table in export_results(results).items():
             (out / name).write_bytes(table)
 
-    with ThreadPoolExecutor(1) as writer:  # packing angles releases the interpreter, as drawing pages does
+    with ThreadPoolExecutor(1) as writer:  # both release the interpreter lock
         written = [writer.submit(write_angle, out / "elevation.parquet"), writer.submit(write_tables)]
         write_reports(findings, subject, request, out)
         for work in written:
             work.result()
-    if "pdf" in request.kinds:  # with the PDFs as they stand there, and a conclusion in the first language
+    if "pdf" in request.kinds:  # with the PDFs as written, and a conclusion in the first language
         pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
         conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
         (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
@@ -172,7 +171,7 @@ def make_report(
 
 
 def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` in ``out``."""
+    """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` to ``out``."""
     on_stage("rendering", 0.0)
     (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
 
@@ -180,13 +179,13 @@ def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_st
 def make_report_again(
     finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
 ) -> None:
-    """Write the reports of the finished analysis in the folder ``finished``, in the languages asked."""
+    """Write the reports of the finished analysis in the folder ``finished`` in the requested languages."""
     on_stage("rendering", _BEGINS["rendering"])
     rewrite_reports(finished, request, out)
 
 
 def describe_subject(request: ReportRequest) -> ReportSubject:
-    """Build the subject of a report: whose arm it is, and which software analysed it."""
+    """Build the subject of a report: the person's arm, and the software of the analysis."""
     software = Software(software_version(), software_revision())
     return ReportSubject(
         file_name=request.file_name,

@@ -1,4 +1,4 @@
-"""From a recording and a reference to how far they agree."""
+"""Compare a recording with a reference: how well they agree."""
 
 import json
 import re
@@ -53,7 +53,7 @@ from fusion.settings import AnalysisSettings
 
 NO_QUIET = np.empty((0, 6), np.float32)
 ANGLES_ONLY = ("mvnx", "parquet")
-"""Layouts that never hold samples of an inertial sensor."""
+"""Layouts that never contain samples of an inertial sensor."""
 
 
 def make_validation(
@@ -64,10 +64,9 @@ def make_validation(
     *,
     has_curves: bool = False,
 ) -> None:
-    """Compare the recording with the request's reference and write every product into the folder ``out``.
+    """Compare the recording with the request's reference and write every product to the folder ``out``.
 
-    ``has_curves``: for the page, write both angles (:mod:`app.store.day_file`) and the plot of
-    Bland and Altman, too.
+    ``has_curves``: also write both angles (:mod:`app.store.day_file`) and the Bland-Altman plot for the page.
 
     Raises fusion.errors.FusionError if the two cannot be compared; then nothing has been written.
     """
@@ -98,7 +97,7 @@ def make_validation(
 
 
 def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:
-    """Write ``validation.json`` and ``validation.csv``; gives the former's bytes."""
+    """Write ``validation.json`` and ``validation.csv``; return the bytes of the first."""
     encoded = encode_validation(validation)
     (out / "validation.json").write_bytes(encoded)
     (out / "validation.csv").write_bytes(encode_agreement_table(validation))
@@ -106,7 +105,7 @@ def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:
 
 
 def compare_files(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Comparison:
-    """Read both files, fuse what is to be fused, and compare."""
+    """Read both files, fuse samples if needed, and compare."""
     reference = request.reference
     if reference is None:
         raise ValueError("no reference")
@@ -121,7 +120,7 @@ def compare_files(log: Path, request: ReportRequest, on_stage: OnStage = ignore_
 
 
 def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:
-    """Read one side of the comparison: a recording, which is fused, or else a file with its angle."""
+    """Read one side of the comparison: a recording, which is fused, or else a file with angles."""
     with log.open("rb") as file:
         layout = recognise_layout(file, request.file_name)
         if layout not in ANGLES_ONLY:
@@ -175,7 +174,7 @@ _PAPER_TASK = re.compile(r"task[-_ ]?0*(10|[1-9])(?!\d)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
-    """One recording of a study: its reference, its person, and the task that its folder stands for."""
+    """One recording of a study: its reference, its person, and the task of its folder."""
 
     log: Path
     reference: Path
@@ -184,16 +183,15 @@ class StudyFile:
     paper_task: int | None
 
     def name(self, study: Path) -> str:
-        """Return its place within the study."""
+        """Return its path within the study."""
         return self.log.relative_to(study).as_posix()
 
 
 def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
     """Find the recordings that have a reference in their folder, in a stable order.
 
-    Those that have none: :func:`find_lonely_recordings`.
-
-    Raises UnusableStudy if there is none.
+    :func:`find_lonely_recordings` finds those without a reference. Raises UnusableStudy if no recording has
+    one.
     """
     references = sorted(
         path for path in study.rglob("reference.*") if path.is_file() and not _is_in(path, out)
@@ -214,7 +212,7 @@ def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
 
 
 def find_lonely_recordings(study: Path, out: Path) -> tuple[StudyProblem, ...]:
-    """List the recordings of people without a reference in their folder, in a stable order."""
+    """Return the recordings of people without a reference in their folder, in a stable order."""
     return tuple(
         describe_failure(path.relative_to(study).as_posix(), NoReference())
         for path in sorted(study.glob("*/**/*"))
@@ -258,31 +256,29 @@ def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
 
 
 def describe_failure(name: str, error: FusionError | OSError) -> StudyProblem:
-    """Turn an exception into a problem of the study."""
+    """Convert an exception to a problem of the study."""
     if isinstance(error, FusionError):
         return StudyProblem(name, error.code, error.facts)
     return StudyProblem(name, UNREADABLE_PATH, {"why": error.strerror or ""})
 
 
-# Every recording is compared as :mod:`app.analysis.validate` does it; then the table over people is made.
+# The study: compare every recording, then build the table over people.
 
 
 WHOLE = "all"
-"""Name of the task where nothing states one."""
+"""Name of the task if none is stated."""
 
 
 def make_study(
     study: Path, request: ReportRequest, out: Path, on_file: Callable[[str], None]
 ) -> tuple[StudyProblem, ...]:
-    """Compare every recording of the study, and write the table over people into the existing folder ``out``.
+    """Compare every recording of the study, and write the table over people to the existing folder ``out``.
 
-    Returns what could not be compared.
+    Returns the recordings that could not be compared. Writes ``study.json``, ``table.csv`` (task by device),
+    ``comparisons.csv`` (person by task by device), ``problems.csv``, ``study.<language>.html`` and ``.pdf``.
+    Each comparison has a separate folder with ``validation.json`` and ``validation.csv``.
 
-    Writes ``study.json``, ``table.csv`` (task by device), ``comparisons.csv`` (person by task by device),
-    ``problems.csv``, ``study.<language>.html`` and ``.pdf``, and each comparison's ``validation.json`` and
-    ``validation.csv`` in a folder of its own.
-
-    Raises UnusableStudy if no recording with a reference, or none that could be compared.
+    Raises UnusableStudy if no recording has a reference, or none could be compared.
     """
     entries: list[AgreementEntry] = []
     problems = list(find_lonely_recordings(study, out))

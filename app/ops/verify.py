@@ -1,4 +1,4 @@
-"""Verify: compare every stored file with its row, and find the files without one."""
+"""Verify: compare every stored file with its row, and find files without one."""
 
 import re
 import time
@@ -19,7 +19,7 @@ from app.settings import Settings
 from app.store.folder import SIDE_SUFFIX, Storage, format_side_file_name, open_storage
 
 RECHECKS, RECHECK_PAUSE_S = 10, 0.5
-"""How often, and after what pause, a side file that differs is compared again."""
+"""Number of repeated comparisons of a differing side file, and the pause between them."""
 
 _NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
 
@@ -36,11 +36,10 @@ class KeptFile:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A file that differs from its row, or that has no row; a side file may be behind or ahead of it.
+    """A file that differs from its row or has none; a side file may be behind or ahead of its row.
 
-    ``side_waiting``: it is behind its row, and housekeeping is about to write it.
-
-    ``known_...``: the backup that holds the file lists the fault itself.
+    ``side_waiting``: it is behind its row, and housekeeping is about to write it. ``known_...``: the backup
+    with the file lists the fault itself.
     """
 
     name: str
@@ -61,7 +60,7 @@ class Fault:
 
 
 def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
-    """Find every recording and every result that a row promises."""
+    """Return every recording and every result that has a row."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
         yield _check_name(KeptFile(f"recordings/{row['id']}", row["sha256"]))
@@ -82,13 +81,13 @@ def _check_name(file: KeptFile) -> KeptFile:
 
 
 def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
-    """Find every file that the rows promise now."""
+    """Return every file that has a row now."""
     with _reading(settings) as connection:
         return read_promised(connection)
 
 
 def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
-    """Read which files the rows promise."""
+    """Return the files of the rows."""
     columns = (
         (recordings.c.id, recordings.c.sha256, recordings.c.state),
         (analyses.c.id, analyses.c.recording_id, analyses.c.token),
@@ -99,17 +98,17 @@ def read_promised(connection: Connection) -> tuple[KeptFile, ...]:
 
 
 def measure_kept(settings: Settings) -> int:
-    """Add up the sizes of all recordings and results by their rows, in bytes."""
+    """Return the total size of all recordings and results by their rows, in bytes."""
     sizes = [select(func.coalesce(func.sum(table.c.size_bytes), 0)) for table in (recordings, result_files)]
     with _reading(settings) as connection:
         return sum(int(connection.execute(size).scalar_one()) for size in sizes)
 
 
 def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fault]:
-    """Read every file and compare it with its row, and find the files without one.
+    """Read every file and compare it with its row, and find files without one.
 
-    The server may run meanwhile: a file whose row was deleted or added since is no fault, nor is a file that
-    an attempt under way writes.
+    The server may run meanwhile: a file whose row was deleted or added since is not a fault, nor is a file of
+    a running attempt.
     """
     storage = open_storage(settings)
     storage.prepare()
@@ -131,7 +130,7 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
 
 
 def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
-    """Compare every side file with its row; one that differs is read again: the server may be writing it."""
+    """Compare every side file with its row; read a differing one again, as the server may be writing it."""
     suspects = _compare_side_files(settings, storage)
     for _ in range(RECHECKS):
         if not suspects:

@@ -1,6 +1,6 @@
-"""The agreement of a recording with a reference, and of a study of several: JSON and CSV, tables, the sheet.
+"""Agreement of a recording with a reference, and of a study of several: JSON and CSV, tables, the report.
 
-Nothing here knows HTML or PDF.
+This module is independent of HTML and PDF.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from fusion.comparison.alignment import WindowLag
 
 
-# ------------------------------------------------------------------ JSON and CSV
+# JSON and CSV.
 
 STATISTICS = (
     "r",
@@ -71,7 +71,7 @@ COLUMNS = ("subject", "device", "kind", "name", "lower", "upper", "paper_task", 
 
 
 def encode_agreement_table(validation: Mapping[str, Any]) -> bytes:
-    """Write ``validation.csv``: a row for each task and class of elevation and speed, and for everything.
+    """Encode ``validation.csv``: a row for each task, each class of elevation and speed, and for everything.
 
     ``kind`` is overall, task, elevation or speed; edges are in deg or deg/s; empty is "not computable".
     """
@@ -87,7 +87,10 @@ def encode_agreement_table(validation: Mapping[str, Any]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonSubject:
-    """All texts come from outside and are only ever text; ``method`` and ``pose`` are "" for ready angles."""
+    """Names and settings of a comparison; ``method`` and ``pose`` are "" if the file contained angles.
+
+    All texts are untrusted and are only ever used as text.
+    """
 
     file_name: str
     reference_name: str
@@ -104,7 +107,7 @@ SPREADS = ("r", "rmse_deg", "mean_absolute_error_deg", "bias_deg")
 
 
 def build_validation(comparison: Comparison, subject: ComparisonSubject) -> dict[str, Any]:
-    """Lay the comparison out; NaN becomes None, numbers are rounded to six decimals."""
+    """Return the comparison as a document; NaN becomes None, numbers are rounded to six decimals."""
     alignment = comparison.alignment
     built: dict[str, Any] = round_all(
         {
@@ -150,7 +153,7 @@ def build_validation(comparison: Comparison, subject: ComparisonSubject) -> dict
 
 
 def encode_validation(validation: Mapping[str, Any]) -> bytes:
-    """Write it as UTF-8 JSON: the same comparison gives the same bytes."""
+    """Encode it as UTF-8 JSON: the same comparison gives the same bytes."""
     text = json.dumps(validation, ensure_ascii=False, indent=2, allow_nan=False)
     return text.encode("utf-8") + b"\n"
 
@@ -191,7 +194,7 @@ def _describe_side(side: Side, file_name: str) -> dict[str, Any]:
     }
 
 
-# ------------------------------------------------------------------ a study
+# A study.
 
 
 def build_study_json(
@@ -201,7 +204,7 @@ def build_study_json(
     method: str,
     software: Software,
 ) -> bytes:
-    """Write every figure of the study; ``id`` is a hash of them all."""
+    """Encode every figure of the study; ``id`` is a hash of them all."""
     study: dict[str, Any] = round_all(
         {
             "schema": STUDY_SCHEMA,
@@ -242,7 +245,7 @@ def _describe_entry(entry: AgreementEntry) -> dict[str, Any]:
 
 
 def encode_cells(cells: Sequence[AgreementCell]) -> bytes:
-    """Write one row for each task and device: means, standard deviations, limits, the paper's figures."""
+    """Encode one row per task and device: means, standard deviations, limits, the paper's figures."""
     names = ["task", "paper_task", "device", "people"]
     names += [f"{name}_{part}" for name in SPREADS for part in ("mean", "sd")]
     names += ["loa_low_deg", "loa_high_deg", "paper_r", "paper_rmse_deg", "paper_mean_absolute_error_deg"]
@@ -259,12 +262,12 @@ def _make_row(cell: AgreementCell) -> Row:
 
 
 def encode_entries(entries: Sequence[AgreementEntry]) -> bytes:
-    """Write one row for each person, task and device."""
+    """Encode one row per person, task and device."""
     rows: list[Row] = [round_all(_describe_entry(entry)) for entry in entries]
     return encode_table([name for name in rows[0] if name != "quasi_static"], rows)
 
 
-# ------------------------------------------------------------------ the tables
+# The tables.
 
 LONGEST_TASK = 40
 MOST_LAGS = 12
@@ -273,12 +276,12 @@ MOST_LAGS = 12
 
 
 def tell_agreement(validation: Mapping[str, Any], language: Language) -> bytes:
-    """Write the sentences of :func:`list_sentences` as text."""
+    """Encode the sentences of :func:`list_sentences` as text."""
     return ("\n".join(list_sentences(validation, language)) + "\n").encode("utf-8")
 
 
 def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[str, ...]:
-    """Return how far the two agree, and how their clocks were aligned."""
+    """Return how well the two agree, and how their clocks were aligned."""
     words = load_wording(language, "agreement")["sentence"]
     overall, alignment = validation["overall"], validation["alignment"]
     facts = {
@@ -299,7 +302,7 @@ def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[s
 
 
 def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -> str:
-    """Write a drift with its margin, to what that bears: whole from 1 ppm on; one set by hand has none."""
+    """Format a drift with its margin: without decimals from 1 ppm; a drift set by hand has no margin."""
     if margin_ppm is None or not math.isfinite(margin_ppm):
         return format_number(drift_ppm, 1, language)
     decimals = 0 if margin_ppm >= 1.0 else 1
@@ -308,7 +311,7 @@ def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -
 
 
 def tell_r(r: float | None, language: Language) -> str:
-    """Write a correlation; where it is not given, NA as in the paper."""
+    """Format a correlation; NA if there is none, as in the paper."""
     text = format_number(r, 3, language)
     return "NA" if text == NONE else text
 
@@ -317,23 +320,23 @@ def tell_r(r: float | None, language: Language) -> str:
 
 
 def format_angles(values_deg: Iterable[float | None], language: Language) -> list[str]:
-    """Write angles to a hundredth of a degree."""
+    """Format angles to a hundredth of a degree."""
     return [format_angle(value_deg, language, 2) for value_deg in values_deg]
 
 
 def name_task(name: str, most: int = LONGEST_TASK) -> str:
-    """Write the name of a task as far as its column holds it."""
+    """Return the name of a task, cut to its column."""
     return cut_text(clean_text(name), most)
 
 
 def tabulate_tasks(comparison: Comparison, words: Words, language: Language) -> Table:
-    """Lay every task in a row, then all of them; the paper's figures beside those that repeat one of its."""
+    """Tabulate every task, then all together; add the paper's figures for tasks that repeat the paper's."""
     entry, paper_figures = words["tasks"], TABLE_1.get(comparison.ours.device, {})
     rows, has_paper = [], False
     for task in comparison.tasks:
         figures = paper_figures.get(task.paper_task) if task.paper_task else None
         paper = [NONE] * 3
-        if figures is not None:  # as it prints them
+        if figures is not None:  # as the paper prints them
             has_paper = True
             r = "NA" if task.paper_task in QUASI_STATIC else format_number(figures.r, 3, language)
             paper = [r, *format_angles((figures.rmse_deg, figures.absolute_deg), language)]
@@ -403,7 +406,7 @@ def tabulate_exposure(figures: Sequence[FigureDifference], words: Words, languag
 
 
 def _name_figure(name: str, entry: Words) -> str:
-    """Return a figure's name: ``time_30_45_percent`` is "Time at 30–45°"."""
+    """Return the name of a figure: ``time_30_45_percent`` is "Time at 30–45°"."""
     parts = name.split("_")
     if name.startswith("time_above"):
         return fill(entry["above"], {"c": parts[2]})
@@ -429,13 +432,13 @@ def tabulate_repeated(tasks: Sequence[TaskAgreement], words: Words, language: La
 
 
 def format_limits(limits: Limits, language: Language) -> list[str]:
-    """Write bias, both limits, and the deviation between and within."""
+    """Format bias, both limits, and the deviation between and within people."""
     ends = (limits.bias_deg, limits.low_deg, limits.high_deg)
     return format_angles((*ends, limits.between_sd_deg, limits.within_sd_deg), language)
 
 
 def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language) -> Table:
-    """Show what each stretch alone said of the clocks, before the last refinement; of many an even choice."""
+    """Tabulate the clock lag of each stretch, before the last refinement; of many show an even selection."""
     entry, last, is_cut = words["windows"], len(windows) - 1, len(windows) > MOST_LAGS
     chosen = [round(k * last / (MOST_LAGS - 1)) for k in range(MOST_LAGS)]
     rows = (
@@ -450,10 +453,10 @@ def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language
     return Table.lay(entry, rows, fill(entry["note"], cut))
 
 
-# ------------------------------------------------------------------ the sheet
+# The report.
 
 DECIMALS = {"r": 3, "rmse_deg": 2, "mean_absolute_error_deg": 2}
-"""The statistics in the table of a study."""
+"""Statistics in the table of a study, with their decimals."""
 LONGEST_STUDY_NAME = 32
 
 
@@ -470,7 +473,7 @@ def _build_sheet(
     sections: Sequence[Section],
     label: Mapping[str, str],
 ) -> AgreementReport:
-    """Build what the sheet of a comparison and that of a study share; empty chapters are left out."""
+    """Build the parts that the reports of a comparison and of a study share; empty chapters are left out."""
     words, common = load_wording(language, "agreement"), load_wording(language)
     return AgreementReport(
         language=language,
@@ -488,20 +491,20 @@ def _build_sheet(
     )
 
 
-# ------------------------------------------------------------------ one comparison
+# One comparison.
 
 
 def build_agreement(
     comparison: Comparison, subject: ComparisonSubject, validation: Mapping[str, Any], language: Language
 ) -> AgreementReport:
-    """Turn a comparison into all that a template may use; ``validation`` is its ``validation.json``."""
+    """Build the report of a comparison; ``validation`` is its ``validation.json``."""
     words, devices = load_wording(language, "agreement"), load_device_names(language)
     overall, pairs, label = comparison.overall, comparison.pairs, words["header"]
     error = draw_error_over_time(pairs, words, language)
     sides = ((comparison.ours, subject.file_name), (comparison.reference, subject.reference_name))
     ours, reference = (f"{devices.get(side.device, NONE)} ({clean_text(name)})" for side, name in sides)
     unknown = load_wording(language)["label"]["not_given"]
-    named = [  # its identity: a hash of both inputs, settings and version
+    named = [  # its id: a hash of both inputs, settings and version
         validation[key] for key in ("recording", "reference", "alignment", "tasks", "method", "software")
     ]
     return _build_sheet(
@@ -577,7 +580,7 @@ def _build_sections(
     )
 
 
-# ------------------------------------------------------------------ a study, as in the source paper's Table 1
+# A study, as in the source paper's Table 1.
 
 
 def build_study(
@@ -588,7 +591,7 @@ def build_study(
     report_id: str,
     language: Language,
 ) -> AgreementReport:
-    """Turn a study into all that a template may use; ``problems`` are (file, what was wrong, code)."""
+    """Build the report of a study; ``problems`` are (file, error, code)."""
     words, common = load_wording(language, "agreement"), load_wording(language)
     entry, devices = words["study"], list(dict.fromkeys(cell.device for cell in cells))
     names = {device: find_device_name(common, device) for device in devices}
@@ -599,7 +602,7 @@ def build_study(
         "problems": str(len(problems)),
     }
     sentences = []
-    for device, name in names.items():  # between what means its error lies
+    for device, name in names.items():  # the range of its mean errors
         means = [cell.rmse_deg.mean for cell in cells if cell.device == device]
         known = [mean for mean in means if math.isfinite(mean)] or [float("nan")]
         low, high = format_angles((min(known), max(known)), language)
@@ -621,7 +624,7 @@ def build_study(
 def _tabulate_study(
     cells: Sequence[AgreementCell], devices: Sequence[str], entry: Words, language: Language
 ) -> Table:
-    """Lay the tasks in rows and each statistic of each device in columns: mean [SD] (paper)."""
+    """Tabulate the tasks in rows and each statistic of each device in columns: mean [SD] (paper)."""
     shown = [(name, device) for name in DECIMALS for device in devices]
     columns = [
         fill(
@@ -639,7 +642,7 @@ def _tabulate_study(
 
 
 def _tell_cell(cell: AgreementCell | None, name: str, language: Language) -> str:
-    """Write mean [standard deviation over people] (the paper's); NA where nobody has the figure."""
+    """Format mean [standard deviation over people] (the paper's); NA if nobody has the figure."""
     if cell is None:
         return NONE
     decimals, spread, told = DECIMALS[name], getattr(cell, name), "NA"

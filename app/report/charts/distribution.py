@@ -1,8 +1,8 @@
-"""The distribution of elevation as SVG: how much of the time the arm stayed below each angle (APDF).
+"""The distribution of elevation as SVG: share of the time below each angle (APDF).
 
-Amplitude probability distribution function (Jonsson 1982): the curve rises from 0 % at 0 deg to 100 % at
-180 deg; four percentiles are marked, each with the range allowing for measurement error where one is known;
-what the error of the N-pose may add to it is hatched.
+Amplitude probability distribution function (Jonsson 1982): the curve rises from 0 % at 0 deg to 100 % at 180
+deg. Four percentiles are marked, each with its range for measurement error if known; the possible addition by
+the error of the N-pose is hatched.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ _PERCENTS = (0.0, 100.0)
 
 
 def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Chart, ...]:
-    """Build what can be drawn of the distribution: nothing without analysed time."""
+    """Build the charts of the distribution; none without analysed time."""
     apdf = (_build_apdf(exposure, words["apdf"], language),) if exposure.histogram_s.sum() > 0 else ()
     eva = (_build_eva(exposure.eva, words["eva"], language),) if exposure.eva.percent.size else ()
     return apdf + eva
 
 
 def share_below(exposure: Exposure) -> tuple[float, ...]:
-    """Return the share of the time below each whole degree from 0 to 180, percent."""
+    """Return the share of the time below each whole degree from 0 to 180, in percent."""
     below_s = np.concatenate([[0.0], np.cumsum(exposure.histogram_s)])[::_CELLS_PER_DEG]
     return tuple((100 * below_s / below_s[-1]).tolist())
 
 
-# ------------------------------------------------------------------ the curve
+# The curve.
 
 
 @dataclass(frozen=True, slots=True)
 class _MarkedPercentile:
-    """A percentile on the curve; ``interval``, and where the N-pose's error may raise it to, in degrees."""
+    """A percentile on the curve; ``interval`` and the highest value with the N-pose's error, in degrees."""
 
     percent: int
     angle_deg: float
@@ -110,9 +110,9 @@ def _label_angle(angle: int, plot: Plot) -> str:
 
 
 def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
-    """Mark the point; its label stands to the right, where the curve has already risen above it.
+    """Draw the point and its label on the right, where the curve has already risen above it.
 
-    A label stands beside a low percentile and below a high one, where the curve is flat; a plate hides the
+    The label is beside a low percentile and below a high one, where the curve is flat; a plate hides the
     guides.
     """
     x, y = plot.x(mark.angle_deg), plot.y(mark.percent)
@@ -136,9 +136,8 @@ def _draw_mark(mark: _MarkedPercentile, plot: Plot, key: str) -> list[str]:
     ]
 
 
-# ------------------------------------------------------------------ two distributions in one picture
-#
-# The blue curve is solid and the vermillion one dashed, so that they differ on grey paper.
+# Two distributions in one chart. The blue curve is solid and the vermillion one dashed, so that they differ
+# in grey prints.
 
 
 _STYLES = (
@@ -148,7 +147,7 @@ _STYLES = (
 
 
 def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, language: Language) -> Chart:
-    """Build both distributions in one picture, to one scale; guide lines at 30, 60 and 90 deg."""
+    """Build a chart of both distributions on one scale, with guide lines at 30, 60 and 90 deg."""
     (first, _), (second, _) = named
     below = [share_below(exposure) for _, exposure in named]
 
@@ -185,19 +184,17 @@ def build_two_curves(named: Sequence[tuple[str, Exposure]], entry: Words, langua
     )
 
 
-# ------------------------------------------------------------------ exposure variation
-#
-# A heat map of elevation by the length of stay (Mathiassen and Winkel 1991). Every cell shows its number, so
-# that nothing depends on the shade.
+# Exposure variation. A heat map of elevation by duration (Mathiassen and Winkel 1991). Every cell shows its
+# number, so that nothing depends on the shade.
 
 
 SHADES_PERCENT = (0.05, 1.0, 3.0, 6.0, 12.0)
-"""From which share of the time on each shade of the ramp applies; below the first a cell stays white."""
+"""Lower limit of each shade as a share of the time; below the first a cell stays white."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Rows from the top, columns from the left; cells in percent and as text, sums of both ways."""
+    """Rows from the top, columns from the left; cells in percent and as text, sums of rows and columns."""
 
     rows: Sequence[str]
     columns: Sequence[str]
@@ -214,7 +211,7 @@ def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
     cells = [list(zip(row.tolist(), tell(row), strict=True)) for row in eva.percent]
     row_sums, column_sums = tell(eva.percent.sum(axis=1)), tell(eva.percent.sum(axis=0))
     highest_first = _Grid(rows[::-1], columns, cells[::-1], row_sums[::-1], column_sums)
-    plain = [name.removesuffix("°") for name in rows]  # the sign stands once, so that names do not touch
+    plain = [name.removesuffix("°") for name in rows]  # the sign is written once, so that names do not touch
     turned = _Grid(columns, plain, list(zip(*cells, strict=True)), column_sums, row_sums)
     told = ", ".join(
         f"{name}: {', '.join(told for _, told in row)}" for name, row in zip(rows, cells, strict=True)
@@ -235,7 +232,7 @@ def _build_eva(eva: Eva, entry: Words, language: Language) -> Chart:
 
 
 def _draw_eva(grid: _Grid, axes: Sequence[str], words: tuple[str, str], width_px: float) -> str:
-    """Draw the map; on a telephone turned, so that its numbers stay as large."""
+    """Draw the map; on a phone transposed, so that its numbers stay as large."""
     by_rows, by_columns, sums = axes
     left = max(svg.estimate_width(name) for name in (*grid.rows, sums)) + 8
     cell = (width_px - left) / (len(grid.columns) + 1)

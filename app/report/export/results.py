@@ -1,8 +1,8 @@
-"""``results.json``: every figure of an analysis, and all else that its report is made of.
+"""``results.json``: every figure of an analysis, and all other content of its report.
 
-The keys are public (docs/dictionary.md). Numbers keep every digit, so that a report that is rendered again
-from the file is the same; tables and pages round them (:func:`app.report.figures.load_results`). Words that a
-person typed about a correction are not in it.
+The keys are public (docs/dictionary.md). Numbers keep every digit, so that a report rendered again from the
+file is the same; tables and pages round them (:func:`app.report.figures.load_results`). A person's reason for
+a correction is not included.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ POSE_ENDS = ("low_pose", "high_pose")
 _ENDS = ("low", "high", *POSE_ENDS)
 _PLACE_DECIMALS = 6
 _NUMBERS = re.compile(r"\[\n\s+([^\[\]{}\"]+?)\n\s+\]")
-"""A list of numbers over several lines; no text holds a line break in JSON."""
+"""A list of numbers over several lines; JSON text contains no line break."""
 _PERCENTILE = re.compile(r"elevation_p(\d+)_deg")
 _SHARE = re.compile(r"time_above_(\d+)_percent")
 
 
 def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
-    """Describe an analysis in the order of the dictionary; NaN and infinity become None."""
+    """Return an analysis in the order of the dictionary; NaN and infinity become None."""
     recording, time, quality = findings.recording, findings.time, findings.quality
     clock, reader = Clock(recording.start), recording.reader
     results: dict[str, object] = {
@@ -90,7 +90,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "verdict": quality.verdict,
             "reasons": quality.reasons,
             "warnings": [_describe_warning(flag, clock) for flag in quality.flags],
-            "proposals": [  # what may not have been worn, as rows of a diary; nothing was left out for it
+            "proposals": [  # possible non-wear as diary rows; nothing was excluded for it
                 {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
                 for flag in quality.flags
                 if flag.code == Caveat.NONWEAR
@@ -108,13 +108,13 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
 
 
 def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
-    """Write :func:`build_results` as UTF-8 JSON, a list of numbers in one line: always the same bytes."""
+    """Encode :func:`build_results` as UTF-8 JSON, lists of numbers on one line; always the same bytes."""
     text = json.dumps(build_results(findings, subject), ensure_ascii=False, indent=2, allow_nan=False)
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text).encode("utf-8") + b"\n"
 
 
 def identify_report(settings: AnalysisSettings, findings: Findings, subject: ReportSubject) -> str:
-    """Return the identity of a report: 16 hexadecimal digits of a hash of input, settings and version."""
+    """Return the id of a report: 16 hexadecimal digits of a hash of input, settings and version."""
     said: dict[str, object] = {
         "input": findings.recording.sha256,
         "method": settings.method,
@@ -126,7 +126,7 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
         "subject": subject.subject,
         "version": subject.software.version,
     }
-    if settings.arm_axis is not None or settings.slip_times_s:  # reports made without keep their identity
+    if settings.arm_axis is not None or settings.slip_times_s:  # reports without these settings keep their id
         said |= {"arm_axis": settings.arm_axis, "slip_times_s": settings.slip_times_s}
     if settings.no_slip_times_s or settings.pose_held:
         said |= {"no_slip_times_s": settings.no_slip_times_s, "pose_held": settings.pose_held}
@@ -141,7 +141,7 @@ def identify_report(settings: AnalysisSettings, findings: Findings, subject: Rep
 
 
 def _describe_us(record: TimeAccount | TimePart | Span) -> dict[str, object]:
-    """Describe a record with its microseconds as seconds; :func:`_read_us` turns them back."""
+    """Convert a record with its microseconds as seconds; :func:`_read_us` reverses it."""
     told: dict[str, object] = {}
     for name, value in asdict(record).items():
         is_us = name.endswith("_us")
@@ -225,12 +225,12 @@ def _describe(group: Group, record: object) -> dict[str, object] | None:
 
 
 def _describe_ranged(group: Group, item: ElevationBin | TimeAbove) -> dict[str, object]:
-    """Describe a record that holds the ends of its range, and of the one with the error of the N-pose."""
+    """Convert a record with the ends of its range, and of the one with the error of the N-pose."""
     return group.describe(item) | {end: getattr(item.interval, end, None) for end in _ENDS}
 
 
 def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
-    """Describe ranges by the names of figures, and those with the error of the N-pose, if there are any."""
+    """Return ranges by the names of figures, and those with the error of the N-pose, if there are any."""
     ranges = dict(sorted(intervals.items()))
     posed = {name: interval.with_pose for name, interval in ranges.items()}
     return {
@@ -259,7 +259,7 @@ def _describe_period(part: PartExposure) -> dict[str, object]:
 
 
 def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
-    """``first`` and ``last``: ISO clock time; without a clock, ISO duration from the first sample."""
+    """Convert a flag; ``first`` and ``last`` are ISO clock times or, without a clock, ISO durations."""
 
     def place(elapsed_s: float | None) -> str | None:
         if elapsed_s is None or clock.start is not None:
@@ -285,13 +285,13 @@ def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
     return moment.isoformat() if moment else None
 
 
-# ------------------------------------------------------------------ reading it back
+# Decoding.
 
 
 def decode_results(content: bytes) -> Kept:
-    """Read what :func:`encode_results` wrote; the subject lacks what a person said of a correction.
+    """Parse the output of :func:`encode_results`; the subject lacks the reason for a correction.
 
-    Raises ValueError if it is no such file, or of another form.
+    Raises ValueError if it is another file or format.
     """
     try:
         results = json.loads(content)
@@ -336,7 +336,7 @@ def _read_subject(results: Mapping[str, Any]) -> ReportSubject:
 
 @cache
 def _load_adapter() -> TypeAdapter[Findings]:
-    """Load the library when a file is read: most processes only write them."""
+    """Load the library when a file is read, because most processes only write them."""
     from pydantic import TypeAdapter  # noqa: PLC0415
 
     return TypeAdapter(Findings)
@@ -347,13 +347,13 @@ def _count_us(seconds: float) -> int:
 
 
 def _read_us(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn seconds back into the integer microseconds that were written."""
+    """Convert seconds back to the written integer microseconds."""
     seconds = {name: value for name, value in told.items() if name.endswith("_s")}
     return {**told, **{f"{name.removesuffix('_s')}_us": _count_us(value) for name, value in seconds.items()}}
 
 
 def _read_exposure(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the records back into the form of :class:`fusion.exposure.types.Exposure`."""
+    """Convert the records back to the form of :class:`fusion.exposure.types.Exposure`."""
     peak, eva, variation = told["peak"], told["eva"], told["variation"]
     ranges = zip(eva["low"] or (), eva["high"] or (), strict=True)
     return {

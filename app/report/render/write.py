@@ -1,7 +1,6 @@
-"""From findings to the files of a report: HTML, PDF and the answer in five lines, in each language asked.
+"""Write findings as report files: HTML, PDF and the answer in five lines, in each requested language.
 
-It needs no science: a finished analysis is written again, in the other language or on its own, from what it
-left in its folder.
+It does not need ``fusion``: a finished analysis can be rendered again, in another language, from its folder.
 """
 
 from dataclasses import replace
@@ -29,7 +28,7 @@ def write_reports(findings: Findings, subject: ReportSubject, request: ReportReq
 def write_report(
     report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes], out: Path
 ) -> None:
-    """Write one report, in its language, and its answer in a few lines."""
+    """Write one report in its language, and its answer in a few lines."""
     (out / f"answer.{report.language}.txt").write_bytes(format_brief(report))
     if "html" in kinds:
         (out / f"report.{report.language}.html").write_bytes(render_html(report))
@@ -38,9 +37,9 @@ def write_report(
 
 
 def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
-    """Write the reports of a finished analysis anew into ``out``, where its results are put too.
+    """Render the reports of a finished analysis again into ``out``, with a copy of its results.
 
-    Raises OSError or ValueError if the folder holds no results, or those of another version.
+    Raises OSError or ValueError if the folder has no results, or results of another version.
     """
     kept = read_kept(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
@@ -48,7 +47,7 @@ def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
 
 
 def read_kept(finished: Path) -> Kept:
-    """Read what the analysis in a folder found.
+    """Read the findings of the analysis in a folder.
 
     Raises OSError or ValueError as :func:`rewrite_reports`.
     """

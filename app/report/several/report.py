@@ -1,6 +1,7 @@
-"""The report of several days, for people: of one person, of both arms, of a group, before and after.
+"""The report on several days: of one person, of both arms, of a group, before and after.
 
-Pure. Its figures are those of :mod:`app.report.several.document`; each is defined in docs/profile.md.
+All functions are pure. The figures come from :mod:`app.report.several.document`; docs/profile.md defines
+each.
 """
 
 from __future__ import annotations
@@ -59,13 +60,13 @@ from fusion.recording import MICROSECONDS
 
 TILES = ("time_above_30_percent", "time_above_60_percent", "time_above_90_percent", "entries_above_60_per_h")
 MOST_DAYS = 60
-"""Rows of a table of days in the report; all of them are in profile.csv."""
+"""Maximum rows in a table of days; profile.csv has all."""
 MOST_ROWS = 14
-"""Rows of the drawing of days; all of them are in the table behind and in profile.csv."""
+"""Maximum rows in the chart of days; the table behind it and profile.csv have all."""
 
 
 def build_days(studied: StudiedDays, language: Language) -> Report:
-    """Turn several days into one report."""
+    """Build one report on several days."""
     words, common = load_wording(language, "days"), load_wording(language)
     every = [day.kept for day in studied.days]
     rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
@@ -113,7 +114,7 @@ def _build_header(studied: StudiedDays, words: Words, common: Words, language: L
 def _build_verdict(studied: StudiedDays, entry: Words, differences: Words) -> VerdictLine:
     """State first whether there are days to compare, then whether they are alike."""
     most = max(len(arm.counted) for arm in studied.arms)
-    if most < 2 and not studied.is_group:  # whose range comes from its people
+    if most < 2 and not studied.is_group:  # the range of a group comes from its people
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
         return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])
@@ -122,11 +123,11 @@ def _build_verdict(studied: StudiedDays, entry: Words, differences: Words) -> Ve
     return VerdictLine(level, entry["unlike"]["label"], fill(entry["unlike"]["reason"], {"list": told}))
 
 
-# ------------------------------------------------------------------ the answer in sentences
+# The answer in sentences.
 
 
 def _list_sentences(studied: StudiedDays, entry: Words, language: Language) -> Iterable[str]:
-    """State the change, where there is one; else mean and spread, which then stand in the tables."""
+    """State the change if there is one, else mean and spread."""
     if "after" in studied.stages:
         return _list_change_sentences(studied, entry["change"], language)
     if studied.is_group:
@@ -163,7 +164,7 @@ def _list_arm_sentences(arm: ArmDays, entry: Words, language: Language) -> list[
 
 
 def _tell_trend(arm: ArmDays, sentence: Words, language: Language) -> list[str]:
-    """Return whether the last day differs from the first by more than single days do."""
+    """Return whether the last day differs from the first by more than single days usually do."""
     trend, entry = follow_days(arm), sentence["trend"]
     starts = [day.start for day in arm.counted if day.start]
     if trend is None:
@@ -246,11 +247,11 @@ def _list_change_sentences(studied: StudiedDays, entry: Words, language: Languag
         yield f"{fill(told['told'], facts)} {fill(told[change['verdict']], facts)}"
 
 
-# ------------------------------------------------------------------ drawings and chapters
+# Charts and chapters.
 
 
 def _list_figures(studied: StudiedDays, words: Words, language: Language) -> Iterator[Chart]:
-    """Draw one person's days: over one another, and the last days of each arm under its mean."""
+    """Draw one person's days: overlaid, and the last days of each arm below its mean."""
     shown = [
         (_name_arm(arm.side, arm.stage, language), arm)
         for arm in studied.arms
@@ -303,14 +304,14 @@ def _list_sections(studied: StudiedDays, words: Words, language: Language) -> It
 
 
 def _name_arm(side: Side | None, stage: Stage, language: Language) -> str:
-    """Name an arm, and the side of the change where there is one: "Right arm, before"."""
+    """Return the name of an arm, with the side of the change if there is one: "Right arm, before"."""
     words = load_wording(language, "days")
     arm = str(words["arm"][side or "unknown"])
     return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
 
 
 def _format_span(interval: Interval | None, name: str, language: Language) -> str:
-    """Write a range of a figure; empty without one."""
+    """Format a range of a figure; empty without one."""
     if name.endswith("_percent"):
         return format_range(interval, language)
     if name.endswith("_deg"):
@@ -322,11 +323,11 @@ def _name_figure(name: str, language: Language) -> str:
     return str(load_pair_words(language)["compare"]["table"]["figure"][name])
 
 
-# ------------------------------------------------------------------ the chapters
+# The chapters.
 
 
 def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    """Build the chapter with the mean of each figure over the days of each arm; none without any."""
+    """Build the chapter with the mean of each figure over the days of each arm; none if no day counts."""
     entry, tables = words["means"], []
     for arm in studied.arms:
         rows = tuple(
@@ -348,7 +349,7 @@ def _build_means(studied: StudiedDays, words: Words, language: Language) -> Iter
 
 
 def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    """Build the chapter with the mean of a group, its spread between and within people; none without any."""
+    """Build the chapter with the mean and spread of a group; none without figures."""
     entry, tables = words["group"], []
     for side, stage, figures in list_groups(studied):
         rows = tuple(
@@ -370,7 +371,7 @@ def _build_group(studied: StudiedDays, words: Words, language: Language) -> Iter
 
 
 def _build_changes(studied: StudiedDays, words: Words, language: Language) -> Iterator[Section]:
-    """Build the chapter with the change of each arm: its range, or the least change that days do not make."""
+    """Build the chapter with the change of each arm: its range, or the minimal detectable change."""
     entry, tables = words["change"], []
     for side, figures in list_changes(studied):
         rows = tuple(
@@ -395,9 +396,9 @@ def _build_changes(studied: StudiedDays, words: Words, language: Language) -> It
 
 
 def _build_days_table(studied: StudiedDays, words: Words, language: Language) -> Section:
-    """Return every day, the earliest first, cut at a stated number of rows.
+    """Build a table of every day, earliest first, cut at a stated number of rows.
 
-    A day is named by its date, with arm and side of the change where there are two: "left, 3 March 2026".
+    A day is identified by its date, with arm and side of the change if there are two: "left, 3 March 2026".
     """
     entry, sides, rows = words["days"], load_wording(language)["side"], []
     verdicts = load_pair_words(language)["pair"]["verdict"]
@@ -429,7 +430,7 @@ def _build_days_table(studied: StudiedDays, words: Words, language: Language) ->
 
 
 def _build_sources(studied: StudiedDays, words: Words, language: Language) -> Section:
-    """Return where each day comes from."""
+    """Build the table of the source of each day."""
     entry, common, rows = words["sources"], load_wording(language), []
     for day in studied.days:
         findings, subject, begins = day.kept.findings, day.kept.subject, words["no_clock"]

@@ -61,26 +61,26 @@ from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartEx
 from fusion.recording import MICROSECONDS, QualityFlag
 
 LEAST_SHARE = 0.01
-"""Of the recording: less that was not analysed, and less than a minute, is left to the table."""
+"""Minimum share of the recording (and one minute) for time without analysis outside the table."""
 NOTED_WALKING_DEG = 30.0
-"""Walking decides nothing; a note says if it lies further than this from the axis."""
+"""A larger angle between walking and the axis is noted; walking decides nothing."""
 PLACED = frozenset({Caveat.POSE_ASSUMED, Caveat.WHICH_POSE, Caveat.SLIP, Caveat.LEAN})
-"""Caveats whose seconds say where to look, not how much of the recording they concern."""
+"""Caveats whose seconds locate the problem, not its duration."""
 MOST_TIMES = 6
 MOST_REASONS = 2
-"""That the first page names; the table of data quality holds all."""
+"""Maximum reasons on the first page; the table of data quality has all."""
 SHORTEST_HOUR_S = 1.0
 SHORTEST_RATED_S = 600.0
-"""In less than ten minutes of an hour or a period a rate per hour would only be a small count multiplied."""
+"""In less than ten minutes a rate per hour would only multiply a small count."""
 MOST_PARTS = 14
-"""Hours, periods or tasks in a table of the report; the CSV holds all."""
+"""Maximum hours, periods or tasks in a table of the report; the CSV has all."""
 LONGEST_NAME = 60
-"""Of a period in its table; results.json and periods.csv hold the whole label."""
+"""Maximum length of a period's name in its table; results.json and periods.csv have the whole label."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What was found, whose it is, the clock of the recording, and the words of the report."""
+    """The findings, the subject, the clock of the recording, and the words of the report."""
 
     findings: Findings
     subject: ReportSubject
@@ -94,7 +94,7 @@ class Context:
 
     @property
     def exposure(self) -> Exposure:
-        """The figures."""
+        """The exposure figures."""
         return self.findings.exposure
 
     def find_above(self, threshold_deg: float) -> TimeAbove:
@@ -102,13 +102,13 @@ class Context:
         return next(t for t in self.exposure.time_above if t.threshold_deg == threshold_deg)
 
 
-# ------------------------------------------------------------------ what limits the figures
+# Limits of the figures.
 
 
 def build_verdict(context: Context) -> VerdictLine:
-    """Return the verdict, the gravest reason in full, every other by its name, and what was not analysed.
+    """Return the verdict, the most serious reason in full, the others by name, and the time without analysis.
 
-    A sound recording never hides what the pose does to its figures.
+    Even a good recording states the effect of the pose on its figures.
     """
     findings, words, language = context.findings, context.words, context.language
     verdict = findings.quality.verdict
@@ -125,7 +125,7 @@ def build_verdict(context: Context) -> VerdictLine:
 
 
 def format_quality(context: Context) -> str:
-    """Return what limits the data by name alone, the gravest first."""
+    """Return the names of the limits of the data, the most serious first."""
     findings, words, language = context.findings, context.words, context.language
     counted = [_format_flag(flag, language) for flag in _list_counted(findings)]
     if not counted:
@@ -137,7 +137,7 @@ def format_quality(context: Context) -> str:
 
 
 def _list_counted(findings: Findings) -> list[QualityFlag]:
-    """Return the caveats that count, the gravest first."""
+    """Return the caveats that count, the most serious first."""
     flags = {flag.code: flag for flag in reversed(findings.quality.flags)}
     return [flags[code] for code in findings.quality.reasons if code in flags]
 
@@ -169,7 +169,7 @@ def _format_not_analysed(context: Context) -> str:
 
 
 def _sum_exclusions(findings: Findings) -> Counter[str]:
-    """Add up the excluded stretches by their reason, microseconds."""
+    """Return the total of the excluded stretches by reason, in microseconds."""
     totals_us: Counter[str] = Counter()
     for span in findings.exclusions:
         totals_us[span.reason] += span.duration_us
@@ -177,8 +177,10 @@ def _sum_exclusions(findings: Findings) -> Counter[str]:
 
 
 def choose_ranges(findings: Findings) -> str:
-    """Return the key of what the ranges hold: ``known``, or ``ready`` (sampling alone, as the error of the
-    angle is not known). Where there are none: ``short`` (little of a day), else ``none``.
+    """Return the key for the meaning of the ranges.
+
+    ``known``; ``ready`` (sampling alone, as the error of the angle is unknown); without ranges ``short``
+    (little of a day) or ``none``.
     """
     exposure = findings.exposure
     if not exposure.intervals and exposure.analysed_s < LEAST_RANGED_S:
@@ -193,11 +195,11 @@ def format_accuracy(findings: Findings, words: Words) -> str:
     return str(words["accuracy"][findings.method.name if findings.method else "ready"])
 
 
-# ------------------------------------------------------------------ the pose
+# The pose.
 
 
 def format_pose_caution(findings: Findings, words: Words) -> str:
-    """Return the known one-sided error of the pose that was held; empty where there is none."""
+    """Return the known one-sided error of the held pose; empty if there is none."""
     calibration = findings.calibration
     if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return ""
@@ -205,7 +207,7 @@ def format_pose_caution(findings: Findings, words: Words) -> str:
 
 
 def format_pose_state(context: Context) -> str:
-    """Return how the pose is known, in a line; empty for ready angles."""
+    """Return the evidence for the pose in a line; empty for a file with angles."""
     calibration, entry, clock = context.findings.calibration, context.words["pose_state"], context.clock
     if calibration is None:
         return ""
@@ -227,7 +229,7 @@ def format_pose_state(context: Context) -> str:
 
 
 def format_needs_pose(context: Context) -> str:
-    """Ask which stillness was the pose if they disagree; else empty."""
+    """Return the question which stillness was the pose, if they disagree; else empty."""
     calibration, entry = context.findings.calibration, context.words["calibration"]
     if calibration is None or not calibration.needs_pose:
         return ""
@@ -243,7 +245,7 @@ def format_needs_pose(context: Context) -> str:
 
 
 def format_walking_note(context: Context) -> str:
-    """Return how far walking lies from the axis, if that is far; else empty."""
+    """Return the angle between walking and the axis, if it is large; else empty."""
     calibration = context.findings.calibration
     if calibration is None or calibration.state == "none":
         return ""
@@ -254,7 +256,7 @@ def format_walking_note(context: Context) -> str:
 
 
 def format_found(findings: Findings, words: Words) -> str:
-    """Return how the arm's axis was found; empty for ready angles."""
+    """Return how the arm's axis was found; empty for a file with angles."""
     calibration = findings.calibration
     if calibration is None:
         return ""
@@ -265,14 +267,14 @@ def _format_axis(calibration: CalibrationFacts) -> str:
     return (calibration.axis or "").replace("-", "\u2212")
 
 
-# ------------------------------------------------------------------ the chapters
+# The chapters.
 
 
 def build_sections(context: Context) -> tuple[Section, ...]:
-    """Build the chapters in reading order; an empty one is left out."""
+    """Build the chapters in reading order, without empty ones."""
     words, exposure = context.words, context.exposure
     ranges, title = [words["ranges"]["every"][choose_ranges(context.findings)]], words["section"]
-    if _has_pose_ranges(context):  # what the ranges with the error of the pose are
+    if _has_pose_ranges(context):  # meaning of the ranges with the error of the pose
         ranges.append(f"{words['ranges']['pose']} {words['pose_caution']['ranges']}")
     sections = (
         _build_parts(context),
@@ -291,13 +293,13 @@ def _has_pose_ranges(context: Context) -> bool:
     return any(above.interval and above.interval.with_pose for above in context.exposure.time_above)
 
 
-# ------------------------------------------------------------------ published values
+# Published values.
 
 
 def _build_published(context: Context) -> Section:
-    """Return all references as a table, and what studies of groups found in words.
+    """Build the table of all references, and the findings of group studies in words.
 
-    The note says why no reference has a measured value beside it, or why the speed has none.
+    The note states why no reference has a measured value beside it, or why the speed has none.
     """
     words, language = context.words, context.language
     entry, comparison = words["published"], words["comparison"]
@@ -328,7 +330,7 @@ def _format_value(value: float, reference: Reference, language: Language, decima
     return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
 
 
-# ------------------------------------------------------------------ by hour and by period
+# By hour and by period.
 
 
 def _build_parts(context: Context) -> Section:
@@ -349,7 +351,7 @@ def _build_parts(context: Context) -> Section:
         if any(is_drawable(part) for _, part in parts):
             figures.append(build_parts(key, parts, words, clock.language))
     if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [  # the ranges of a task of one period stand under the period already
+        tasks = [  # the ranges of a task with one period are already below the period
             (f"{_name_part(part, words)} ({part.periods}\u00a0×)", part)
             if part.periods > 1
             else (_name_part(part, words), replace(part, intervals={}))
@@ -367,12 +369,12 @@ def _format_hour(part: PartExposure, context: Context) -> str:
 
 
 def _name_part(part: PartExposure, words: Words) -> str:
-    """Return the diary's label, else what kind of time it is."""
+    """Return the diary's label, or the kind of time."""
     return cut_text(clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind), LONGEST_NAME)
 
 
 def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, context: Context) -> Table:
-    """Tabulate parts, each with its ranges below, which have no units, so that they stay on their line."""
+    """Tabulate parts, each with its ranges below, without units so that they fit on one line."""
     language, range_name = context.language, context.words["measure"]["percentiles"]["range"]
     rows: list[tuple[str, ...]] = []
     for name, part in parts[:MOST_PARTS]:
@@ -403,7 +405,7 @@ def _tabulate_parts(parts: Sequence[tuple[str, PartExposure]], entry: Words, con
     return Table.lay(entry, rows, note=fill(entry["note"], cut))
 
 
-# ------------------------------------------------------------------ quality and time
+# Quality and time.
 
 
 def _build_quality(context: Context) -> Section:
@@ -441,9 +443,9 @@ def _tabulate_time(context: Context) -> Table:
 def _build_time_rows(
     amounts: Sequence[tuple[str, int]], whole_us: int, language: Language
 ) -> list[tuple[str, ...]]:
-    """Write amounts of time, microseconds: in units, in seconds, and as a share of the whole.
+    """Format amounts of time in microseconds: in units, in seconds, and as a share of the whole.
 
-    The seconds are rounded where the amounts meet, so that what is printed adds up too.
+    The seconds are rounded at the cumulative ends, so that the printed values also add up.
     """
     ends_s = [round(end_us / MICROSECONDS, 1) for end_us in accumulate(us for _, us in amounts)]
     return [
@@ -458,7 +460,7 @@ def _build_time_rows(
 
 
 def _tabulate_time_parts(context: Context) -> Table:
-    """Tabulate each kind of time in the diary; all add up to the recorded time."""
+    """Tabulate each kind of time in the diary; they add up to the recorded time."""
     words, time = context.words, context.findings.time
     entry, kinds, amounts = words["time_parts"], words["part"]["kind"], []
     for part in time.parts if context.exposure.by_period else ():
@@ -469,7 +471,7 @@ def _tabulate_time_parts(context: Context) -> Table:
     return Table.lay(entry, rows, note=entry["note"])
 
 
-# ------------------------------------------------------------------ method and provenance
+# Method and provenance.
 
 
 def _build_method(context: Context) -> Section:
@@ -488,7 +490,7 @@ def _build_method(context: Context) -> Section:
 
 
 def _describe_calibration(calibration: CalibrationFacts, context: Context) -> Iterable[Pair]:
-    """Describe what tied the sensor to the arm: how the axis was found, every window, how sure it is."""
+    """Describe the calibration: how the axis was found, every window, and the uncertainty."""
     entry, language, score = context.words["calibration"], context.language, calibration.score
 
     def tell_angle(angle_deg: float | None) -> str:
@@ -511,7 +513,8 @@ def _describe_calibration(calibration: CalibrationFacts, context: Context) -> It
         fill(entry["repeated"], {"time": tell_time(still.start_s), "apart": tell_angle(still.apart_deg)})
         for still in calibration.repeats
     )
-    walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg  # gave the axis
+    # in state "none" walking itself determined the axis
+    walking_deg = None if calibration.state == "none" else calibration.walking_apart_deg
     told = {
         "found": format_found(context.findings, context.words),
         "sigma": tell_angle(calibration.sigma_deg),
@@ -533,7 +536,7 @@ def _build_provenance(context: Context) -> Section:
     recording, subject, words = context.findings.recording, context.subject, context.words
     entry, unknown = words["provenance"], words["label"]["not_given"]
     rate = format_number(recording.rate_hz, 3, context.language)
-    reading = []  # how the file was read, unless by a reader of our own and its header
+    reading = []  # how the file was read, if not by our reader and its header
     if recording.reader:
         reading.append(Pair(entry["reader"], clean_text(" ".join(recording.reader))))
     if subject.columns:
@@ -556,13 +559,13 @@ def _build_provenance(context: Context) -> Section:
     return Section("provenance", words["section"]["provenance"], pairs=pairs)
 
 
-# ------------------------------------------------------------------ the tables of every figure
+# The tables of every figure.
 
 Rows = list[tuple[str, ...]]
 
 
 def build_measures(context: Context) -> tuple[Table, ...]:
-    """Build the tables of all figures; a table without rows is left out."""
+    """Build the tables of all figures, without empty ones."""
     exposure, language, entry = context.exposure, context.language, context.words["measure"]
     bins = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_format_share(b, language)) for b in exposure.bins]
     above = [(f"≥ {t.threshold_deg:g}°", *_format_share(t, language)) for t in exposure.time_above]
@@ -592,7 +595,7 @@ _FROM_THIRD, _LAST = slice(2, None), slice(-1, None)
 
 
 def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]], droppable: slice = _FROM_THIRD) -> Table:
-    """Make a table; a ``droppable`` column in which nothing stands (no interval anywhere) is left out."""
+    """Build a table without those ``droppable`` columns that are empty (no interval in any row)."""
     columns = tuple(entry["columns"])
     places = range(len(columns))
     empty = [i for i in places[droppable] if all(row[i] == NONE for row in rows)]
@@ -606,14 +609,14 @@ def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]], droppable: slice = 
 
 
 def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str, str]:
-    """Write time, share, its range, and the one that also holds the error of the pose."""
+    """Format time, share, its range, and the range with the error of the pose."""
     posed = item.interval.with_pose if item.interval else None
     known, pose = (format_range(interval, language) or NONE for interval in (item.interval, posed))
     return format_duration(item.duration_s, language), format_percent(item.percent, language), known, pose
 
 
 def _tabulate_percentiles(exposure: Exposure, said: Words, language: Language) -> Table:
-    """Tabulate the percentiles in one row, which is how they are compared, with their ranges below."""
+    """Tabulate the percentiles in one row for comparison, with their ranges below."""
     ranks = sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
@@ -646,14 +649,14 @@ def _list_entries(exposure: Exposure, said: Words, language: Language) -> Rows:
         rows += [row, *_list_ranges(exposure, ("", per_h, "", median, longest, ""), said, language)]
         interval = exposure.intervals.get(per_h)
         posed = interval.with_pose if interval else None
-        if posed:  # the range of the rate that holds the error of the pose
+        if posed:  # the range of the rate with the error of the pose
             ends = "–".join(format_rate(end, language) for end in (posed.low, posed.high))
             rows.append((said["pose"], "", ends, "", "", "", ""))
     return rows
 
 
 def _list_ranges(exposure: Exposure, names: Sequence[str], said: Words, language: Language) -> Rows:
-    """Return the row of ranges under a row of figures, in its units; none where none is known."""
+    """Return the row of ranges below a row of figures, in its units; none if no range is known."""
     intervals = [exposure.intervals.get(name) for name in names]
     if not any(intervals):
         return []
@@ -671,7 +674,7 @@ def _format_end(value: float, name: str, language: Language) -> str:
         return format_rate(value, language)
     if name.endswith("_s"):
         return format_duration(value, language)
-    return format_number(value, 0 if value >= 99.95 else 1, language)  # a wide range stays on its line
+    return format_number(value, 0 if value >= 99.95 else 1, language)  # keeps a wide range on one line
 
 
 def _list_cycles(exposure: Exposure, language: Language) -> Rows:

@@ -1,4 +1,4 @@
-"""The first page: the Arm Elevation Profile, laid out the same everywhere (docs/profile.md)."""
+"""The first page: the Arm Elevation Profile, always with the same layout (docs/profile.md)."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ SHOWN_TASKS = 3
 MOST_STEPS = 5
 LONGEST_NAME = 32
 TASK_KINDS = frozenset({"task", "seated", "supported"})
-"""Kinds of a period that name what was done; work counts where the diary gives it a name."""
+"""Kinds of period that name a task; work counts only with a name in the diary."""
 DAYS = (1, 2, 3, 5)
 WORTHWHILE_SHARE = 0.5
-"""Of the time above 60 deg: the change that the days asked for can tell (docs/profile.md)."""
+"""Share of the time above 60 deg: the change that the requested days can detect (docs/profile.md)."""
 PUBLISHED = {30: "above_30", 60: "above_60", 90: "above_90_others"}
 ENDS = {30: 100.0, 60: 40.0, 90: 20.0}
-"""Ends of the scales, percent; further where a value needs it."""
+"""Ends of the scales in percent; extended for larger values."""
 END_PER_H = 120.0
 
 
@@ -65,12 +65,12 @@ def _is_whole_day(context: Context) -> bool:
     return context.exposure.analysed_s >= WHOLE_DAY_S
 
 
-# ------------------------------------------------------------------ tiles
+# Tiles.
 
 
 def _build_share(threshold: int, context: Context) -> Tile:
     findings, language, entry = context.findings, context.language, context.words["profile"]
-    above, reason = context.find_above(threshold), ""  # why no published value stands beside it
+    above, reason = context.find_above(threshold), ""  # why no published value is shown
     if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         reason = "short"
     elif findings.quality.verdict == "poor":
@@ -101,7 +101,7 @@ def _build_share(threshold: int, context: Context) -> Tile:
 
 
 def _build_rises(context: Context) -> Tile:
-    """Build the tile of the rises; no published value was counted as they are, so that none stands there."""
+    """Build the tile of the rises, without a published value because none was counted in the same way."""
     exposure, language, entry = context.exposure, context.language, context.words["profile"]
     entries = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG)
     interval = exposure.intervals.get(f"entries_above_{MAIN_THRESHOLD_DEG}_per_h")
@@ -144,7 +144,7 @@ def _build_tile(scale: TileScale, facts: Mapping[str, str], context: Context) ->
 
 
 def _find_pose_part(value: float, interval: Interval | None) -> tuple[float, float] | None:
-    """Return what the one-sided error of the pose adds above the range, where the figure carries it."""
+    """Return the addition by the one-sided error of the pose above the range; None if there is none."""
     if interval is None or interval.high_pose is None or interval.high_pose <= max(interval.high, value):
         return None
     return interval.high, interval.high_pose
@@ -156,17 +156,17 @@ def _extend(end: float, value: float, interval: Interval | None) -> float:
 
 
 def _extend_scale(end: float, largest: float) -> float:
-    """Return the end of a scale that must hold ``largest``: the usual one, or the next ten."""
+    """Return the end of a scale that must include ``largest``: the usual one, or the next ten."""
     return end if largest <= end else 10.0 * ceil(largest / 10.0)
 
 
 def _format_published(values: Sequence[float], language: Language) -> str:
-    """Write a published value, or a range of two, with the digits it was published with."""
+    """Format a published value, or a range of two, with its published digits."""
     told = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
     return told + percent_sign(language) if told else ""
 
 
-# ------------------------------------------------------------------ tasks
+# Tasks.
 
 
 def _is_task(part: PartExposure) -> bool:
@@ -182,7 +182,7 @@ def _name(part: PartExposure, words: Words) -> str:
 
 
 def _lay_out_blocks(tasks: Sequence[PartExposure], context: Context) -> tuple[Block, ...]:
-    """Return the periods under the timeline: the tasks, else the quarter hours with the most time above."""
+    """Return the periods below the timeline: the tasks, else the quarter hours with the most exposure."""
     if not tasks:
         return tuple(
             Block(window.start_s, window.start_s + window.length_s, "", rank)
@@ -219,15 +219,15 @@ def _tabulate_quarter_hours(context: Context) -> Table | None:
     return Table(entry["title"], tuple(entry["columns"]), tuple(rows)) if rows else None
 
 
-# ------------------------------------------------------------------ how sure
+# Uncertainty.
 
 
 def _build_sureness(context: Context) -> Drawing:
-    """Set the doubts about the time above 60 deg side by side; where none is known, say why."""
+    """Draw the uncertainties of the time above 60 deg side by side; if none is known, state the reason."""
     findings, language, entry = context.findings, context.language, context.words["profile"]["sure"]
     above, days = context.find_above(MAIN_THRESHOLD_DEG), None
     interval, told_days = above.interval, entry["unknown"]
-    if _is_whole_day(context):  # the range of a day about the person's own mean
+    if _is_whole_day(context):  # the range of a day around the person's mean
         spread = 1.96 * BETWEEN_DAY_SD["time_above_60_percent"]
         days = max(above.percent - spread, 0.0), min(above.percent + spread, 100.0)
         told_days = format_range(Interval(*days), language)
@@ -254,7 +254,7 @@ def _build_sureness(context: Context) -> Drawing:
 
 
 def _find_pose_doubts(value: float, interval: Interval | None, context: Context) -> list[Doubt]:
-    """Return the doubt of the pose that was held, as a range where the figure carries one."""
+    """Return the uncertainty of the held pose, as a range if the figure has one."""
     calibration, entry = context.findings.calibration, context.words["profile"]["sure"]
     if calibration is None or calibration.pose is None or calibration.state in UNHELD:
         return []
@@ -267,15 +267,15 @@ def _find_pose_doubts(value: float, interval: Interval | None, context: Context)
     return [Doubt(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
 
 
-# ------------------------------------------------------------------ what next
+# Next steps.
 
 
 def _list_next_steps(blocks: Sequence[Block], context: Context) -> tuple[str, ...]:
-    """Return what to do next, each by its rule in docs/profile.md, where the rule holds."""
+    """Return the next steps whose rules in docs/profile.md apply."""
     findings, clock, entry = context.findings, context.clock, context.words["profile"]["next"]
     is_known = findings.calibration is None or not findings.calibration.needs_pose
     questions = findings.calibration.questions if findings.calibration else ()
-    after_s = [  # a pose held after each slip that a person stated, if none was named
+    after_s = [  # a pose after each slip that a person stated, if none was given
         start_s - SAID_S
         for flag in findings.quality.flags
         for start_s, end_s in (flag.spans_s if flag.code == Caveat.REMOUNT else ())
@@ -297,7 +297,7 @@ def _list_next_steps(blocks: Sequence[Block], context: Context) -> tuple[str, ..
 
 
 def _format_pose_step(context: Context, entry: Words) -> str:
-    """Ask for what is missing of the pose; nothing if a person confirmed it or named the axis."""
+    """Return the request for missing information on the pose; empty if it was confirmed or an axis given."""
     calibration = context.findings.calibration
     if calibration is None or calibration.state not in {"assumed", "none"}:
         return ""
@@ -310,7 +310,7 @@ def _format_pose_step(context: Context, entry: Words) -> str:
 
 
 def _format_look_at(blocks: Sequence[Block], context: Context, entry: Words) -> str:
-    """Point to the task in which the 15 minutes with the most time above 60 deg lie, and when they begin."""
+    """Return a pointer to the task and time of the 15 minutes with the most time above 60 deg."""
     windows = context.exposure.peak_windows
     start_s = next((w.start_s for w in windows if w.length_s == WORST_WINDOW_S and w.percent_above_60), None)
     if start_s is None:
@@ -324,7 +324,7 @@ def _format_look_at(blocks: Sequence[Block], context: Context, entry: Words) -> 
 
 
 def _format_days(context: Context, entry: Words) -> str:
-    """Return the fewest days on each side that can tell a change of half the time above 60 deg."""
+    """Return the fewest days on each side that can detect a change of half the time above 60 deg."""
     sd, percent = BETWEEN_DAY_SD["time_above_60_percent"], context.find_above(MAIN_THRESHOLD_DEG).percent
     enough = (k for k in DAYS if find_detectable_change(sd, k) <= WORTHWHILE_SHARE * percent)
     days = next(enough, DAYS[-1])

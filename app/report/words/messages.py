@@ -1,4 +1,4 @@
-"""Codes and columns in words: every refusal and caveat, and the columns that a person named."""
+"""Refusals, caveats and named columns in words."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ UNKNOWN_PROBLEM = InternalError.code
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Why there is no report: what happened, in one line and in full, what to do, and the place."""
+    """The words of a refusal: a title, the detail, the fix, and the place."""
 
     title: str
     detail: str
@@ -29,16 +29,16 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class CaveatWords:
-    """A line of the data-quality box: a short name and what it means for the figures."""
+    """A line of the data-quality box: a short name and its meaning for the figures."""
 
     title: str
     detail: str
 
 
 def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -> Problem:
-    """Write a refusal in words. A code without words (of a newer server) reads as an internal error.
+    """Return the words of a refusal. A code without words (from a newer server) reads as an internal error.
 
-    Without facts it is told what the code means in general.
+    Without facts the words are general.
     """
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
@@ -56,7 +56,7 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
 
 
 def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
-    """Write a caveat in words; one without words, as of a reader plug-in, shows its code."""
+    """Return the words of a caveat; without words, as for a reader plug-in, return its code."""
     entry = load_wording(language)["flag"].get(flag.code)
     if entry is None:
         return CaveatWords(flag.code, "")
@@ -67,12 +67,12 @@ def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
 
 
 def _choose_detail(entry: Words, facts: Mapping[str, Fact]) -> str:
-    """Choose the sentence about this case, or about the code where no case is given."""
+    """Return the sentence for this case, or the general one without facts."""
     return str(entry["detail"] if facts else entry.get("general", entry["detail"]))
 
 
 def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
-    """Write facts for a sentence: numbers as the language does, the fixed terms of the code in its words."""
+    """Format facts for a sentence: numbers by the language, fixed terms of the code by its words."""
     words, told = load_wording(language), {}
     for name, value in facts.items():
         if isinstance(value, str):
@@ -90,7 +90,7 @@ def find_flag_codes() -> tuple[str, ...]:
 
 
 def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
-    """Return the facts of the first row, and those of each further one that was refused with it."""
+    """Return the facts of the first row, and of each further rejected row."""
     rows: dict[int, dict[str, Fact]] = {1: {}}
     for name, value in facts.items():
         stem, _, number = name.rpartition("_")
@@ -101,13 +101,13 @@ def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
     return [rows[number] for number in sorted(rows)]
 
 
-# ------------------------------------------------------------------ the columns that a person named
+# Columns named by a person.
 
 VECTORS = ("acceleration", "angular_rate")
 
 
 def format_columns(profile: str, language: Language) -> str:
-    """Write a column profile: "Acceleration: p, q, r (mg) · Angular rate (gyroscope): 5, 6, 7 · Time: k"."""
+    """Format a column profile: "Acceleration: p, q, r (mg) · Angular rate (gyroscope): 5, 6, 7 · Time: k"."""
     values, words = json.loads(profile), load_wording(language, "columns")
     told = {}
     for name in filter(values.get, VECTORS):

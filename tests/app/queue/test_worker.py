@@ -404,4 +404,4 @@ def test_a_worker_that_a_signal_has_stopped_is_replaced(
         assert (stopped.returncode, living.poll()) == (-signal.SIGKILL, None)
     finally:
         workers.stop()
-    assert f"worker {stopped.pid} stands still" in caplog.text
+    assert f"worker {stopped.pid} is stopped; killing it" in caplog.text
